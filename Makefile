@@ -124,7 +124,7 @@ evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-grasps
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
 report: every-simulate-touch $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
-	@$(BIN)/vt-pipeline report $(call quoted,$(DATA))
+	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --shipped
 
 # LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
 FOUR      = MANIFEST=four-classes PRESET=draft DATA=data/four-classes/$(if $(LONG),long,draft) \
@@ -164,7 +164,7 @@ installed-%: setup FORCE
 
 household: installed-household  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 
-docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, observations
+docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, hands, sensors, observations
 	@$(BIN)/python -m tools.reference_pages docs
 
 lint: installed-dev  ## check style, types and import directions

@@ -1,8 +1,9 @@
-"""Draw the README's picture: what a report's first page shows of an object.
+"""Draw the README's picture: what a report's first page shows of an object, and how the network that ships reconstructs it.
 
+    vt-pipeline report data/toy/draft --shipped
     python -m tools.overview_picture data/toy/draft OBJECT docs/overview.png
 
-OBJECT is one of the test split, in its best grasp.
+OBJECT is one of the test split, in its first grasp.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from tools.picture_row import draw_row
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:
-    """Draw an object of the test split in a row of pictures, as a PNG; what follows a colon or the network's name begins a line."""
+    """Draw an object of the test split in two rows of pictures, as a PNG; what follows a colon or the network's name begins a line."""
     panels = overview_panels(ReportSource(data), object_id, 0)
-    draw_row([(title.replace(": ", "\n").replace(", ", "\n", 1), image) for title, image in panels], path)
+    draw_row([(title.replace(": ", "\n").replace(", ", "\n", 1), image) for title, image in panels], path, columns=3, inches=2.6)
 
 
 if __name__ == "__main__":

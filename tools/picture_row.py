@@ -21,7 +21,9 @@ COMPRESSION = {".png": {"optimize": True}, ".webp": {"quality": 80, "method": 6}
 """Options of Pillow, by the ending of a file."""
 
 
-def draw_row(panels: Sequence[tuple[str, Panel]], path: Path, columns: int | None = None, projection: str | None = None) -> None:
+def draw_row(
+    panels: Sequence[tuple[str, Panel]], path: Path, columns: int | None = None, projection: str | None = None, inches: float = INCHES
+) -> None:
     """Draw titled panels in a row, or in rows of `columns`.
 
     Parameters
@@ -34,11 +36,13 @@ def draw_row(panels: Sequence[tuple[str, Panel]], path: Path, columns: int | Non
         Panels per row; by default all of them.
     projection
         Of the axes, such as "3d".
+    inches
+        A panel's side.
     """
     columns = columns or len(panels)
     rows = -(-len(panels) // columns)
     lines = 1 + max(title.count("\n") for title, _ in panels)
-    figure = Figure((INCHES * columns, (INCHES + HEAD * lines) * rows), dpi=DPI, layout="constrained")
+    figure = Figure((inches * columns, (inches + HEAD * lines) * rows), dpi=DPI, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": projection})
     for axes, (title, panel) in zip(grid.flat, panels, strict=True):
         axes.set_title(title, fontsize=9)

@@ -22,24 +22,29 @@ def check(
         ),
     ],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
-    models: Annotated[str | None, typer.Option(help="Folder of trained models, to check an observation against one.")] = None,
-    configuration: Annotated[str, typer.Option(help="Which model of MODELS.")] = "occluded-touch",
+    models: Annotated[
+        str | None, typer.Option(help="Folder of trained models, to check an observation against one; by default those that ship.")
+    ] = None,
+    configuration: Annotated[
+        str | None, typer.Option(help="Which model of MODELS; by default occluded-touch, of shipped ones implicit-any.")
+    ] = None,
     objects: ObjectsOption = None,
     units: UnitsOption = None,
     up: UpOption = None,
 ) -> None:
     """Check and draw a hand, sensor, scene, manifest or observation file.
 
-    All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures.
+    All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures. An
+    observation is checked as `predict` does before it runs.
     """
-    from pipeline.reports.description_checks import check_file
+    from pipeline.reports.description_checks import check_file, is_observation
     from pipeline.reports.manifest_check import MeshFiles
 
     given = None
-    if models is not None:
-        from pipeline.inference.predict import model_reader
+    if models is not None or is_observation(file):
+        from pipeline.inference.predict import chosen_models, model_reader
 
-        given = model_reader(place(models), configuration).inputs
+        given = model_reader(*chosen_models(None if models is None else place(models), None, configuration)).inputs
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     lines = check_file(file, picture, given, meshes)
     for line in lines:

@@ -187,6 +187,9 @@ def report(
     data: DataArgument,
     most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
     pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
+    shipped: Annotated[
+        bool, typer.Option("--shipped", help="Measure the network that ships too: its rows stand beside the others.")
+    ] = False,
 ) -> None:
     """Print the evaluation's tables, and write pages to DATA/report.
 
@@ -198,6 +201,11 @@ def report(
     from stages.evaluate.tables import evaluation_tables, training_table
 
     directory = DataDirectory(data)
+    if shipped:
+        from pipeline.inference.score import score_shipped
+
+        for reason in score_shipped(directory.root, console):
+            print_line(f"the network that ships is left out: {reason}")
     evaluated, scored = evaluations(directory), scores(directory)
     if exists(directory.folder_record(SINGLE)):
         directory.check_origins([SINGLE])

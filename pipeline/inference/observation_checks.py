@@ -55,7 +55,7 @@ def used_inputs(config: NetworkInputs, observation: RobotObservation) -> Network
         return config
     camera = observation.camera
     image: ImageKind | None = None if camera is None else "unoccluded" if camera.hand_mask is None else "occluded"
-    return config.given(NetworkInputs(image=image, touch=bool(observation.touches)))
+    return config.given(NetworkInputs(image=image, touch=observation.is_felt))
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
 
     Notes
     -----
-    Of a depth image, the mask's width and height are the object's. It is taken to be as deep as the mean of both, so that its middle is
+    Of a depth image, the mask's width and height are the object's. It is taken to be as deep as the smaller of them, so that its middle is
     half of that behind its nearest point. Touches are the middle of the box around the gels; there must be two.
     """
     said, unit = observation.object, observation.metres_per_unit
@@ -101,10 +101,10 @@ def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], fl
     low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()]) + 1.0
     slopes = (high - low) / [k.fx, k.fy]  # width and height per metre of distance
     front = float(np.percentile(depth, NEAREST_SHARE))
-    away = front / max(1 - slopes.mean() / 2, 0.1)  # of the middle: half the mean of width and height behind the front
+    away = front / max(1 - slopes.min() / 2, 0.1)  # of the middle: half the smaller of width and height behind the front
     size = slopes * away
     centre = np.array([*(((low + high) / 2 - [k.cx, k.cy]) / [k.fx, k.fy] * away), away])  # camera frame, as OpenCV's
-    return optical_centre(matrix) + split_projection(matrix)[1].T @ centre, float(np.linalg.norm([*size, size.mean()]))
+    return optical_centre(matrix) + split_projection(matrix)[1].T @ centre, float(np.linalg.norm([*size, size.min()]))
 
 
 def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
@@ -154,8 +154,9 @@ def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
         yield f"model {name} needs a photograph: add the entry camera"
     if not config.touch:
         return
-    if not observation.touches:
+    if not observation.is_felt:
         yield f"model {name} needs touches: add the entry touches"
+    if not observation.touches:
         return
     ours, theirs = model.sensor, observation.sensor
     if ours is None or theirs is None:
@@ -174,7 +175,8 @@ def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
 
 def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
     """Name cameras and touches that do not fit the object's place."""
-    if model is not None and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
+    stated = observation.object.diagonal is not None
+    if model is not None and stated and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
         yield (
             f"the object's diagonal is {box.diagonal:.3g} m ({box.source}), model {model.configuration} knows objects of at most "
             f"{2 * model.config.radius:.3g} m: train one on objects of this size"
@@ -184,6 +186,8 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
             yield f"the camera is {1e3 * away:.3g} mm from the object's centre; check camera.pose and object.centre"
         elif not _sees(observation, observation.projection, box):
             yield _unseen(observation, box)
+        elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
+            yield problem
     reach = np.inf if box.diagonal is None else box.diagonal / 2
     limits = [(reach, f"the object's diagonal is {2 * reach:.3g} m")]
     if model is not None:
@@ -197,6 +201,23 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
                 f"{observation.name_of(number)} is {away:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, or "
                 "write touched: false"
             )
+
+
+def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> str | None:
+    """Say that the depth image does not show the object where it is; None where it does, or says nothing about that."""
+    camera = observation.camera
+    if camera is None or camera.metres is None or camera.mask is None:
+        return None
+    measured = camera.metres[camera.shown & ~np.isnan(camera.metres)]
+    if not len(measured):
+        return "camera.depth is 0 or not finite wherever camera.mask shows the object: register it to the photograph"
+    seen, away = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
+    if abs(seen - away) <= (FARTHEST if box.diagonal is None else box.diagonal):
+        return None
+    return (
+        f"camera.depth shows the object {seen:.3g} m from the camera, but its centre is {away:.3g} m away ({box.source}): check "
+        "camera.depth_scale, camera.pose and object.centre"
+    )
 
 
 def _sees(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> bool:

@@ -93,6 +93,10 @@ class ObservedCamera(Entries):
         Depth | None, Field(description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m")
     ] = None
     depth_scale: Annotated[float, Field(gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")] = 1e-3
+    depth_as_touch: Annotated[
+        bool,
+        Field(description="give the visible points of `depth` as touched ones, to networks with touch: for depth that is right to 2 mm"),
+    ] = False
 
     @model_validator(mode="after")
     def _is_one_size(self) -> ObservedCamera:
@@ -108,6 +112,8 @@ class ObservedCamera(Entries):
                 raise ValueError(f"{name} has {_size(other)} pixels, the image {_size(self.image)}; register them")
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
+        if lacking := [name for name in ("depth", "mask") if getattr(self, name) is None and self.depth_as_touch]:
+            raise ValueError(f"depth_as_touch needs {' and '.join(lacking)}: without, nobody knows which points are the object's")
         return self
 
     @cached_property
@@ -147,7 +153,10 @@ class RobotObservation(Entries):
     untouched: Annotated[
         Image | None, Field(description="tactile image of the sensor without contact; by default the one that the model was trained with")
     ] = None
-    touches: Annotated[tuple[ObservedTouch, ...], Field(max_length=MAX_TOUCHES, description="touches; needed by networks with touch")] = ()
+    touches: Annotated[
+        tuple[ObservedTouch, ...],
+        Field(max_length=MAX_TOUCHES, description="touches; needed by networks with touch, unless `depth_as_touch`"),
+    ] = ()
 
     @model_validator(mode="after")
     def _fits_together(self) -> RobotObservation:
@@ -176,6 +185,11 @@ class RobotObservation(Entries):
     def metres_per_unit(self) -> float:
         """Metres per unit of length."""
         return METRES[self.unit]
+
+    @property
+    def is_felt(self) -> bool:
+        """Tell whether networks with touch are given something: touches, or visible points in their place."""
+        return bool(self.touches) or (self.camera is not None and self.camera.depth_as_touch)
 
     def name_of(self, number: int) -> str:
         """Name a touch for messages."""

@@ -12,14 +12,16 @@ from skimage.transform import resize
 from pipeline.errors import InvalidInput
 from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres, used_inputs
 from pipeline.inference.observation_file import ObservedCamera, RobotObservation
+from pipeline.kernels.charts.visible_charts import visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, transfer_view
+from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 from pipeline.models.reconstruction import Reconstruction
 
-SMALL, FAR_VIEW, LITTLE = 0.5, 10.0, 0.9
-"""Share of the network's size below which an object is small; degrees between views, and share of an image, that are worth a warning."""
+SMALL, ROUGH, FAR_VIEW, LITTLE = 0.5, 1.2, 10.0, 0.9
+"""Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
+and share of an image, that are worth a warning."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,15 @@ class Placement:
     camera: NDArray[np.float64] | None
     sensor_poses: NDArray[np.float64]
     remarks: list[str]
+
+    def visible_charts(self, side: int) -> NDArray[np.float32]:
+        """Fit charts to the visible surface where the observation gives it as touched: (T, side², 3) network's world, m; else none."""
+        camera, matrix = self.observation.camera, self.observation.projection
+        if camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
+            return np.zeros((0, side**2, 3), np.float32)
+        intrinsic, rotation = split_projection(matrix)
+        charts = visible_charts(camera.metres, camera.shown, intrinsic, side)
+        return transform_points(self.to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
 
     def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (V, 3) of the network's world, m, to the observation's frame and unit."""
@@ -94,8 +105,11 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
             remarks += [*_view_remarks(training, real, centre, shown), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
+    placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
+    if observation.camera is not None and observation.camera.depth_as_touch and model.config.touch:
+        remarks.append(f"{len(placed.visible_charts(model.config.side))} patches of the visible surface are given as touched")
     remarks += [f"model {model.configuration} {fact}" for fact in _left_out(observation, model)]
-    return Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
+    return placed
 
 
 def network_tactile_images(observation: RobotObservation, sensor: Sensor, untouched: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -184,6 +198,11 @@ def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
         yield (
             f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "
             "of this size, if there were none"
+        )
+    if box.diagonal is not None and box.diagonal > ROUGH * size:
+        yield (
+            f"warning: the object's diagonal seems to be {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: what is "
+            "beyond is cut off; state object.diagonal and object.centre if you know them"
         )
 
 

@@ -50,12 +50,15 @@ class ObservationReader:
         Where the U-Net runs.
     seed
         Of the chart fitting.
+    training_seed
+        Which training of the network the model is.
     """
 
     model: Reconstructor
     models: Place
     device: torch.device
     seed: int
+    training_seed: int = 0
 
     def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
         """Read an object of a data directory.
@@ -94,13 +97,18 @@ class ObservationReader:
         return Observation(image, *self._charts(tactile_images, poses, touched))
 
     def of_robot(self, placed: Placement) -> Observation:
-        """Fit charts to the touches of a robot's observation; its image is placed already."""
+        """Fit charts to a robot's touches, and to the depth that it gives as touched; its image is placed already."""
         touches = placed.observation.touches
         if not self.model.touch:
             return Observation(placed.image, camera=placed.camera)
-        images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
-        vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
-        return Observation(placed.image, vertices, touched, placed.camera)
+        vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
+        if touches:
+            images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
+            vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
+        seen = placed.visible_charts(self.model.config.side)
+        return Observation(
+            placed.image, np.concatenate([vertices, seen]), np.concatenate([touched, np.ones(len(seen), bool)]), placed.camera
+        )
 
     def suited_to(self, observed: RobotObservation) -> ObservationReader:
         """Give a model that takes any inputs what an observation has."""

@@ -1,15 +1,18 @@
-"""Score another method's reconstructions, from a folder of mesh files or point clouds."""
+"""Scores beside a data directory's own networks: of another method's mesh files or point clouds, and of the network that ships."""
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from pipeline.config.objects import Object
 from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import DatasetStage
 from pipeline.errors import InvalidInput
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
@@ -22,7 +25,8 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import evaluation_name, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
-from stages.evaluate.settings import METHOD_NAME, ScoreSettings, SurfaceSettings
+from stages.evaluate.settings import METHOD_NAME, ScoreSettings, ShippedSettings, SurfaceSettings
+from stages.evaluate.shipped import EvaluateShipped, artifacts_of, fitting_rows, shipped_record
 
 
 def score(
@@ -63,22 +67,64 @@ def score(
     if not re.fullmatch(METHOD_NAME, name):
         raise InvalidInput(f"--name {name}: a method's name has letters, digits, '.', '_' and '-', at most 100 of them")
     directory = DataDirectory(data)
-    surfaces = directory.collection(SURFACES)
-    record = surfaces.first.record
-    settings, seed = {"points": min(ScoreSettings.model_fields["points"].default, surfaces.first.array("points").shape[1])}, record.seed
-    if exists(directory.folder_record(evaluation_name())):
-        root = read_root(directory.whole_folder(evaluation_name()))
-        settings = {key: value for key, value in root["settings"].items() if key in SurfaceSettings.model_fields}
-        seed = root["seed"]
     written = digest.of_json(hashes_of(folder, [str(path.relative_to(folder)) for path in surface_files(folder) if path.is_file()]))
-    chosen = settings | {"closed_resolution": None, "grasps": (1,)}
-    objects = [Object(name, surfaces.row(name).category, {}, surfaces.row(name).split) for name in surfaces]
     reads = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
+    settings = ScoreSettings(**_settings(directory), method=name, files=written, given=grasps, misplaced=misplaced)
+    return _measured(directory, Score(folder, reads), settings, console)
+
+
+def score_shipped(data: Place, console: Console) -> list[str]:
+    """Measure the network that ships on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
+
+    Parameters
+    ----------
+    data
+        A data directory, as `score` takes it.
+    console
+        Shows progress.
+
+    Returns
+    -------
+    What it was not given, and why.
+
+    Raises
+    ------
+    StageError
+        No network ships with this version.
+    StoreError
+        There is no dataset, or something of it is out of date.
+    """
+    directory = DataDirectory(data)
+    rows, reasons = fitting_rows(directory)
+    if rows:
+        weights = hashlib.sha256(shipped_record().read_bytes()).hexdigest()
+        settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=weights)
+        _measured(directory, EvaluateShipped(artifacts_of(rows)), settings, console)
+    return reasons
+
+
+def _settings(directory: DataDirectory) -> dict[str, Any]:
+    """Choose how surfaces are measured: as the networks' were, if some were evaluated."""
+    if exists(directory.folder_record(evaluation_name())):
+        settings = read_root(directory.whole_folder(evaluation_name()))["settings"]
+        chosen = {key: value for key, value in settings.items() if key in SurfaceSettings.model_fields}
+    else:
+        points = directory.collection(SURFACES).first.array("points").shape[1]
+        chosen = {"points": min(ScoreSettings.model_fields["points"].default, points)}
+    return chosen | {"closed_resolution": None, "grasps": (1,)}
+
+
+def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, console: Console) -> Plan[FolderOutput]:
+    """Run a stage that measures, if it is not up to date, with the seed of the evaluation or else of the dataset."""
+    surfaces = directory.collection(SURFACES)
+    record, seed = surfaces.first.record, surfaces.first.record.seed
+    if exists(directory.folder_record(evaluation_name())):
+        seed = read_root(directory.whole_folder(evaluation_name()))["seed"]
     request = Request(
-        stage=Score(folder, reads),
-        settings=ScoreSettings(**chosen, method=name, files=written, given=grasps, misplaced=misplaced),
+        stage=stage,
+        settings=settings,
         manifest=record.manifest,
-        objects=objects,
+        objects=[Object(name, surfaces.row(name).category, {}, surfaces.row(name).split) for name in surfaces],
         preset=record.preset,
         seed=seed,
         data=directory.root,

@@ -58,10 +58,7 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     InvalidInput
         Its kind is unknown, or entries cannot be used; the message names each of them.
     """
-    shipped = {known: kind for kind in ENTRIES for known in shipped_files(kind)}
-    path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
-    if not path.exists():
-        raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    path = _path_of(name)
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
     if meshes is not None and kind != "manifest":
         raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
@@ -75,6 +72,19 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
         return check_manifest(path, picture, meshes or MeshFiles())
     checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene}
     return checks[kind](path, picture)
+
+
+def is_observation(name: str) -> bool:
+    """Tell whether a description file, given as `check_file` takes it, is an observation; errors as there."""
+    return _kind_of(_path_of(name)) == "observation"
+
+
+def _path_of(name: str) -> Path:
+    shipped = {known: kind for kind in ENTRIES for known in shipped_files(kind)}
+    path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
+    if not path.exists():
+        raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
+    return path
 
 
 def _kind_of(path: Path) -> str:

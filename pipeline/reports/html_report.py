@@ -6,7 +6,7 @@ import hashlib
 import re
 import shutil
 from collections import Counter
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache
 from pathlib import Path
@@ -29,11 +29,12 @@ from pipeline.reports.left_out import left_out_table
 from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.overview import overview_panels
 from pipeline.reports.paper_figures import CANDIDATES, clearest_grasp, draw_figures
-from pipeline.reports.plots import draw_bars, draw_curves, draw_histogram
+from pipeline.reports.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
 from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import results_tables, trained_models, training_losses
+from pipeline.reports.results_summary import GIVEN, summarise
 from pipeline.reports.touch_tables import supplement_touches, touch_tables, touches_per_grasp
 from pipeline.reports.trade_pictures import report_trades
 from pipeline.store import digest
@@ -128,7 +129,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
     template = _environment().get_template("object.html.j2")
     common = {"up": "../", "current": "", **_frame(source)}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
-    evaluated = source.directory.folder(source.evaluated[0]).files if source.evaluated else {}
+    evaluated = [source.directory.folder(name).files for name in source.measured]
     ids = source.object_ids
     cards = {}
     with Meter(console, "report", len(ids), "objects") as meter, ExitStack() as opened:
@@ -189,14 +190,15 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Draw the pictures of the first page, of an evaluated object if there is one."""
-    ids = source.evaluation.object_ids if source.evaluation else source.object_ids
-    object_id, grasp = clearest_grasp(source, spread_evenly([name for name in ids if name in source.object_ids], CANDIDATES))
+    reconstructed = source.evaluation.better_half(source.object_ids) if source.evaluation else []
+    shown = spread_evenly(reconstructed or source.object_ids, CANDIDATES)
+    object_id, grasp = clearest_grasp(source, shown, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
     pictures = []
     for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
         name = f"figures/overview-{number}.webp"
         Image.fromarray(image).save(folder / name, quality=85)
         pictures.append({"file": name, "alt": f"{object_id}: {caption}", "caption": caption})
-    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": 3 if len(pictures) % 3 == 0 else len(pictures)}
+    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": min(3, len(pictures))}
 
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
@@ -220,16 +222,46 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
 
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
-    """Make the tables of the evaluations and the figure of the learning curves."""
+    """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
     directory, models = source.directory, trained_models(source.directory, source.evaluated)
-    tables = results_tables(directory, source.evaluated, source.scored)
     curves = []
-    if models:
-        path = folder / "figures" / "learning-curves.svg"
-        draw_curves({name: training_losses(directory.whole_folder(place)) for name, place in models.items()}, path)
-        alt = f"Training and validation loss by epoch of {', '.join(models)}"
-        curves = [{"file": "figures/learning-curves.svg", "alt": alt, "caption": "A dot marks the epoch that was kept."}]
-    return {"tables": tables, "curves": curves}
+    for name, place in models.items():
+        file = f"figures/learning-{name}.svg"
+        draw_curves(*training_losses(directory.whole_folder(place)), folder / file)
+        curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
+    tables = results_tables(directory, source.evaluated, source.scored)
+    return {"summary": _summary(source, folder), "groups": _folded(tables), "curves": curves}
+
+
+def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
+    """Say what the results are, and draw the error by what is given."""
+    evaluated, scored = ([source.directory.whole_folder(name) for name in names] for names in (source.evaluated, source.scored))
+    shown = [*evaluated[:1], *scored]
+    if not shown or (found := summarise(shown[0], shown[1:], evaluated[1:])) is None:
+        return None
+    file = "figures/errors.svg"
+    draw_errors(folder / file, found.errors, found.retrieved, GIVEN, "mean distance, mm")
+    said = [
+        f"{series}: {', '.join(f'{way} {error.mean:.1f}' for way, error in of_series.items())}"
+        for series, of_series in found.errors.items()
+    ]
+    caption = "Error with one grasp by what is given, with 95 % intervals over objects."
+    return {"sentences": found.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(said)}", "caption": caption}
+
+
+def _folded(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
+    """Give each table the lines of text that stand before it; those after the last one are its own too."""
+    groups: list[tuple[Table, list[str]]] = []
+    lines: list[str] = []
+    for table in tables:
+        if table.columns:
+            groups.append((table, lines))
+            lines = []
+        else:
+            lines.append(table.title)
+    if groups:
+        groups[-1][1].extend(lines)
+    return groups
 
 
 def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:

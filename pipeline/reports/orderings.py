@@ -154,7 +154,7 @@ def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
     """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
     paper = any(verdict.supplement is not None for verdict in verdicts)
     columns = ["claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", *([PAPER] if paper else [])]
-    title = f"Do the orderings of {PAPER} hold? Chamfer distances × {TABLE_3_FACTOR:.0f}; intervals over objects (paired) and trainings"
+    title = f"Do the orderings of {PAPER} hold? Chamfer distances × {TABLE_3_FACTOR:.0f}, m²; intervals over objects (paired) and trainings"
     rows = []
     for verdict in verdicts:
         between, theirs = verdict.difference, None

@@ -21,7 +21,9 @@ GAP = 4
 
 
 def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render an object, a grasp of it from close by, the touched surface, tactile images, depth maps and the best reconstruction.
+    """Render an object, a grasp of it and its reconstruction; then the way there: tactile images, depth maps, touched surface.
+
+    The reconstruction is the best of those that are given touches, else the best of all.
 
     Parameters
     ----------
@@ -46,14 +48,14 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
         panels = [
             ("object", render_mesh(renderer, mesh, camera)),
             ("grasp", held),
+            ("tactile images →", _grid(list(tactile_images))),
+            ("depth maps →", _grid([depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)])),
             (f"touched surface, {touches} touch{'es' * (touches != 1)}", felt),
-            ("tactile images", _grid(list(tactile_images))),
-            ("depth maps", _grid([depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)])),
         ]
         if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
-            made = best(predictions)
+            made = best([one for one in predictions if one.felt] or predictions)
             shown = predicted_mesh(source.collections.get("charts"), object_id, source.evaluation.tables[made.network], made.case)
-            panels.append((f"reconstruction: {made.label}", render_mesh(renderer, shown, camera)))
+            panels.insert(2, (f"reconstruction: {made.label}", render_mesh(renderer, shown, camera)))
     return panels
 
 

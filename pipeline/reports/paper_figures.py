@@ -8,7 +8,10 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -28,6 +31,7 @@ from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, 
 from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
+from stages.evaluate.settings import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 384
@@ -70,11 +74,17 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
             figures.append(_local_shape(source, folder, object_id, grasp))
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
-        path = folder / "reconstructions.png"
-        shown = draw_gallery(source.directory, source.evaluation.folder, path, most)
-        alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+        names = source.evaluation.configurations
+        ours = [name for name in names if not name.startswith(SHIPPED_ROWS)]
         text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
-        figures.append(_figure("Reconstructions by class and modality (Figure 5)", text, [(path, alt, "")], "wide"))
+        for title, file, columns in (
+            ("Reconstructions by class and modality (Figure 5)", "reconstructions.png", ours),
+            ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
+        ):
+            if columns:
+                shown = draw_gallery(source.directory, source.evaluation, folder / file, most, columns)
+                alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+                figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures
 
 
@@ -83,14 +93,28 @@ def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: 
     return {"title": title, "text": text, "pictures": shown, "kind": kind}
 
 
-def clearest_grasp(source: ReportSource, ids: Sequence[str]) -> tuple[str, int]:
-    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large."""
+def clearest_grasp(source: ReportSource, ids: Sequence[str], most: int | None = None) -> tuple[str, int]:
+    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large.
+
+    Parameters
+    ----------
+    source
+        The dataset.
+    ids
+        The objects.
+    most
+        Grasps of each, the first ones, that are looked at; None for all.
+
+    Returns
+    -------
+    The object, and the grasp, from 0.
+    """
     scores = {}
     for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
         seen = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
-        for grasp, touched in enumerate(touches):
+        for grasp, touched in enumerate(touches[:most]):
             shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
             scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))
     return max(scores, key=lambda key: scores[key])
@@ -157,7 +181,9 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
-        figure = Figure((9, 2.3 * len(touched)), dpi=110, layout="constrained")
+        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.98, 1))  # it does not see how wide labels beside 3D axes are
+        figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
+        grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):
             pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
             true, count = local_points(depths[row], pose, sensor)
@@ -168,12 +194,14 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
                 ("true depth", depth_colors(depths[row], sensor)),
                 ("predicted depth", depth_colors(np.where(model.mask(tactile_images[row : row + 1])[0], predicted[row], np.inf), sensor)),
             ]
-            for column, (title, image) in enumerate(pictures, start=1):
-                axes = figure.add_subplot(len(touched), 4, 4 * row + column)
-                axes.imshow(image)
-                axes.set(xticks=[], yticks=[], title=title if row == 0 else "", ylabel=names[number] if column == 1 else "")
-            axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
-            axes = figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d")
+            for column, (title, image) in enumerate(pictures):
+                axes = figure.add_subplot(grid[row, column])
+                half, tall = 500 * sensor.width, 500 * sensor.height  # mm
+                axes.imshow(image, extent=(-half, half, tall, -tall))
+                axes.set(title=title if row == 0 else "", ylabel=f"{names[number]}: y, mm" if column == 0 else "", xlabel="x, mm")
+            figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
+            axes.set_xlabel(f"x, mm; mean error {1e3 * apart[inside].mean():.2f} mm")
+            axes = figure.add_subplot(grid[row, 3], projection="3d")
             draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
         save_figure(figure, path)
     text = (

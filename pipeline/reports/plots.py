@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.console import visible
 from pipeline.errors import InvalidInput
+from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.touch.ball_contact import RING, Photograph
 from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
 from pipeline.store.atomic import write_at_once
@@ -27,6 +28,7 @@ THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#
 HATCHES = ("", "//")
 """Of bars, so that colours are not needed to tell them apart."""
 LINES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "D", "^", "v")
 
 PHOTOGRAPHS, GAIN = 3, 4
 """Photographs shown of a calibration, spread evenly, and the factor by which differences are enlarged."""
@@ -140,19 +142,53 @@ def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x:
         axes.legend(frameon=False)
 
 
-def draw_curves(losses: Mapping[str, tuple[Sequence[float], Sequence[float]]], path: Path) -> None:
-    """Draw the training and validation losses of each model by epoch as an SVG, with a dot at the epoch that was kept."""
-    columns = min(4, len(losses))
-    rows = -(-len(losses) // columns)
-    with themed_svg(path, (3.4 * columns, 2.6 * rows), font_size=8) as figure:
-        for number, (name, (train, valid)) in enumerate(losses.items(), start=1):
-            axes = figure.add_subplot(rows, columns, number)
-            epochs = range(1, len(valid) + 1)
-            axes.semilogy(epochs, train, label="training", linewidth=1)
-            axes.semilogy(epochs, valid, label="validation", linewidth=1)
-            axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color=INK)
-            axes.set(title=name, xlabel="epoch", ylabel="loss")
-            axes.legend(frameon=False)
+def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> None:
+    """Draw the training and validation losses of a model by epoch as an SVG, with a dot at the epoch that was kept."""
+    with themed_svg(path, (3.4, 2.4), font_size=8) as figure:
+        axes, epochs = figure.subplots(), range(1, len(valid) + 1)
+        axes.semilogy(epochs, train, label="training", linewidth=1)
+        axes.semilogy(epochs, valid, label="validation", linewidth=1, linestyle=LINES[1])
+        axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color=INK)
+        axes.set(xlabel="epoch", ylabel="loss")
+        axes.legend(frameon=False)
+
+
+def draw_errors(
+    path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
+) -> None:
+    """Draw errors with their intervals by series, and what they are compared with as a line, as an SVG.
+
+    Parameters
+    ----------
+    path
+        The SVG file.
+    errors
+        By series and place.
+    line
+        By place.
+    labels
+        Of the places, in their order; those without errors are left out.
+    y
+        Label of the axis.
+    """
+    places = [place for place in labels if any(place in series for series in errors.values())]
+    with themed_svg(path, (4.8, 3.2), font_size=10) as figure:
+        axes, step = figure.subplots(), 0.6 / max(len(errors), 1)
+        for number, (name, series) in enumerate(errors.items()):
+            shift = (number - (len(errors) - 1) / 2) * step
+            for place in (place for place in places if place in series):
+                error, at = series[place], places.index(place) + shift
+                if np.isfinite([error.low, error.high]).all():
+                    axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
+            shown = [(places.index(place) + shift, error.mean) for place, error in series.items()]
+            axes.plot(*zip(*shown, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
+        ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
+        if len(ends):
+            axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
+        axes.set(ylabel=y, xticks=range(len(places)), xticklabels=[labels[place] for place in places], xlim=(-0.5, len(places) - 0.5))
+        axes.set_ylim(bottom=0)
+        axes.tick_params(axis="x", labelsize=8)
+        axes.legend(frameon=False, fontsize=8)
 
 
 def _color(number: int) -> tuple[float, ...]:

@@ -21,13 +21,13 @@ from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.plots import save_figure
-from pipeline.reports.report_source import dataset_scene
+from pipeline.reports.report_source import Evaluation, dataset_scene
 from pipeline.reports.second_view import fitted_camera
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS
 from schemas.surfaces import SURFACES
-from stages.evaluate.evaluation_files import Arrays, read_figures, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.evaluation_files import Arrays, surface_of
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 200
@@ -37,28 +37,27 @@ FILL = 0.8
 """Share of a picture's side that the object takes up; reconstructions may be larger."""
 
 
-def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) -> list[str]:
+def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, most: int, names: Sequence[str]) -> list[str]:
     """Draw reconstructions of test objects, each above its mean distance; the camera is the dataset's, turned and zoomed to the object.
 
     Parameters
     ----------
     directory
         The dataset.
-    folder
+    evaluation
         Its evaluation; each model is shown with the fewest and the most grasps that it was given there.
     path
         The PNG file.
     most
         Objects at most, spread evenly.
+    names
+        The models.
 
     Returns
     -------
     Names of the objects.
     """
-    names = list(read_root(folder)["configurations"])
-    figures = read_figures(folder)
-    predictions = {name: read_surfaces(folder, name) for name in names}
-    objects = [str(name) for name in read_table(folder, "objects")["object_id"]]
+    predictions, objects = evaluation.tables, evaluation.object_ids
     shown = spread_evenly(objects, most)
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
@@ -74,7 +73,7 @@ def draw_gallery(directory: DataDirectory, folder: Path, path: Path, most: int) 
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
                 given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
                 title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                error = 1e3 * figures[name].per_case("mean_distance", max(given, 1))[objects.index(object_id), first]
+                error = 1e3 * evaluation.figures[name].per_case("mean_distance", max(given, 1))[objects.index(object_id), first]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh, camera), "" if row else title, f"{error:.1f} mm")
         save_figure(figure, path)

@@ -22,8 +22,9 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import read_figures, read_root, read_surfaces, read_table, surface_of
-from stages.evaluate.tables import ACCURACY
+from stages.evaluate.evaluation_files import Arrays, Figures, has_surfaces, read_figures, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.settings import SHIPPED_SCORES
+from stages.evaluate.tables import ACCURACY, difference
 
 SCENE = "supplement"
 """The scene of the pictures of a dataset without images."""
@@ -50,8 +51,10 @@ class ReportSource:
         Stage and reason, by object, of the others.
     evaluated, scored
         The names of the evaluations, one per training seed, and of the scores of other methods.
+    measured
+        Those that keep surfaces, which are shown: the first evaluation, and the score of the network that ships.
     evaluation
-        The first of them; None where no network has been evaluated.
+        What is in these; None where no network has been evaluated.
 
     Raises
     ------
@@ -73,7 +76,8 @@ class ReportSource:
         self.object_ids = [name for name in names if name not in failures]
         if not self.object_ids:
             raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
-        self.evaluation = Evaluation(self.directory.whole_folder(self.evaluated[0])) if self.evaluated else None
+        self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
+        self.evaluation = Evaluation([self.directory.whole_folder(name) for name in self.measured]) if self.measured else None
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
         """Open an object's rows, by artifact; each array is read once."""
@@ -114,6 +118,8 @@ class Prediction(NamedTuple):
     ----------
     network, grasps
         The configuration, and the grasps that its figures are of.
+    felt
+        Whether the network was given touches.
     case
         Its number in the network's group of surfaces.
     figures
@@ -122,6 +128,7 @@ class Prediction(NamedTuple):
 
     network: str
     grasps: int
+    felt: bool
     case: int
     figures: Mapping[str, float]
 
@@ -138,15 +145,34 @@ class Prediction(NamedTuple):
 
 
 class Evaluation:
-    """Read the results of single objects from an evaluation folder."""
+    """Read the results of single objects.
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.configurations = list(read_root(folder)["configurations"])
-        self.object_ids = [str(name) for name in read_table(folder, "objects")["object_id"]]
-        self.tables = {name: read_surfaces(folder, name) for name in self.configurations}
-        figures = read_figures(folder)
-        self._figures = {name: figures[name] for name in self.configurations}
+    Parameters
+    ----------
+    folders
+        An evaluation, and scores that keep surfaces; those of other objects or settings than the first are left out.
+
+    Attributes
+    ----------
+    configurations
+        The networks that there are surfaces of.
+    object_ids
+        The objects.
+    tables, figures
+        Surfaces and figures, by network.
+    """
+
+    def __init__(self, folders: Sequence[Path]) -> None:
+        self.object_ids = [str(name) for name in read_table(folders[0], "objects")["object_id"]]
+        self.tables: dict[str, Arrays] = {}
+        self.figures: dict[str, Figures] = {}
+        for folder in folders:
+            if difference(folders[0], folder) is None:
+                figures = read_figures(folder)
+                for name in read_root(folder)["configurations"]:
+                    if has_surfaces(folder, name):
+                        self.tables[name], self.figures[name] = read_surfaces(folder, name), figures[name]
+        self.configurations = list(self.tables)
 
     def predictions(self, object_id: str) -> list[Prediction]:
         """List the reconstructions of an object with its first grasps; none if it was not evaluated."""
@@ -157,9 +183,14 @@ class Evaluation:
             cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
                 given = max(int(table["grasps_given"][case]), 1)
-                figures = {metric: float(self._figures[name].per_case(metric, given)[row, 0]) for metric in SHOWN_METRICS}
-                predictions.append(Prediction(name, given, case, figures))
+                figures = {metric: float(self.figures[name].per_case(metric, given)[row, 0]) for metric in SHOWN_METRICS}
+                predictions.append(Prediction(name, given, bool(table["grasps_given"][case]), case, figures))
         return predictions
+
+    def better_half(self, object_ids: Sequence[str]) -> list[str]:
+        """Choose the half of these objects that was reconstructed best, rounded up; those that were not evaluated are left out."""
+        errors = {name: best(made).figures["mean_distance"] for name in object_ids if (made := self.predictions(name))}
+        return sorted(errors, key=lambda name: errors[name])[: -(-len(errors) // 2)]
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""
@@ -181,5 +212,5 @@ def errors_table(predictions: Sequence[Prediction]) -> Table:
     for made in predictions:
         cells = [factor * made.figures[metric] for metric, factor in SHOWN_METRICS.items()]
         rows.append(Row([made.network, made.grasps, *cells]))
-    columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}"]
+    columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m²"]
     return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

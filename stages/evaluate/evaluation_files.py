@@ -228,6 +228,11 @@ def read_figures(folder: Path) -> dict[str, Figures]:
     return {network: Figures(object_ids, figures) for network, figures in rows.items()}
 
 
+def has_surfaces(folder: Path, configuration: str) -> bool:
+    """Return whether an evaluation folder keeps the surfaces of a configuration."""
+    return any(has_table(folder, f"{group}/{configuration}") for group in ("meshes", "predictions"))
+
+
 def read_surfaces(folder: Path, configuration: str) -> Arrays:
     """Read the surfaces of a configuration: its group below `predictions` or, of a network without charts, below `meshes`."""
     group = "meshes" if has_table(folder, f"meshes/{configuration}") else "predictions"

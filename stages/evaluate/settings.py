@@ -11,6 +11,11 @@ from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
 """Of a method, which becomes the name of a folder."""
 
+SHIPPED_SCORES = "scores/shipped"
+"""The folder of the figures of the network that ships, below a data directory."""
+SHIPPED_ROWS = "shipped-"
+"""Begins the names of its rows in tables: `shipped-touch` is given touches."""
+
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
     if 1 not in grasps or len(set(grasps)) < len(grasps):
@@ -86,6 +91,13 @@ class ScoreSettings(SurfaceSettings):
     files: str = setting(..., "SHA-256 of all files of the folder, with their names", changes="definition")
     given: int = setting(1, "grasps that the files in the folder itself were made from", ge=1, changes="definition")
     misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
+
+
+class ShippedSettings(SurfaceSettings):
+    """Choose what the network that ships is given; these settings are those of `vt-pipeline report --shipped`."""
+
+    configurations: tuple[str, ...] = setting(..., "what it is given: rows of the tables", changes="definition")
+    weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
 
 
 class SingleImageEvaluationSettings(MeasuringSettings):

@@ -76,10 +76,14 @@ class NetworkEvaluation(DatasetStage):
             "paper_sizes": has_paper_sizes(job.data),
         }
 
+    def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
+        """Load the model of each row."""
+        device = device_of(job.settings.accelerator)
+        return {name: load_reconstructor(name, job.models[model], device) for name, model in self.rows(job.settings).items()}
+
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure model by model, and training objects in their place; then write the tables."""
-        device = device_of(job.settings.accelerator)
-        models = {name: load_reconstructor(name, job.models[model], device) for name, model in self.rows(job.settings).items()}
+        models = self.load(job)
         protocol = self.protocol(job, list(models.values()))
         figures: dict[str, Figures] = {}
         groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra(list(models.values()))}
@@ -90,7 +94,8 @@ class NetworkEvaluation(DatasetStage):
                 groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
         write_measured(job, protocol, figures, groups, self.attributes(job, protocol, models))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
-        job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
+        if job.models:
+            job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
         return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
 

@@ -83,18 +83,42 @@ def difference(folder: Path, other: Path) -> str | None:
     return None if mine == others else "other objects"
 
 
-def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
-    root, figures, objects = read_root(folder), read_figures(folder), read_table(folder, "objects")
-    settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    given = dict(root["configurations"])
+def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
+    """Read what an evaluation measured, and beside it the scores that may be compared with it.
+
+    Parameters
+    ----------
+    folder
+        Of the evaluation.
+    scored
+        Scores; one with another setting, seed or other objects is left out.
+
+    Returns
+    -------
+    The inputs of each network and method, by name, and the figures by name, with those of the baselines.
+    """
+    given, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
+    for place in scored:
+        if difference(folder, place) is None:
+            theirs = read_figures(place)
+            for name, inputs in read_root(place)["configurations"].items():
+                shown = f"{name}, scored" if name in given else name
+                given[shown], figures[shown] = inputs, theirs[name]
+                figures = {**{other: theirs[other] for other in theirs if other.startswith(LOOKED_UP)}, **figures}
+    return given, figures
+
+
+def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     for place in scored:
         if problem := difference(folder, place):
             yield Table(f"{', '.join(read_root(place)['configurations'])} was scored with {problem}: left out; score it again")
-            continue
-        theirs = read_figures(place)
-        for name, inputs in read_root(place)["configurations"].items():
-            shown = f"{name}, scored" if name in given else name
-            given[shown], figures[shown] = inputs, theirs[name]
+
+
+def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
+    root, objects = read_root(folder), read_table(folder, "objects")
+    settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
+    given, figures = beside(folder, scored)
+    yield from _left_out(folder, scored)
     every = {name: figures[name] for name in given}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
     felt = {name: every[name] for name, inputs in given.items() if inputs["touch"]}
@@ -152,7 +176,7 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
     ]
     floor = TABLE_3_FACTOR * float(objects["floor"].mean())
     rows.append(Row(["best value that sampling allows", *np.mean(best, axis=0).tolist(), floor, None, None], dim=True))
-    columns = ["model", *ACCURACY, f"Chamfer × {TABLE_3_FACTOR:.0f}", *SHARED]
+    columns = ["model", *ACCURACY, f"Chamfer × {TABLE_3_FACTOR:.0f}, m²", *SHARED]
     return Table("Accuracy with one grasp", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
 
 
@@ -240,7 +264,7 @@ def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Gener
         rows.append(Row([name, *estimates]))
         rows += _theirs(TABLE_3.get(name) if paper else None, numbers, ".3f")
     rows.append(Row([SMALLEST, *[TABLE_3_FACTOR * floor] * len(numbers)], dim=True))
-    title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f} by the number of grasps"
+    title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², by the number of grasps"
     return Table(title, ["model", *map(str, numbers)], rows, ["", *[".3f"] * len(numbers)])
 
 
@@ -250,13 +274,13 @@ def _modalities(
     rows = [row for name, figures in networks.items() for row in _chamfer_rows(name, figures, members, rng, metres=True)]
     floors = [float(floor[member].mean()) for member in members.values()]
     rows.append(Row([SMALLEST, *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
-    title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f} with one grasp, by class; the last column in m²"
+    title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, by class; the last column without the factor"
     return Table(title, ["model", *classes, "all, m²"], rows, ["", *[".3f"] * len(classes), ".3e"])
 
 
 def _baselines(networks: Networks, members: Members, classes: list[str], rng: Callable[..., np.random.Generator]) -> Table:
     rows = [row for name, figures in networks.items() for row in _chamfer_rows(label(name), figures, members, rng)]
-    title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f} of a training object in place of each reconstruction"
+    title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², of a training object in place of each reconstruction"
     return Table(title, ["chosen", *classes], rows, ["", *[".3f"] * len(classes)])
 
 

@@ -83,6 +83,27 @@ def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
     assert (figures.available("iou") > 0.7).all()
 
 
+@pytest.mark.parametrize("name", ["grasp", "rgbd"])
+def test_the_observations_are_without_faults_for_the_network_that_ships(name, tmp_path):
+    done = CliRunner().invoke(app, ["check", str(EXAMPLES / "robot_grasp" / f"{name}.yaml"), "--picture", str(tmp_path / "a.png")])
+    assert done.exit_code == 0, done.output
+    assert "no faults" in done.output
+    assert "with model implicit-any:" in done.output
+    assert ("patches of the visible surface" in done.output) == (name == "rgbd")
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 1500  # and what the network is given
+
+
+@pytest.mark.slow
+def test_an_rgbd_observation_becomes_a_closed_mesh_where_the_object_is(tmp_path):
+    asked = ["predict", str(tmp_path / "a.ply"), "--observation", str(EXAMPLES / "robot_grasp" / "rgbd.yaml"), "--surface", "closed"]
+    done = CliRunner().invoke(app, [*asked, "--resolution", "48"])
+    assert done.exit_code == 0, done.output
+    mesh = trimesh.load(tmp_path / "a.ply")
+    assert mesh.is_watertight
+    assert np.linalg.norm(mesh.bounds.mean(axis=0) - [0.62, -0.17, 0.25]) < 0.1
+
+
 def test_train_one_network_lowers_its_loss(run, data):
     lines = run("train_one_network", data, "test", 2).splitlines()
     errors = [float(line.split()[2]) for line in lines]

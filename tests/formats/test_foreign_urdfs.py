@@ -21,7 +21,7 @@ from pipeline.formats.urdf import parse_urdf, read_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.link_overlaps import frequent_overlaps
+from pipeline.kernels.hand.link_overlaps import frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 
 BAR = '<{0}><origin xyz="0 0 0.02"/><geometry><box size="0.01 0.01 0.04"/></geometry></{0}>'
@@ -135,6 +135,12 @@ def test_links_that_always_overlap_are_named_unless_they_are_neighbours_at_rest(
     (found,) = frequent_overlaps(beside, collision_boxes(beside), frames)
     assert (found.first, found.second) == (1, 2)
     assert found.depth > 0.002
+    first, second = (beside.links[link].name for link in (1, 2))
+    assert remedy(beside, found) == f"`allowed_contacts: [[{first}, {second}]]`"  # boxes
+    mesh = (replace(wide.collisions[0], kind="mesh"),)
+    for shapes, way in ((mesh, f"`convex_parts: {{{second}: 8}}`"), (2 * mesh, f"`allowed_contacts: [[{first}, {second}]]`")):
+        other = replace(beside, links=(*hand.links[:2], replace(wide, collisions=shapes), *hand.links[3:]))
+        assert remedy(other, found) == way
     assert frequent_overlaps(replace(beside, allowed_contacts=frozenset({(1, 2)})), collision_boxes(beside), frames) == []
 
 

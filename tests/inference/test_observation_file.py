@@ -146,6 +146,39 @@ def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scal
     assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.05)
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            {"depth": "depth.png"},
+            "m from the camera, but its centre is 0.5 m away (as stated): check camera.depth_scale",
+        ),  # its levels are tenths of a millimetre
+        ({"depth": "none.npy"}, "camera.depth is 0 or not finite wherever camera.mask shows the object"),
+        ({"depth_as_touch": True}, "depth_as_touch needs depth:"),
+        ({"depth_as_touch": True, "mask": None}, "depth_as_touch needs depth and mask:"),
+    ],
+)
+def test_depth_that_does_not_fit_is_named(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    entries = write_files(tmp_path)
+    np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
+    entries["camera"] |= changes
+    assert words in refused(write_observation(tmp_path, entries))
+
+
+def test_visible_points_are_given_to_a_network_that_takes_touches(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    entries["camera"] |= {"depth": "depth.npy", "depth_as_touch": True}
+    del entries["touches"], entries["sensor"]
+    observation = load_observation(write_observation(tmp_path, entries), lambda part: faults(part, model()))
+    placed = place_observation(observation, model(centre=(0.1, 0.2, 0.7)))
+    charts = placed.visible_charts(5)
+    assert len(charts) > 10
+    np.testing.assert_allclose(np.linalg.norm(charts - [0.1, 0.2, 0.7], axis=-1), RADIUS, atol=1e-3)
+    assert f"{len(charts)} patches of the visible surface are given as touched" in placed.remarks
+    entries["camera"]["depth_as_touch"] = False
+    assert "needs touches" in refused(write_observation(tmp_path, entries), model())
+
+
 def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     del entries["object"]

@@ -115,7 +115,9 @@ def test_one_network_takes_whatever_an_observation_has(data, grasp, tmp_path, le
     ]
     np.testing.assert_array_equal(made[0].reconstruction.vertices, made[1].reconstruction.vertices)
     assert bool(len(made[0].touched)) == ("touch" in way)
-    done = CliRunner().invoke(app, ["check", str(file), "--models", str(data / "models"), "--configuration", "implicit-any"])
+    done = CliRunner().invoke(
+        app, ["check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any"]
+    )
     assert done.exit_code == 0, done.output
 
 
@@ -140,6 +142,12 @@ def test_the_joined_surface_is_closed(data, tmp_path):
     np.testing.assert_allclose(
         np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
     )  # nothing moved: averages of equals
+
+
+def test_steps_of_a_slow_prediction_are_shown(data, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
+    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
+    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, asked).output
 
 
 def test_the_command_says_what_the_closed_mesh_is_made_of(data, tmp_path):
@@ -234,10 +242,24 @@ def test_a_closed_mesh_of_an_observation_has_its_images_colours(data, millimetre
 def test_the_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp_path):
     """Its camera looks down on the object, the balls' does not: the view is turned, and said to differ."""
     example = Path(__file__).parents[2] / "examples" / "robot_grasp" / "grasp.yaml"
-    made = predict(tmp_path / "duck.ply", data / "models", "occluded-touch", observation=example)
+    made = predict(tmp_path / "bottle.ply", data / "models", "occluded-touch", observation=example)
     assert made.touched.all()
     assert np.linalg.norm(made.reconstruction.vertices - [0.62, -0.17, 0.25], axis=1).max() < 0.5
     assert any(line.startswith("warning: camera 1.14 m from the object and 19.2° above its horizon; in training") for line in made.remarks)
+
+
+def test_an_rgbd_camera_stands_in_for_touches(data, grasp, tmp_path):
+    """The ball's visible side is part of the surface, where it is, though no sensor touched it."""
+    described = yaml.safe_load((grasp.parent / "rgbd.yaml").read_text())
+    described["camera"] |= {name: str(grasp.parent / value) for name, value in described["camera"].items() if str(value).endswith(".png")}
+    file = write(tmp_path / "rgbd.yaml", described)
+    made = predict(tmp_path / "ball.ply", data / "models", "touch", observation=file)
+    assert not len(made.touched)
+    seen = made.reconstruction.vertices[made.reconstruction.vision :]
+    assert len(seen) > 10 * spheres.SIDE**2
+    middle = (BASE @ [*spheres.CENTRE, 1])[:3]
+    np.testing.assert_allclose(np.linalg.norm(seen - middle, axis=1), 0.1, atol=2e-3)  # depth is in whole millimetres
+    assert any("patches of the visible surface are given as touched" in line for line in made.remarks)
 
 
 def test_touches_are_recognised_where_they_are_not_stated(data, grasp, tmp_path):

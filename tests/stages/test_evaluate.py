@@ -202,7 +202,7 @@ def test_every_table_is_there(evaluation):
     tables = {table["title"].partition(":")[0]: table for table in metrics["tables"] if table["columns"]}
     accuracy = tables["Accuracy with one grasp"]
     assert next(iter(tables)) == "Accuracy with one grasp"
-    shown = ["mean distance, mm", "F-score at 5 mm, %", "F-score at 1 % of the diagonal, %", "Chamfer × 9000", "normals agree, %"]
+    shown = ["mean distance, mm", "F-score at 5 mm, %", "F-score at 1 % of the diagonal, %", "Chamfer × 9000, m²", "normals agree, %"]
     assert accuracy["columns"] == ["model", *shown, "intersection over union"]
     assert accuracy["rows"][0][4][0] == pytest.approx(9000 * figures(folder, "none").per_object("chamfer").mean())
     assert accuracy["rows"][0][5][0] == pytest.approx(100 * figures(folder, "none").available("normal_consistency").mean())

@@ -131,5 +131,5 @@ def draw_implicit(shown: Shown, path: Path) -> None:
 
 def draw_reconstructions(shown: Shown, path: Path) -> None:
     """Reconstructions of some test objects by each network."""
-    directory = shown.source.directory
-    draw_gallery(directory, directory.whole_folder("evaluation"), path, OBJECTS)
+    assert shown.source.evaluation is not None
+    draw_gallery(shown.source.directory, shown.source.evaluation, path, OBJECTS, shown.source.evaluation.configurations)

@@ -14,14 +14,16 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.scene import Scene
-from pipeline.models.families import FAMILIES, load_reconstructor
+from pipeline.models.families import FAMILIES, family_of, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.contact_sheet_page import surroundings
 from pipeline.reports.paper_figures import PIXELS, clearest_grasp
 from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.report_source import ReportSource
 from pipeline.store.storage import Place
+from stages.evaluate.shipped import shipped_folder
 from stages.render_vision.renderer import Renderer
 
 
@@ -70,15 +72,22 @@ def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
 
 
 def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tuple[Reconstructor, Observation]]:
-    """Load a trained network per family, the one that is given most, and what it is given: all grasps, the shown one first."""
+    """Load a network per family and what it is given, all grasps, the shown one first.
+
+    The network is the one of those trained that is given most; of implicit networks, where none was trained, the one that ships.
+    """
     found = {}
+    every = len(source.rows(object_id)["grasps"]["hand_pose"])
+    grasps = [(grasp + step) % every for step in range(every)]
     for family in FAMILIES:
         trained = [name for name in source.directory.folders() if name.startswith(f"models/{family}/")]
         if trained:
-            folder = max(trained, key=len)
-            network = load_reconstructor(folder.rpartition("/")[2], source.directory.whole_folder(folder))
-            rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)
-            every = len(source.rows(object_id)["grasps"]["hand_pose"])
-            grasps = [(grasp + step) % every for step in range(every)]
-            found[family] = network, stored_observation(rows, object_id, grasps, network.config)
+            name = max(trained, key=len)
+            network = load_reconstructor(name.rpartition("/")[2], source.directory.whole_folder(name))
+        elif family == family_of(DEFAULT) and "charts" in source.collections:
+            network = load_reconstructor(f"{DEFAULT}-occluded-touch", shipped_folder())
+        else:
+            continue
+        rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)
+        found[family] = network, stored_observation(rows, object_id, grasps, network.config)
     return found

@@ -8,5 +8,6 @@
     }
   };
   window.addEventListener("resize", fit);
+  document.addEventListener("toggle", fit, true);  // of a table that is unfolded: a folded one has no width
   fit();
 })();

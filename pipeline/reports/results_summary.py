@@ -1,0 +1,131 @@
+"""What the results are in a few sentences and one plot: the error by what is given, and that of retrieval."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.console import pluralise
+from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
+from pipeline.kernels.networks.network_configurations import WAYS
+from pipeline.rng import numpy_rng
+from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.evaluation_files import Figures, read_root, read_table
+from stages.evaluate.tables import beside
+
+GIVEN = {
+    "none": "nothing",
+    "touch": "touch",
+    "occluded": "occluded\nimage",
+    "occluded-touch": "occluded,\ntouch",
+    "unoccluded": "whole\nimage",
+    "unoccluded-touch": "whole,\ntouch",
+}
+"""What networks are given, as the plot calls it, by the way of `WAYS`."""
+SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
+"""What the sentences compare."""
+RETRIEVED = {"none": "typical", "touch": "by touch"}
+"""How the training object is retrieved with what is given; with an image, by silhouette."""
+OWN = "graph network"
+"""Series of the networks that are called as what they are given."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The results with one grasp.
+
+    Attributes
+    ----------
+    sentences
+        Three of them.
+    errors
+        Mean distances, mm, by series and by way of `WAYS`.
+    retrieved
+        The mean distance of a training object, mm, by way.
+    """
+
+    sentences: list[str]
+    errors: Mapping[str, Mapping[str, Interval]]
+    retrieved: Mapping[str, float]
+
+
+def summarise(folder: Path, scored: Sequence[Path], other: Sequence[Path] = ()) -> Summary | None:
+    """Summarise what was measured with one grasp.
+
+    Parameters
+    ----------
+    folder
+        Of an evaluation, or a score.
+    scored
+        Scores that are shown beside it.
+    other
+        Evaluations of further trainings of the same networks.
+
+    Returns
+    -------
+    The summary; None if nothing was measured with one grasp.
+    """
+    given, figures = beside(folder, scored)
+    seed, objects = read_root(folder)["seed"], len(read_table(folder, "objects")["object_id"])
+    trainings = {name: [figures[name]] for name in given}
+    for place in other:
+        more = beside(place, [])[1]
+        for name in trainings.keys() & more.keys():
+            trainings[name].append(more[name])
+    errors: dict[str, dict[str, Interval]] = {}
+    for name, way in _ways(given).items():
+        if all(1 in network.grasps for network in trainings[name]):
+            series = name.removesuffix(way).rstrip("-") or OWN
+            values = 1e3 * np.stack([network.per_object("mean_distance") for network in trainings[name]])
+            errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "summary", name))
+    if not errors:
+        return None
+    shown = [way for way in WAYS if any(way in of_series for of_series in errors.values())]
+    retrieved = {way: error for way in shown if (error := _retrieved(figures, way)) is not None}
+    return Summary(_sentences(errors, retrieved, objects), errors, retrieved)
+
+
+def _ways(given: Mapping[str, Any]) -> dict[str, str]:
+    """Name what each network is given; methods of which that is not known are left out."""
+    ways = {}
+    for name, inputs in given.items():
+        way = next(way for way, known in WAYS.items() if (known.image, known.touch) == (inputs["image"], inputs["touch"]))
+        if name == way or name.endswith(f"-{way}"):
+            ways[name] = way
+    return ways
+
+
+def _retrieved(figures: Mapping[str, Figures], way: str) -> float | None:
+    found = figures.get(LOOKED_UP + RETRIEVED.get(way, "by silhouette"))
+    return None if found is None else 1e3 * float(found.per_object("mean_distance").mean())
+
+
+def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[str, float], objects: int) -> list[str]:
+    best: dict[str, tuple[Interval, str]] = {}
+    for series, of_series in errors.items():
+        for way, error in of_series.items():
+            if way not in best or error.mean < best[way][0].mean:
+                best[way] = error, series
+    said = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in SAID.items() if way in best]
+    nearer = [
+        (series, way) for series, of_series in errors.items() for way, error in of_series.items() if error.mean < retrieved.get(way, 0)
+    ]
+    compared = sum(way in retrieved for of_series in errors.values() for way in of_series)
+    verb = "is" if len(nearer) == 1 else "are"
+    return [
+        f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
+        "reconstruction and object.",
+        f"The best are off by {_listed(said)}." if said else "The plot shows them by what they were given.",
+        f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than the training object that is most similar in what is given, "
+        "which the line shows."
+        if retrieved
+        else "There is no training object to compare with.",
+    ]
+
+
+def _listed(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"

@@ -1,0 +1,142 @@
+"""The network that ships, on the test objects of any dataset: a row beside what was trained there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.config.manifest import SPLITS
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.stage import Cost, DatasetJob
+from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.models.families import ROWS, inputs_of, load_reconstructor, model_name
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
+from pipeline.store.directory import DataDirectory
+from pipeline.training.device import device_of
+from schemas.base import Artifact
+from schemas.charts import CHARTS
+from schemas.grasps import GRASPS
+from schemas.surfaces import SURFACES
+from schemas.touch import TOUCH
+from schemas.vision import VISION
+from stages.evaluate.grasp_protocol import GraspProtocol
+from stages.evaluate.measure import Case
+from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
+from stages.evaluate.stage import NetworkEvaluation
+
+TOLERANCE = 1.02
+"""Objects may be as many times as large as those that the network knows."""
+
+
+class FirstGraspProtocol(GraspProtocol):
+    """Measure reconstructions from each object's first grasp alone: a fifth of the time of five grasps."""
+
+    def cases(self, model: Reconstructor) -> list[Case]:
+        """List one case per number of grasps."""
+        return [replace(case, firsts=(0,)) for case in super().cases(model) if case.first == 0]
+
+
+class EvaluateShipped(NetworkEvaluation):
+    """Measure the network that ships as `evaluate` measures the networks of a data directory, and keep its meshes.
+
+    Parameters
+    ----------
+    reads
+        The artifacts beside `surfaces` and `grasps` that it is given, of those that were made.
+    """
+
+    name = "evaluate-shipped"
+    summary = "The network that ships on the test objects: the tables of `evaluate`."
+    settings_type = ShippedSettings
+    protocol = FirstGraspProtocol
+
+    def __init__(self, reads: Sequence[Artifact]) -> None:
+        self.reads = tuple(reads)
+
+    def inputs(self, settings: ShippedSettings) -> tuple[Artifact, ...]:
+        """Name the artifacts of the objects, of the touch sites, and of what it is given."""
+        return (SURFACES, GRASPS, *self.reads)
+
+    def rows(self, settings: ShippedSettings) -> dict[str, str]:
+        """Name no model of the data directory."""
+        return {}
+
+    def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
+        """Load the network that ships, once per row."""
+        device, folder = device_of(job.settings.accelerator), shipped_folder()
+        rows: Sequence[str] = job.settings.configurations
+        return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): load_reconstructor(name, folder, device) for name in rows}
+
+    def splits(self, settings: ShippedSettings) -> tuple[str, ...]:
+        """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
+        return SPLITS
+
+    def writes(self, settings: ShippedSettings) -> str:
+        """Name the folder."""
+        return SHIPPED_SCORES
+
+    def cost(self, settings: ShippedSettings, objects: int) -> Cost:
+        """Estimate five reconstructions of a fifth of the objects, a second and 200 kB each."""
+        return Cost(seconds=objects, kilobytes=200 * objects)
+
+
+def shipped_folder() -> Path:
+    """Return the folder of the network that ships; a `StageError` if this version has none."""
+    return DataDirectory(shipped_models()).whole_folder(model_name(DEFAULT).removeprefix("models/"))
+
+
+def shipped_record() -> Path:
+    """Return its record, which names every file of the weights by its digest."""
+    return SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+
+
+def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
+    """Choose what the network that ships can be given of a dataset.
+
+    Parameters
+    ----------
+    directory
+        The dataset.
+
+    Returns
+    -------
+    Rows of `ROWS`, and why the others are left out.
+    """
+    model = load_reconstructor(DEFAULT, shipped_folder())
+    points = ObjectRows(directory.root, ["points"], "test")
+    sizes = [bounding_diagonal(points.read("points", name)) for name in points.object_ids]
+    if max(sizes) > 2 * TOLERANCE * model.config.radius:
+        return [], [f"objects measure up to {1e3 * max(sizes):.0f} mm, it knows {2e3 * model.config.radius:.0f} mm at most"]
+    reasons = list(_unfit(directory, model))
+    unfit = {kind for kind, _ in reasons}
+    rows = []
+    for name, (network, given) in ROWS.items():
+        takes = {*([given.image] if given.image else []), *(["touch"] if given.touch else [])}
+        if network == DEFAULT and takes and not takes & unfit:
+            rows.append(name)
+    return rows, [f"{kind}: {why}" for kind, why in reasons]
+
+
+def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str, str]]:
+    """Name the inputs that it cannot be given, with the reason."""
+    images, charts = directory.collection(VISION), directory.collection(CHARTS)
+    for kind in ("occluded", "unoccluded"):
+        if not images.shards or (kind == "occluded" and not images.first.has(kind)):
+            yield kind, "render-vision has not made it"
+        elif model.camera is None or not np.allclose(images.first.read("projection")[0], model.camera):
+            yield kind, "another camera took it than the one that it knows"
+    if not charts.shards:
+        yield "touch", "fit-charts has not been run"
+    elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
+        yield "touch", f"charts have {vertices} vertices, it takes {model.config.side**2}"
+
+
+def artifacts_of(rows: Sequence[str]) -> list[Artifact]:
+    """List the artifacts that rows need."""
+    given = [inputs_of(name) for name in rows]
+    touch, vision = any(one.touch for one in given), any(one.image for one in given)
+    return [*([VISION] if vision else []), *([TOUCH, CHARTS] if touch else [])]

@@ -1,0 +1,120 @@
+"""The network that ships on any dataset: measured beside what was trained there, shown in its pages, and left out where it does not fit."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from rich.console import Console
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.models.shipped_weights import DEFAULT
+from pipeline.reports.report_source import ReportSource
+from pipeline.reports.results_summary import summarise
+from pipeline.store.directory import DataDirectory
+from stages.evaluate.evaluation_files import read_figures, read_root
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from tests.stages import ball_dataset as spheres
+
+SPLITS = ("train", "test")
+OBJECTS = spheres.objects(4, SPLITS)
+WAYS = ("touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """Make balls with an evaluation of `implicit-any`, whose weights stand for those that ship."""
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 4, SPLITS)
+    spheres.make_implicit_model(folder, DEFAULT, radius=0.4)  # the balls are larger than half a metre across their boxes
+    settings = EvaluationSettings(points=300, grasps=(1,), configurations=(f"{DEFAULT}-touch", f"{DEFAULT}-unoccluded"))
+    (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
+    run(plan, Console(quiet=True))
+    with pytest.MonkeyPatch.context() as patch:
+        ship(patch, folder)
+        vt("report", folder, "--shipped", "--no-pages")
+    return folder
+
+
+def ship(patch: pytest.MonkeyPatch, folder: Path) -> None:
+    patch.setattr("stages.evaluate.shipped.SHIPPED", folder / "models")
+    patch.setattr("stages.evaluate.shipped.shipped_models", lambda: folder / "models")
+
+
+def vt(*arguments: object) -> str:
+    done = CliRunner().invoke(app, [*map(str, arguments)])
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
+
+
+def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_where_they_ship(made):
+    directory = DataDirectory(made)
+    own, theirs = (read_figures(directory.whole_folder(name)) for name in ("evaluation", "scores/shipped"))
+    assert list(read_root(directory.whole_folder("scores/shipped"))["configurations"]) == [f"shipped-{way}" for way in WAYS]
+    for way in ("touch", "unoccluded"):
+        for metric in ("chamfer", "mean_distance"):
+            first = theirs[f"shipped-{way}"].per_case(metric)[:, 0]
+            np.testing.assert_array_equal(own[f"{DEFAULT}-{way}"].per_case(metric)[:, 0], first)
+    assert theirs["shipped-touch"].per_case("chamfer").shape == (2, 1)  # of the first grasp alone
+
+
+def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypatch):
+    ship(monkeypatch, made)
+    before = DataDirectory(made).whole_folder("scores/shipped")
+    printed = vt("report", made, "--shipped", "--no-pages")
+    assert all(f"shipped-{way}" in printed for way in WAYS)
+    assert DataDirectory(made).whole_folder("scores/shipped") == before
+    evaluation = ReportSource(made).evaluation
+    assert evaluation is not None
+    assert {f"shipped-{way}" for way in WAYS} < set(evaluation.configurations)
+    shown = {one.name: one for one in evaluation.predictions("b")}
+    assert shown["shipped-touch-1"].felt
+    assert not shown["shipped-unoccluded-1"].felt
+    assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
+    assert len(evaluation.better_half(["a", "b", "d"])) == 1  # of the two that were evaluated
+
+
+def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypatch):
+    ship(monkeypatch, made)
+    copy = shutil.copytree(made, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "scores", "evaluation*", "vision"))
+    printed = vt("report", copy, "--shipped", "--no-pages")
+    assert "the network that ships is left out: touch: fit-charts has not been run" in printed
+    assert "unoccluded: render-vision has not made it" in printed
+    assert "no network has been evaluated" in printed
+
+
+def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
+    directory = DataDirectory(made)
+    found = summarise(directory.whole_folder("evaluation"), [directory.whole_folder("scores/shipped")])
+    assert found is not None
+    assert set(found.errors) == {DEFAULT, "shipped"}
+    assert list(found.errors["shipped"]) == list(WAYS)
+    figures = read_figures(directory.whole_folder("evaluation"))
+    touch = figures[f"{DEFAULT}-touch"].per_object("mean_distance").mean()
+    assert found.errors[DEFAULT]["touch"].mean == pytest.approx(1e3 * touch)
+    assert found.retrieved["touch"] == pytest.approx(1e3 * figures["training object, by touch"].per_object("mean_distance").mean())
+    assert found.retrieved["occluded"] == found.retrieved["unoccluded"]  # both by silhouette
+    assert len(found.sentences) == 3
+    assert "2 test objects" in found.sentences[0]
+    assert "mm with touch alone" in found.sentences[1]
+    assert " of 7 networks " in found.sentences[2]
+
+
+def test_the_results_begin_with_the_summary_and_their_tables_are_folded(made, monkeypatch):
+    monkeypatch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
+    monkeypatch.setattr("pipeline.reports.html_report.overview_panels", lambda *_: [])
+    monkeypatch.setattr("pipeline.reports.html_report.trained_models", lambda *_: {})  # the balls' network has no losses
+    vt("report", made)
+    page = (made / "report" / "results.html").read_text()
+    assert page.index("Networks reconstructed 2") < page.index("figures/errors.svg") < page.index("<details>") < page.index("<table")
+    assert page.count("<details>") == page.count("<table") > 5
+    assert "<caption>" not in page
+    assert "retrieved in its place" in (made / "report" / "figures" / "errors.svg").read_text()
