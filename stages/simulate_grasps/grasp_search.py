@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.load_residual import load_residual
 from pipeline.kernels.hand.object_distances import finger_clearance, penetration_depth
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
@@ -28,8 +27,7 @@ from stages.simulate_grasps.settings import GraspSettings
 class Grasp:
     """A grasp as simulated; `fault` says why it is none: it does not rest, leaves its joint limits, or penetrates itself or the object.
 
-    `find_contacts` gives those of the sensors that touch, None for others, `find_closure` their margin and `find_residual` what they cannot
-    carry; each is computed when read.
+    `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
     `pregrasp_angles` are those that the fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
     """
 
@@ -41,7 +39,6 @@ class Grasp:
     fault: str | None
     find_contacts: Callable[[], Sequence[Contact | None]] = tuple
     find_closure: Callable[[list[Contact]], float] = lambda contacts: 0.0
-    find_residual: Callable[[list[Contact]], float] = lambda contacts: 1.0
     pregrasp_angles: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     holds: bool = False
 
@@ -59,16 +56,6 @@ class Grasp:
     def closure(self) -> float:
         """The margin of force closure."""
         return self.find_closure([contact for contact in self.contacts if contact])
-
-    @cached_property
-    def residual(self) -> float:
-        """What the contacts cannot carry of the object's weight (`load_residual`)."""
-        return self.find_residual([contact for contact in self.contacts if contact])
-
-    @property
-    def holds_well(self) -> bool:
-        """Whether it holds, and its contacts carry the object whichever way gravity points."""
-        return self.holds and self.residual < CARRIED
 
     @property
     def contact_area(self) -> NDArray[np.float64]:
@@ -128,17 +115,12 @@ class GraspSearch:
         def contacts() -> list[Contact | None]:
             return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
 
-        return Grasp(pose, angles, poses, touched, penetration, fault, contacts, self._closure, self._residual, start)
+        return Grasp(pose, angles, poses, touched, penetration, fault, contacts, self._closure, start)
 
     def _closure(self, contacts: list[Contact]) -> float:
         points = self.prepared_object.points
         size = float(length(points.max(axis=0) - points.min(axis=0))) / 2
         return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
-
-    def _residual(self, contacts: list[Contact]) -> float:
-        points, normals = (np.array([getattr(one, name) for one in contacts]).reshape(-1, 3) for name in ("point", "normal"))
-        there = np.ones(len(contacts), bool)
-        return load_residual(points - self.prepared_object.centre, normals, there, self.prepared_hand.hand.friction)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
@@ -153,10 +135,6 @@ class GraspSearch:
         return start if apart else target
 
 
-CARRIED = 0.05
-"""Share of an object's weight (`load_residual`) that the contacts of a grasp may leave: of grasps of the toy objects that hold in one
-direction, 85 % of those below it hold in six (0.2 kg, friction 0.5), and 45 % of the others."""
-
 SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
     "touches": lambda grasp: (int(grasp.touched.sum()),),
     "area": lambda grasp: (float(grasp.contact_area.sum()),),
@@ -166,7 +144,7 @@ SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
 
 
 def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = "touches") -> list[Grasp]:
-    """Keep the best sound grasps so far, those that hold well first, then those that hold.
+    """Keep the best sound grasps so far, those that hold first.
 
     Parameters
     ----------
@@ -185,5 +163,4 @@ def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = 
     """
     if grasp is None or not grasp.sound:
         return kept
-    worth = [(tuple(-value for value in (one.holds_well, one.holds, *SCORES[prefer](one))), one) for one in [*kept, grasp]]
-    return [one for _, one in sorted(worth, key=lambda pair: pair[0])[:count]]  # a stable sort
+    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in (one.holds, *SCORES[prefer](one))))[:count]  # a stable sort

@@ -41,9 +41,6 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 SECOND_CHANCES = 4
 """Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
 
-FOR_CARRYING = 12
-"""Attempts after which grasps that hold are enough, although others might carry the object better: of thin objects few do."""
-
 HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
 """By the setting `hold_test`."""
 DOWN = (0.0, 0.0, -1.0)
@@ -187,7 +184,7 @@ class _Grasping:
         touched = []
         for number in range(SECOND_CHANCES * settings.attempts):
             full = len(kept) == settings.grasps
-            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept, number)):
+            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
                 break
             grasp = search.attempt(unit.rng("simulate-grasps", number))
             touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
@@ -196,12 +193,12 @@ class _Grasping:
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
         return kept, touched
 
-    def _are_enough(self, kept: list[Grasp], attempts: int) -> bool:
-        """Tell whether no attempt could better these, or enough were made for better ones."""
+    def _are_enough(self, kept: list[Grasp]) -> bool:
+        """Tell whether no attempt could better these."""
         if self.settings.exhaustive:
             return False
         if self.settings.search == "hold":
-            return all(grasp.holds if attempts >= FOR_CARRYING else grasp.holds_well for grasp in kept)
+            return all(grasp.holds for grasp in kept)
         return self.settings.prefer == "touches" and all(grasp.touched.all() for grasp in kept)
 
     def _stored(self, grasp: Grasp) -> StoredGrasp:

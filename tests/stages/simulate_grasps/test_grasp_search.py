@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -138,15 +137,3 @@ def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:
         for grasp in (grasp_with([1, 0, 0, 0], 0.0), large, held, many, grasp_with([1, 1, 1, 1], 0.0)):
             kept = keep_best(kept, grasp, 2, prefer)
         assert kept[0] is best
-
-
-def test_grasps_that_carry_the_object_come_before_others_that_hold_it() -> None:
-    traits = {"falls": (4, 0.0, False), "turns": (4, 0.3, True), "stays": (2, 0.02, True), "most": (3, 0.02, True)}
-    made = {
-        name: replace(grasp_with([1] * touches, 0.0), find_residual=lambda contacts, left=left: left, holds=holds)
-        for name, (touches, left, holds) in traits.items()
-    }
-    kept: list[Grasp] = []
-    for grasp in made.values():
-        kept = keep_best(kept, grasp, 3)
-    assert [id(grasp) for grasp in kept] == [id(made[name]) for name in ("most", "stays", "turns")]
