@@ -21,7 +21,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files
 from pipeline.formats.file_content import read_file
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mesh_companions import MAX_BYTES, Companions
+from pipeline.formats.mesh_companions import MAX_BYTES
 from pipeline.formats.sensor_file import sensor_files, sensor_names
 from pipeline.formats.urdf import parse_urdf
 from pipeline.formats.urdf_shapes import mesh_path
@@ -70,11 +70,9 @@ def _files(kind: Kind, name: str, settings: Mapping[str, Any]) -> Iterator[Path]
     yield own_path(kind, name)
     if kind == "hand":
         hand = load_hand(name)
-        _, urdf, *meshes = (file.resolve() for file in hand.files)
-        yield from (urdf, *meshes)
-        for mesh in meshes:
-            yield from Companions(mesh).paths.values()
-        for path in (urdf, *meshes):  # each in a package, of which this is the mark
+        files = [file.resolve() for file in hand.files[1:]]
+        yield from files
+        for path in files:  # each in a package, of which this is the mark
             yield from [file for folder in path.parents if (file := folder / "package.xml").is_file()][:1]
         if "sensor" in settings and settings["sensor"] is None:
             yield from sensor_files([sensor for sensor in sensor_names(hand) if sensor not in shipped_files("sensor")])

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
+from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
@@ -54,8 +55,9 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
     material = element.find("material")
     origin, color = origin_of(element), named_color(material, materials)
     for part in element.findall("geometry/*"):
-        path, scale = None, (1.0, 1.0, 1.0)
         body: Any
+        beside: tuple[Path, ...] = ()
+        path, scale = None, (1.0, 1.0, 1.0)
         if part.tag == "box":
             size = _sizes(part, size=3)
             body = trimesh.creation.box(extents=size)
@@ -67,7 +69,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
             path = mesh_path(part.get("filename", ""), folder)
-            body = read(path)
+            body, beside = read(path), tuple(Companions(path).paths.values())
             unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
             size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
@@ -75,7 +77,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
         plain = Look.plain(len(vertices), len(faces), color)
         look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
-        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path)
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, beside)
     raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
 
 

@@ -134,3 +134,15 @@ def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
     coarse.write_text(description_path("sensor", "gel_16mm").read_text().replace("rows: 100", "rows: 50"))
     with pytest.raises(InvalidInput, match=r"same rows and columns of pixels, but gel_16mm has 100 x 100, .*coarse.yaml has 50 x 100"):
         load_worn_sensors(["gel_16mm", str(coarse)])
+
+
+def test_materials_and_textures_of_meshes_are_files_of_the_hand(hand: Hand, tmp_path: Path) -> None:
+    """What its images show is part of the keys that they are made under."""
+    shutil.copytree(hand.urdf.parent, tmp_path / "hand")
+    mesh = tmp_path / "hand" / "skin.obj"
+    mesh.write_text("mtllib skin.mtl\nv 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nusemtl skin\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    (material := mesh.with_suffix(".mtl")).write_text("newmtl skin\nKd 0.5 0.2 0.1\n")
+    urdf = tmp_path / "hand" / hand.urdf.name
+    urdf.write_text(re.sub(r'<mesh filename="[^"]*"/>', '<mesh filename="skin.obj"/>', urdf.read_text(), count=1))
+    path = shutil.copy(hand.path, tmp_path / "hand")
+    assert {mesh.resolve(), material.resolve()} <= {file.resolve() for file in load_hand(path).files}

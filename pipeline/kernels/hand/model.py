@@ -27,6 +27,8 @@ class Shape:
         The shape in its link's frame, m, with its colour.
     path
         The mesh file, None for other kinds.
+    beside
+        The files that it names: materials and textures.
     """
 
     kind: str
@@ -34,6 +36,7 @@ class Shape:
     origin: NDArray[np.float64]
     mesh: Mesh
     path: Path | None = None
+    beside: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,8 +196,9 @@ class Hand:
 
     @property
     def files(self) -> list[Path]:
-        """The files that describe this hand: hand file, URDF, meshes."""
-        meshes = {shape.path for link in self.links for shape in (*link.visuals, *link.collisions) if shape.path is not None}
+        """The files that describe this hand: hand file, URDF, meshes with their materials and textures."""
+        shapes = [shape for link in self.links for shape in (*link.visuals, *link.collisions)]
+        meshes = {path for shape in shapes for path in (shape.path, *shape.beside) if path is not None}
         return [self.path, self.urdf, *sorted(meshes)]
 
     @property
