@@ -164,7 +164,7 @@ installed-%: setup FORCE
 
 household: installed-household  ## install sweethome3d-furniture, and unpack its 820 models for MANIFEST=household; as root (120 MB)
 
-docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, observations
+docs: setup  ## regenerate the reference pages in docs: arrays, settings, manifests, hands, sensors, observations
 	@$(BIN)/python -m tools.reference_pages docs
 
 lint: installed-dev  ## check style, types and import directions

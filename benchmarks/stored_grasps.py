@@ -63,7 +63,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
             physics.load(mesh)
             for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
                 touched, recorded = row["touch_success"][g], float(row["penetration"][g])
-                grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, True)
+                grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, None)
                 depth = independent_depth(prepared, mesh, grasp, np.random.default_rng(g), points)
                 later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
                 after = [

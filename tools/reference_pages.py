@@ -1,4 +1,4 @@
-"""Write the reference pages: arrays, settings, and the entries of manifests and observation files: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors and observations: `make docs`.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -19,7 +19,9 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.config.sources import MeshSource, Source
 from pipeline.engine.stage import ObjectStage
+from pipeline.formats.hand_file import HandFile
 from pipeline.inference.observation_file import RobotObservation
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.atomic import write_at_once
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
@@ -142,7 +144,17 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
-# ---- docs/guide/own-photographs.md and docs/manifest.md: entries of YAML files
+# ---- docs/guide/own-photographs.md, docs/manifest.md and docs/hand-and-sensor.md: entries of YAML files
+
+
+def hand_and_sensor_entries() -> str:
+    """Describe every entry of a hand file and of a sensor file."""
+    parts = []
+    for title, kind in (("A hand", HandFile), ("A sensor", Sensor)):
+        schema = kind.model_json_schema()
+        inner = {TITLES[name]: model for name, model in schema["$defs"].items()}
+        parts += [part for name, model in ({title: schema} | inner).items() for part in _entries(name, model)]
+    return "\n".join(parts)
 
 
 def observation_entries() -> str:
@@ -175,6 +187,14 @@ TITLES = {
     "Intrinsics": "`intrinsics`",
     "ObservedTouch": "`touches`",
     "Pose": "`pose`",
+    "_PalmEntry": "`palm`",
+    "_FingerEntry": "`fingers`",
+    "_SensorMount": "`sensor` of a finger",
+    "Surface": "`surface`",
+    "Gel": "`gel`",
+    "Lights": "`lights`",
+    "Calibration": "`calibrated`",
+    "Shadow": "`shadows`",
     "Splits": "`splits`",
     "Directory": "`kind: directory`",
     "Catalogue": "`kind: catalogue`",
@@ -183,7 +203,7 @@ TITLES = {
     "PybulletFile": "`files` of `kind: pybullet`",
     "Procedural": "`kind: procedural`",
 }
-"""Headings of the models in observations and manifests."""
+"""Headings of the models in observations, hands, sensors and manifests."""
 
 
 def _entries(title: str, model: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Iterator[str]:
@@ -228,6 +248,7 @@ PAGES = {
     "data-format.md": data_format,
     "settings.md": settings,
     "manifest.md": manifest_entries,
+    "hand-and-sensor.md": hand_and_sensor_entries,
     "guide/own-photographs.md": observation_entries,
 }
 

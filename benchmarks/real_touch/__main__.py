@@ -17,7 +17,7 @@ from benchmarks.real_touch.baselines import Slopes, depth_of, look_up_table, per
 from benchmarks.real_touch.ours import calibrated_sensor
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, distances, read_sets
 from benchmarks.real_touch.pictures import draw_presses
-from benchmarks.real_touch.scores import Reading, Scores, mean_scores, score
+from benchmarks.real_touch.scores import Reading, Scores, ball_radius, mean_scores, score
 from benchmarks.timing import Table
 from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
@@ -44,11 +44,12 @@ PAGE_END = """
   integrated by Poisson's equation, and what lies above the rest is cut.
 - **Per-pixel network**: 8,834 parameters, from change of colour and position to slopes; fitted to the same pixels.
 - **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
-- Where ours is wrong by its mean error, the model of the gel is: the last table shows how far the gel around balls is drawn in by the
-  colours of contacts alone, where slopes are known (look-up table), and by the model of the gel that colours were calibrated with (ours).
-- Settings were chosen by the balls. The presses of known depth were scored once before, with a thicker gel and less drift: 0.132 mm, too
-  deep. The table of the gel around the balls, which needs no press, then decided on the thinner gel; they were scored again, and nothing
-  was changed.
+- The table of the gel around the balls shows how far it is drawn in by the colours of contacts alone, where slopes are known (look-up
+  table), and as ours reads it.
+- Settings were chosen by balls alone: by photographs that a calibration leaves out, by the table of the gel around the balls, and by
+  normals in their contacts. The presses of known depth have been scored three times: with a thick gel (0.132 mm, too deep), with a thin
+  one (0.069 mm), and on this page. Between the last two the balls had shown three faults: the flat middle of a contact is lit otherwise
+  than the untouched gel, light drifts between photographs, and gentle slopes were read too steep.
 - The same figures for your photographs: describe them as in `benchmarks/real_touch/sets/`, and add `--set FILE`; or write depths in mm as
   `FOLDER/SET/PRESS.npy` (and contacts as `PRESS-contact.npy`) and add `--predictions FOLDER`.
 """
@@ -131,6 +132,18 @@ def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> 
     return table
 
 
+def radii(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) -> Table:
+    """Tabulate the radius that each method reads of the tested balls of unknown depth."""
+    table = Table(f"{photographs.name}: radius of the balls", ["true, mm", "median, mm", "within 10 %", "within 25 %"])
+    for name, readings in found:
+        pairs = zip(readings, photographs.presses, strict=True)
+        read = np.array([ball_radius(reading.depth, press.footprint, photographs.mm_per_pixel) for reading, press in pairs])
+        off = np.abs(read / photographs.tested_radius - 1)
+        shares = [f"{100 * float((off < limit).mean()):.0f} %" for limit in (0.1, 0.25)]
+        table.add(name, number(photographs.tested_radius), number(float(np.median(read)), 2), *shares)
+    return table
+
+
 def scores_of(readings: list[Reading], photographs: PhotographSet) -> list[Scores]:
     """Score the readings of all presses."""
     pairs = zip(readings, photographs.presses, strict=True)
@@ -202,6 +215,9 @@ def main() -> None:
             notes.append(
                 "Depth, mm, by the distance from the ball's middle in contact radii; mean of the balls that were fitted to, seed 0."
             )
+        if not any(press.absolute for press in photographs.presses):
+            tables.append(radii(photographs, found))
+            notes.append("Of the sphere nearest to the depth that is read in 0.85 of each contact.")
         for table, note in zip(tables, notes, strict=True):
             pages.append(table.markdown(note))
             print(pages[-1], flush=True)

@@ -78,7 +78,10 @@ class Press:
 
 @dataclass(frozen=True, eq=False)
 class PhotographSet:
-    """A set, read: the untouched photograph, the balls to fit to, and the presses to test on."""
+    """A set, read: the untouched photograph, the balls to fit to, and the presses to test on.
+
+    Radii of balls are in mm, NaN where none are tested.
+    """
 
     name: str
     source: str
@@ -86,6 +89,7 @@ class PhotographSet:
     untouched: NDArray[np.uint8]
     untouched_path: Path
     ball_radius: float
+    tested_radius: float
     balls: list[Photograph]
     presses: list[Press]
     not_found: list[str]
@@ -112,8 +116,8 @@ def _read(folder: Path, described: SetDescription) -> PhotographSet:
         presses += [ball_press(one, described.tested.radius, described.mm_per_pixel) for one in tested]
         not_found += lost
     path = folder / described.untouched
-    scale, radius = described.mm_per_pixel, described.fitted.radius
-    return PhotographSet(described.name, described.source, scale, untouched, path, radius, balls, presses, not_found)
+    scale, radii = described.mm_per_pixel, (described.fitted.radius, described.tested.radius if described.tested else np.nan)
+    return PhotographSet(described.name, described.source, scale, untouched, path, *radii, balls, presses, not_found)
 
 
 def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[list[Photograph], list[str]]:

@@ -69,6 +69,15 @@ def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float)
     return np.arccos(np.clip(product, -1, 1))
 
 
+def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale: float) -> float:
+    """Find the radius of the sphere nearest to the depth (rows, cols), mm, in a footprint; `scale` is mm per pixel."""
+    row, col = np.nonzero(footprint)
+    points = np.stack([scale * col, scale * row, depth[footprint]], axis=1)
+    points -= points.mean(axis=0)
+    solved = np.linalg.lstsq(np.column_stack([2 * points, np.ones(len(points))]), np.square(points).sum(axis=1), rcond=None)[0]
+    return float(np.sqrt(solved[3] + np.square(solved[:3]).sum()))
+
+
 def mean_scores(scores: list[Scores]) -> Scores:
     """Average scores, each over the presses that have it."""
     columns = np.array([[getattr(one, field.name) for field in fields(Scores)] for one in scores])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -33,11 +35,12 @@ def calibrate_sensor(
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
 
-    Its colours are fitted to every second photograph and tested on the others, then fitted to all.
+    Its colours are fitted to every second photograph and tested on the others, then fitted to all. With --train they are fitted for depth:
+    to the contacts above all, with an elastic gel.
     """
     from pipeline.inference.ball_photographs import read_photographs
     from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, write_sensor
-    from pipeline.kernels.touch.colour_fit import FitOptions
+    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, FitOptions
     from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.plots import draw_calibration
@@ -46,7 +49,9 @@ def calibrate_sensor(
     photographs, image, left_out = read_photographs(folder, untouched)
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
-    options = FitOptions(normal_degree, position_degree, shadows)
+    began = time.perf_counter()
+    usual = FIT_FOR_DEPTH if train else FitOptions()
+    options = replace(usual, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
         sensor = Sensor.model_validate(
             {
@@ -91,9 +96,11 @@ def calibrate_sensor(
     if train:
         from pipeline.formats.sensor_file import load_sensor
         from pipeline.inference.read_touch import MODEL_SUFFIX
-        from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
+        from pipeline.inference.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 
+        print_line(f"calibrated in {time.perf_counter() - began:.0f} s; presses {PRESSES} random shapes into the gel, then trains")
         model, _ = train_sensor_network(load_sensor(out))
         save_sensor_network(model, network := out.with_name(out.stem + MODEL_SUFFIX))
         names = f"--untouched {shlex.quote(str(untouched))} --sensor {shlex.quote(str(out))}"
+        print_line(f"calibrated and trained in {time.perf_counter() - began:.0f} s")
         print_line(f"{network}: `vt-pipeline read-touch PHOTOGRAPHS {names}` reads with it")

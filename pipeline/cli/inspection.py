@@ -146,6 +146,5 @@ def summary(
     if lacking:
         print_line(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
         return
-    print_line("drawing contact sheets …")
     for path in contact_sheets(directory, most):
         print_line(f"contact sheet: {path}")

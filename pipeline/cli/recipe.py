@@ -15,13 +15,16 @@ from pipeline.dataset.recipe import read_recipe
 from pipeline.dataset.recipe_comparison import Comparison, compare
 from pipeline.engine.run import make_plans
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import place
+from pipeline.store.storage import on_disk, place
 
 
 def recipe(
     data: DataArgument,
     manifest: Annotated[str | None, typer.Option(help="Its manifest; by default the one that its records name.")] = None,
     objects: ObjectsOption = None,
+    files_url: Annotated[
+        str | None, typer.Option(help="Web address of those files of your own hand, sensor and scene of which it has the SHA-256 alone.")
+    ] = None,
     rows: Annotated[bool, typer.Option(help="Write the whole digest of every row, not its first 16 digits.")] = False,
 ) -> None:
     """Print a dataset's recipe: what makes it, and digests.
@@ -30,7 +33,7 @@ def recipe(
     """
     from pipeline.export.recipe_writing import recipe_of
 
-    typer.echo(recipe_of(place(data), manifest, objects, whole=rows).text(), nl=False)
+    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, whole=rows).text(), nl=False)
 
 
 def remake(
@@ -38,7 +41,8 @@ def remake(
     data: Annotated[str, typer.Option(help="Directory or s3://BUCKET/PREFIX to make the dataset in.")],
     objects: ObjectsOption = None,
     descriptions: Annotated[
-        Path | None, typer.Option(help="Folder of the hand, sensor and scene files that the recipe names and that come with no package.")
+        Path | None,
+        typer.Option(help="Folder for hand, sensor and scene files that come with no package; by default `descriptions` in DATA."),
     ] = None,
     sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: ShardsOption = None,
@@ -51,9 +55,10 @@ def remake(
     """
     from pipeline.export.remake import prepare_remake, reasons, unusual_settings
 
-    given = read_recipe(recipe)
-    asked = prepare_remake(given, objects and objects.expanduser(), descriptions and descriptions.expanduser(), sample)
-    where, differences = place(data), reasons(given)
+    given, where = read_recipe(recipe), place(data)
+    own = descriptions.expanduser() if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
+    asked = prepare_remake(given, objects and objects.expanduser(), own, sample)
+    differences = reasons(given)
     print_line(f"{recipe}: {pluralise(len(asked.items))} of {len(given.rows)} to make; their sources are those of the recipe")
     for line in differences:
         print_line(f"  {line}")

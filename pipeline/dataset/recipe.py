@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, Va
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.manifest import OBJECT_ID, Manifest
 from pipeline.config.sources import Pybullet
+from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
 from pipeline.formats.file_content import read_file
@@ -30,6 +31,9 @@ MAX_BYTES = 2**28
 
 SHORT = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
+
+MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
+"""Text files that a recipe may hold, which `remake` writes: how many, and those that nothing runs."""
 
 OBJECTS = "\nobjects: |\n"
 """The line between the head of a recipe and the lines of its objects."""
@@ -96,6 +100,28 @@ def _is_below(name: str) -> bool:
     return not name.startswith("~") and "\0" not in name and "\\" not in name and not {"", ".", ".."} & set(name.split("/"))
 
 
+def check_file_name(name: str) -> str:
+    """Refuse what is no path below the folder of a recipe's files, or is one of a hidden file."""
+    if not _is_below(name) or "/." in f"/{name}" or max(map(len, name.encode().split(b"/"))) > 200 or CONTROLS.search(name):
+        raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
+    return name
+
+
+def _check_text_name(name: str) -> str:
+    if not name.endswith(TEXT_SUFFIXES):
+        raise ValueError(f"{name[:80]!r} is no name of a text file of a hand, sensor or scene: these end in {', '.join(TEXT_SUFFIXES)}")
+    return check_file_name(name)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes texts of several lines as they are, where YAML can."""
+
+
+_Dumper.add_representer(
+    str, lambda dumper, text: dumper.represent_scalar("tag:yaml.org,2002:str", text, style="|" if "\n" in text else None)
+)
+
+
 class Recipe(BaseModel):
     """A dataset as what makes it.
 
@@ -117,6 +143,12 @@ class Recipe(BaseModel):
         Of the libraries that results may depend on; of several, all, between commas.
     processors
         The kinds of processors that computed rows.
+    texts
+        Hand, sensor and scene files that come with no package, and small files that these name, by their paths in one folder.
+    files
+        The SHA-256 of the others that these name: meshes, pictures.
+    files_url
+        Where these can be had.
     checksums
         The hash of every other entry, each stage being one.
     objects
@@ -133,6 +165,13 @@ class Recipe(BaseModel):
     stages: dict[Name, StageRecipe] = Field(min_length=1, max_length=20)
     versions: dict[Name, Annotated[str, Field(pattern=r"^[A-Za-z0-9.+!_-]{1,60}(, [A-Za-z0-9.+!_-]{1,60})*$")]]
     processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()
+    texts: Annotated[
+        dict[Annotated[str, AfterValidator(_check_text_name)], str], Field(max_length=MAX_TEXTS, exclude_if=lambda value: not value)
+    ] = {}
+    files: Annotated[
+        dict[Annotated[str, AfterValidator(check_file_name)], Sha256], Field(max_length=10_000, exclude_if=lambda value: not value)
+    ] = {}
+    files_url: Annotated[str | None, Field(pattern="^https?://[!-~]{1,1000}$", exclude_if=lambda value: value is None)] = None
     checksums: dict[Name, Sha256] = {}
     objects: str
 
@@ -167,7 +206,7 @@ class Recipe(BaseModel):
         head = self.model_dump(mode="json", exclude={"objects", "checksums", "manifest"})
         manifest = self.manifest.model_dump(mode="json", exclude_none=True)
         content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.parts()}
-        entries = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, width=140)
+        entries = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=140)
         lines = "".join(f"  {line}\n" for line in self.objects.splitlines())
         about = "# Makes a dataset of visuotactile grasps again and compares it: vt-pipeline remake THIS-FILE --data FOLDER"
         return f"{about}\n{entries.rstrip()}{OBJECTS}{lines}"
@@ -196,7 +235,7 @@ def read_recipe(path: Path) -> Recipe:
     try:
         found = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
         found.rows  # noqa: B018 (an error where a line cannot be used)
-        changed = sorted(name for name, value in found.parts().items() if found.checksums.get(name) != value)
+        changed = sorted({name for name, _ in found.parts().items() ^ found.checksums.items()})
     except ValidationError as error:
         raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
     except ValueError as error:

@@ -32,7 +32,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     Raises
     ------
     StoreError
-        No object is in the stage's splits; an input has not been made, or was made from something else than what is there now.
+        No object is in the stage's splits, or all of them failed; an input has not been made, or from something else than is there now.
     """
     stage: DatasetStage = request.stage
     name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
@@ -48,7 +48,11 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
     plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
     plan.units = [Unit(name, plan.key, inputs, request.seed)]
-    plan.total = len(objects)
+    plan.total = sum(all(collection.failure(name) is None for collection in plan.inputs) for name in objects)
+    if not plan.total:
+        raise StoreError(
+            f"{stage.name}: all {len(objects)} objects in split {' or '.join(splits)} failed; see `vt-pipeline status {directory.root}`"
+        )
     return plan
 
 
@@ -105,9 +109,10 @@ def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) 
 
 def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
     """Compare every row that is looked at with its digest, so that nothing is learned from what is damaged."""
-    with Meter(console, f"{plan.stage.name} checks its inputs", plan.total * len(plan.inputs), "rows") as meter:
+    objects = _objects(plan)
+    with Meter(console, f"{plan.stage.name} checks its inputs", len(objects) * len(plan.inputs), "rows") as meter:
         for collection in plan.inputs:
-            for object_id in _objects(plan):
+            for object_id in objects:
                 collection.view(object_id).verify()
                 meter.advance()
 

@@ -107,7 +107,7 @@ class Plan(Generic[Output]):
     units
         The objects' rows that a shard will consist of; or a folder, alone.
     total
-        How many objects the output is made from.
+        How many objects the output is made from; of a folder, those that have not failed.
     missing
         The objects of the manifest that a shard will lack, because `only` asks for another one and they have not been made yet.
     """

@@ -16,7 +16,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.formats.description_file import Kind, shipped_files
+from pipeline.export.own_files import DESCRIBED, find_files, own_names, own_path, read_files
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
@@ -24,9 +24,6 @@ from pipeline.store.record import ShardRecord
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
-
-DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": "sensor", "scene": "scene"}
-"""Settings that name description files, and the kind of each."""
 
 Folders = Directory | Catalogue | ShapeNet
 
@@ -50,7 +47,9 @@ def source_hash(source: Mapping[str, Any]) -> str:
     return f"{content['sha256']}" + (f"+{digest.of_json(content['companions'])[:SHORT]}" if content["companions"] else "")
 
 
-def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = None, *, whole: bool = False) -> Recipe:
+def recipe_of(
+    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, whole: bool = False
+) -> Recipe:
     """Make the recipe of a dataset.
 
     Parameters
@@ -61,6 +60,8 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
         Its name or path; by default what the records say.
     objects
         The folder of meshes; by default what the records say.
+    files_url
+        The web address of those files of one's own hand, sensor and scene of which the recipe has the SHA-256 alone.
     whole
         Give the whole digest of every row.
 
@@ -68,6 +69,8 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
     ------
     StoreError
         The dataset is incomplete, or was made by other code or from other files than are here.
+    InvalidInput
+        A source, or a file of a hand, sensor or scene, cannot be published.
     """
     directory = DataDirectory(data)
     made = {name: directory.collection(artifact) for name in DATASET if (artifact := _artifact_of(name)).name in directory.artifact_names()}
@@ -79,10 +82,12 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
     described = load_manifest(named).with_units(first.options.get("--units"), first.options.get("--up"))
     folder = objects or (Path(first.options["--objects"]) if "--objects" in first.options else None)
     items = described.objects(folder and folder.expanduser())
-    shards, stages = directory.check_shard_count(None), {}
+    shards = directory.check_shard_count(None)
     for name, collection in made.items():
         _check_current(_request_like(collection.first.record, name, items, data))
-        stages[name] = _stage_recipe(name, collection, shards)
+    own = find_files(collection.first.record.settings for collection in made.values())
+    names = {path: name for name, path in own.items()}
+    texts, files = read_files(own)
     collections = list(made.values())
     records = [shard.record for collection in collections for shard in collection.shards]
     digits = 64 if whole else SHORT
@@ -95,9 +100,12 @@ def recipe_of(data: Place, manifest: str | None = None, objects: Path | None = N
         preset=first.preset,
         seed=first.seed,
         shards=shards,
-        stages=stages,
+        stages={name: _stage_recipe(name, collection, shards, names) for name, collection in made.items()},
         versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first.versions},
         processors=tuple(sorted({kind for collection in collections for kind in collection.processors()})),
+        texts=texts,
+        files=files,
+        files_url=files_url if files else None,
         objects=object_lines(rows),
     )
 
@@ -134,13 +142,13 @@ def _check_current(request: Request[ObjectStage]) -> None:
             )
 
 
-def _stage_recipe(name: str, collection: Collection, shards: int) -> StageRecipe:
+def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping[Path, str]) -> StageRecipe:
     record = collection.first.record
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings)
     rows = {object_id: (collection.row(object_id).digest, collection.row(object_id).split) for object_id in collection}
     return StageRecipe(
-        settings=_portable_settings(name, record.settings),
+        settings=_portable_settings(record.settings, names),
         schema_version=record.schema_version,
         code=keys.code_hash(stage),
         files=keys.assets_digest(stage.assets(settings)),
@@ -149,18 +157,13 @@ def _stage_recipe(name: str, collection: Collection, shards: int) -> StageRecipe
     )
 
 
-def _portable_settings(stage: str, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Name description files that came with no package by their file names; sensors of touches follow the grasps."""
+def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
+    """Name description files of one's own as the recipe does."""
+    new = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
     portable = dict(settings)
-    for name, kind in DESCRIBED.items():
-        if name not in settings:
-            continue
-        values = settings[name] if isinstance(settings[name], list) else [settings[name]]
-        files = [Path(value).name if value is not None and value not in shipped_files(kind) else value for value in values]
-        if isinstance(settings[name], list):
-            portable[name] = files if files == values else None
-        else:
-            portable[name] = files[0]
+    for setting in DESCRIBED.keys() & settings.keys():
+        value = settings[setting]
+        portable[setting] = [new.get(name, name) for name in value] if isinstance(value, list) else new.get(value, value)
     return portable
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import JsonValue, ValidationError
 
 from pipeline.config.manifest import Manifest, Object
 from pipeline.config.presets import load_presets
@@ -21,7 +21,8 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import ObjectStage
 from pipeline.engine.versions import PHYSICS, library_versions
 from pipeline.errors import InvalidInput, unknown
-from pipeline.export.recipe_writing import DESCRIBED, Folders, source_hash
+from pipeline.export.own_files import DESCRIBED, place_files
+from pipeline.export.recipe_writing import Folders, source_hash
 from pipeline.formats.description_file import invalid_entries, shipped_files
 from pipeline.store.storage import Place
 from stages.registry import DATASET, load_stage, resolve
@@ -74,7 +75,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
     objects
         The folder of its meshes; of the folders, where the recipe names several.
     descriptions
-        The folder of hand, sensor and scene files that come with no package.
+        The folder for the hand, sensor and scene files that come with no package; those that the recipe holds are written there.
     sample
         How many objects, drawn at random.
 
@@ -83,6 +84,10 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
     InvalidInput
         A source, setting or description file is missing or is not that of the recipe; the message names it and what to do.
     """
+    if recipe.texts or recipe.files:
+        if descriptions is None:
+            raise InvalidInput("the recipe has hand, sensor or scene files of its own; name a folder for them with --descriptions FOLDER")
+        place_files(recipe, descriptions)
     settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
     if wrong := [name for name, expected in zip(recipe.stages, DATASET, strict=False) if name != expected]:
         raise InvalidInput(f"the recipe's stages must be {', '.join(DATASET)}, or the first of them; {wrong[0]} is out of place")
@@ -96,7 +101,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
 
 
 def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
-    """Validate the settings of a stage, their description files being looked for among the shipped ones and in the user's folder alone."""
+    """Validate the settings of a stage, whose description files are shipped ones or the recipe's."""
     if name not in DATASET:
         raise InvalidInput(f"the recipe: {unknown('stage', name, DATASET)}")
     said, stage = recipe.stages[name], load_stage(name)
@@ -104,9 +109,9 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
     for setting in DESCRIBED.keys() & values.keys():
         value = values[setting]
         values[setting] = (
-            [_described(name, setting, one, descriptions) for one in value]
+            [_described(recipe, name, setting, one, descriptions) for one in value]
             if isinstance(value, list)
-            else _described(name, setting, value, descriptions)
+            else _described(recipe, name, setting, value, descriptions)
         )
     try:
         settings: Settings = stage.settings_type.model_validate(values)
@@ -119,25 +124,23 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
             f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {said.schema_version}; "
             f"{_version_remedy(recipe)}"
         )
-    follows = "sensors" in values and values["sensors"] is None  # the grasps, whose files are compared
-    if not follows and keys.assets_digest(stage.assets(settings)) != said.files:
+    try:
+        found = keys.assets_digest(stage.assets(settings))
+    except OSError as error:  # a hand or sensor file of the recipe's names one that is not there
+        raise InvalidInput(f"{name}: {error.filename!s:.300} cannot be read ({error.strerror}), which the recipe's files name") from error
+    if found != said.files:
         named = ", ".join(str(said.settings[setting]) for setting in DESCRIBED if said.settings.get(setting))
-        raise InvalidInput(
-            f"{name}: the files of {named or 'its descriptions'} are not those of the recipe; those of your own go into the folder of "
-            f"--descriptions as they were published, and for those of a package, {_version_remedy(recipe)}"
-        )
+        raise InvalidInput(f"{name}: the files of {named or 'the stage'} are not those of the recipe; {_version_remedy(recipe)}")
     return settings
 
 
-def _described(stage: str, setting: str, value: Any, descriptions: Path | None) -> Any:
-    kind = DESCRIBED[setting]
-    if value is None or value in shipped_files(kind):
+def _described(recipe: Recipe, stage: str, setting: str, value: JsonValue, descriptions: Path | None) -> JsonValue:
+    shipped, own = shipped_files(DESCRIBED[setting]), [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))]
+    if value is None or (isinstance(value, str) and value in shipped):
         return value
-    if not isinstance(value, str) or not value.endswith((".yaml", ".yml")) or Path(value).name != value or value.startswith((".", "~")):
-        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(kind, value, shipped_files(kind))}")
-    if descriptions is None:
-        raise InvalidInput(f"the recipe's {stage}.{setting} is the file {value}; give the folder that has it with --descriptions FOLDER")
-    return str((descriptions / value).absolute())
+    if descriptions is None or value not in own:
+        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(DESCRIBED[setting], value, [*shipped, *own])}")
+    return str((descriptions / str(value)).absolute())
 
 
 def _version_remedy(recipe: Recipe) -> str:
@@ -217,7 +220,7 @@ def reasons(recipe: Recipe) -> list[str]:
     if changed := [name for name, said in recipe.stages.items() if keys.code_hash(load_stage(name)) != said.code]:
         lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
     for name, said in recipe.versions.items():
-        if name == "vt-pipeline" or (name in PHYSICS and here.keys() & set(PHYSICS)):
+        if name == "vt-pipeline" or (name in PHYSICS and name not in here and here.keys() & set(PHYSICS)):  # either gives the same bits
             continue
         if here.get(name, "").partition("+")[0] not in (one.partition("+")[0] for one in said.split(", ")):  # 2.13.0+cpu is 2.13.0
             lines.append(f"{name} is {here.get(name, 'not installed')} here, {said} there: pip install {name}=={said.split(', ')[0]}")

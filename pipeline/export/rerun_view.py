@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import abbreviate
+from pipeline.console import Meter, abbreviate, errors
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
@@ -105,9 +105,11 @@ class _Recorder:
             self._mesh(f"world/predictions/{name}", vertices, faces, VISION_COLORS[0], static=True)
         if "vision" in rows:
             log("camera/alone", rr.Image(rows["vision"]["unoccluded"][0]), static=True)
-        for grasp in grasps:
-            self.recording.set_time("grasp", sequence=grasp)
-            self._grasp(rows, grasp)
+        with Meter(errors, "view", len(grasps), "grasps", after=1.0) as meter:
+            for grasp in grasps:
+                self.recording.set_time("grasp", sequence=grasp)
+                self._grasp(rows, grasp)
+                meter.advance()
         self.recording.flush()
         self.recording.disconnect()
 

@@ -34,19 +34,23 @@ class _Entry(BaseModel):
 
 
 class _SensorMount(_Entry):
-    link: str
-    origin: Vector
-    normal: Vector
-    columns: Vector
-    file: str | None = None
-    name: str | None = None
+    """Where a sensor sits: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
+
+    link: str = Field(description="Link of the URDF; one that the finger's joints move.")
+    origin: Vector = Field(description="Middle of the sensor plane, the base of the gel, on the link's surface, m.")
+    normal: Vector = Field(description="Out of the link, through the gel: the sensor's +z.")
+    columns: Vector = Field(description="Along the columns of the image, across the normal: the sensor's +x.")
+    file: str | None = Field(None, description="A shipped sensor, or a path from the hand file; by default the hand's `sensor`.")
+    name: str | None = Field(None, description="Labels its images; by default the finger's name, numbered where it has several.")
 
 
 class _FingerEntry(_Entry):
-    name: str
-    joints: list[str] = Field(min_length=1)
-    sensor: _SensorMount | None = None
-    sensors: list[_SensorMount] = []
+    """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
+
+    name: str = Field(description="Of the finger, in messages, and of its sensor.")
+    joints: list[str] = Field(min_length=1, description="Joints of the URDF that move it, and no other finger.")
+    sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
+    sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
 
     @property
     def mounts(self) -> list[_SensorMount]:
@@ -55,23 +59,34 @@ class _FingerEntry(_Entry):
 
 
 class _PalmEntry(_Entry):
-    link: str
-    facing: Vector
-    centre: Vector
-    sensors: list[_SensorMount] = []
+    """The palm. All in its link's frame."""
+
+    link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is left out.")
+    facing: Vector = Field(description="The palm's outward normal, towards where objects are grasped.")
+    centre: Vector = Field(
+        description="The point that is placed 5 to 60 mm from an object, m; for a hand with long fingers, a point between them."
+    )
+    sensors: list[_SensorMount] = Field([], description="Sensors on links that no finger moves.")
 
 
-class _HandFile(_Entry):
-    name: str
-    urdf: str
-    sensor: str | None = None
-    palm: _PalmEntry
-    fingers: list[_FingerEntry] = Field(min_length=1)
-    frozen: dict[str, Coordinate] = {}
-    allowed_contacts: list[tuple[str, str]] = []
-    convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = {}
-    torque: float = Field(0.7, gt=0, le=1e6)
-    friction: float = Field(0.5, ge=0, le=100)
+class HandFile(_Entry):
+    """A robot hand: a URDF, and what that does not say. Lengths are metres."""
+
+    name: str = Field(description="Of the hand, recorded in grasps.")
+    urdf: str = Field(description="Path of the URDF, from the hand file.")
+    sensor: str | None = Field(None, description="What fingers wear: a shipped sensor, or a path from the hand file.")
+    palm: _PalmEntry = Field(description="Where the hand is placed over an object.")
+    fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
+    frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
+    allowed_contacts: list[tuple[str, str]] = Field(
+        [], description="Pairs of links that may overlap. Neighbours that overlap at rest are found without."
+    )
+    convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
+        {},
+        description="Hollow or bent links whose collision meshes are cut into so many slabs; else each mesh is taken as one convex hull.",
+    )
+    torque: float = Field(0.7, gt=0, le=1e6, description="Of the motors at most, N m (N where a joint slides).")
+    friction: float = Field(0.5, ge=0, le=100, description="Of the hand's surfaces.")
 
 
 def load_hand(name: str | Path) -> Hand:
@@ -111,7 +126,7 @@ def _digests(hand: Hand) -> list[str] | None:
 
 
 def _read(path: Path) -> Hand:
-    file = read_description("hand", path, _HandFile)
+    file = read_description("hand", path, HandFile)
     urdf = path.parent / os.path.expanduser(file.urdf)
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
@@ -121,7 +136,7 @@ def _read(path: Path) -> Hand:
         raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
 
 
-def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
+def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
     links, joints = read_urdf(urdf, file.palm.link)
     _check_entries(file, {link.name: i for i, link in enumerate(links)}, joints, path)
     roles = joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen)
@@ -148,7 +163,7 @@ def _assemble(file: _HandFile, path: Path, urdf: Path) -> Hand:
     )
 
 
-def _check_entries(file: _HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
+def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
     """Look at every entry by itself, so that all faults are reported at once."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
     worn = [(entry.name, entry.mounts) for entry in file.fingers]
@@ -176,7 +191,7 @@ def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> 
     return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
 
 
-def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
+def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
     """Assemble the fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
@@ -209,7 +224,7 @@ def _fingers(file: _HandFile, roles: JointRoles, numbers: Mapping[str, int], pat
     return tuple(fingers), tuple(mounts)
 
 
-def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: _HandFile, path: Path) -> list[Mount]:
+def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: HandFile, path: Path) -> list[Mount]:
     found = []
     for number, entry in enumerate(entries):
         name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")

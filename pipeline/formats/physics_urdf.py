@@ -103,8 +103,7 @@ def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
         kept.set("type", "fixed")
         for origin in kept.findall("origin"):
             kept.remove(origin)
-        angles = Rotation.from_matrix(joint.origin[:3, :3]).as_euler("xyz")
-        SubElement(kept, "origin", xyz=_text(joint.origin[:3, 3]), rpy=_text(angles))
+        add_origin(kept, joint.origin)
     for follower in hand.followers:
         if follower.link == joint.child:
             ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
@@ -112,6 +111,12 @@ def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
                 limit.set("lower", repr(min(ends) - 0.1))  # its leader's limits bind it: two that disagree would tear at it
                 limit.set("upper", repr(max(ends) + 0.1))
     return kept
+
+
+def add_origin(element: Element, pose: np.ndarray) -> None:
+    """Add the pose (4, 4) of an element's own frame; of several triples of angles for a pitch of 90° any will do."""
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True)
+    SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
 
 
 def _text(numbers: np.ndarray) -> str:

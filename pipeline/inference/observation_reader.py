@@ -50,12 +50,15 @@ class ObservationReader:
         Where the U-Net runs.
     seed
         Of the chart fitting.
+    training_seed
+        Which training of the network the model is.
     """
 
     model: Reconstructor
     models: Place
     device: torch.device
     seed: int
+    training_seed: int = 0
 
     def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
         """Read an object of a data directory.

@@ -11,8 +11,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
+from pipeline.inference.network_error import error_note
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
 from pipeline.inference.observation_placement import describe_object, place_observation
@@ -46,7 +48,7 @@ class Prediction:
     metres_per_unit
         Of the lengths.
     remarks
-        What was assumed of an observation, and how it differs from the network's training.
+        What was assumed of an observation, how it differs from the network's training, and what is known of the network's error.
     files
         The mesh files; none if it was not written.
     """
@@ -133,18 +135,23 @@ def predict(
         which are named; the suffix is no mesh's.
     """
     check_output(out)
-    reader = model_reader(models, configuration, training_seed, accelerator, seed)
-    if data is None:
-        if object_id is not None:
-            raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
-        made = _of_robot(reader, observation, surface, resolution)
-    else:
-        if object_id is None or observation is not None:
-            raise StageError("give a data directory and an object, or an observation, not both")
-        if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-            DataDirectory(data).check_origins([model_name(configuration, training_seed)])
-        made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
-    return replace(made, files=_write(out, made, surface))
+    with Meter(errors, "predict", 3, "steps", after=1.0) as meter:
+        reader = model_reader(models, configuration, training_seed, accelerator, seed)
+        meter.advance("the network is read")
+        if data is None:
+            if object_id is not None:
+                raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
+            made = _of_robot(reader, observation, surface, resolution)
+        else:
+            if object_id is None or observation is not None:
+                raise StageError("give a data directory and an object, or an observation, not both")
+            if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
+                DataDirectory(data).check_origins([model_name(configuration, training_seed)])
+            made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
+        meter.advance("the surface is made")
+        made = replace(made, files=_write(out, made, surface))
+        meter.advance("and written")
+    return made
 
 
 def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:
@@ -184,7 +191,7 @@ def reconstruct(
 def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
     """Load a model with what reads its inputs."""
     device = device_of(accelerator)
-    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed)
+    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed, training_seed)
 
 
 def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
@@ -192,12 +199,13 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     model = reader.model
     if given is None:
         if model.image == "any":
-            model = model.given(WAYS["none"])
+            reader = replace(reader, model=(model := model.given(WAYS["none"])))
         if model.image or model.touch:
             wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
-        return Prediction(made, nothing.touched, _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None)
+        closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None
+        return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
     if isinstance(given, RobotObservation):
         observed = given
         if lines := faults(observed, reader.suited_to(observed).inputs):
@@ -214,7 +222,7 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
         seen.touched[: len(observed.touches)],
         None,
         observed.metres_per_unit,
-        [describe_object(observed, placed.box), *placed.remarks],
+        [describe_object(observed, placed.box), *placed.remarks, error_note(reader)],
     )
     if surface != "closed":
         return whole
@@ -235,14 +243,15 @@ def _of_object(
     model = reader.model
     seen = reader.of_object(data, object_id, chosen)
     made = model.reconstruct([seen])[0]
+    whole = Prediction(made, seen.touched, remarks=[error_note(reader)])
     if surface != "closed":
-        return Prediction(made, seen.touched)
+        return whole
     mesh = _uncoloured(*close_reconstruction(made, resolution, seen))
     matrix = model.camera if seen.camera is None else seen.camera
     if seen.image is not None and matrix is not None:
         mask = object_mask(data, object_id, model.image, chosen)
         mesh = _coloured(mesh, seen.image, matrix, foreground(seen.image) if mask is None else mask)
-    return Prediction(made, seen.touched, mesh)
+    return replace(whole, closed=mesh)
 
 
 def _uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:

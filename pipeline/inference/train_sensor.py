@@ -19,8 +19,9 @@ PRESSES, WATCHED = 1200, 16
 """To learn from, and to watch the training by."""
 STEPS = 1200
 """Of the training: of all presses as many times."""
-GEL = (0.4, 1.5)
-"""Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better."""
+GEL = (0.6, 1.5)
+"""Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better. Much thinner gels meet the object
+where thicker ones only sink beside it, and contact could not be told."""
 
 
 def train_sensor_network(

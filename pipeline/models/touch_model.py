@@ -19,6 +19,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
+from pipeline.kernels.networks.photograph_drift import without_drift
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import COLOURS, network_input
 from pipeline.kernels.touch.gel_surface import gel_surface
@@ -193,7 +194,7 @@ class LocalTouchModel(TouchModel):
     network: LocalNetwork
 
     def read(self, images: np.ndarray, untouched: np.ndarray | None = None) -> GelReading:
-        """Read the gel in photographs.
+        """Read the gel in photographs, whose light may have drifted since the untouched one.
 
         Parameters
         ----------
@@ -219,7 +220,7 @@ class LocalTouchModel(TouchModel):
         with torch.inference_mode():
             rest = self._seen(self.untouched if untouched is None else untouched, parameter)
             for first in range(0, len(images), IMAGES_AT_ONCE):
-                change = self._seen(images[first : first + IMAGES_AT_ONCE], parameter) - rest
+                change = without_drift(self._seen(images[first : first + IMAGES_AT_ONCE], parameter) - rest)
                 shape = self.network(change, position, pitch)
                 maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
                 parts.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())

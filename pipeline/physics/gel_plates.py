@@ -8,9 +8,8 @@ from pathlib import Path
 from xml.etree.ElementTree import SubElement, parse
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from pipeline.formats.physics_urdf import add_origin
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.gel_surface import gel_top
@@ -94,12 +93,7 @@ def add_gel_plates(urdf: Path, hand: Hand, sensors: Sequence[Sensor]) -> None:
         joint = SubElement(tree.getroot(), "joint", name=gel_name(number), type="prismatic")
         SubElement(joint, "parent", link=hand.links[mount.link].name)
         SubElement(joint, "child", link=gel_name(number))
-        angles = Rotation.from_matrix(mount.pose[:3, :3]).as_euler("xyz")
-        SubElement(joint, "origin", xyz=_text(mount.pose[:3, 3]), rpy=_text(angles))
+        add_origin(joint, mount.pose)
         SubElement(joint, "axis", xyz="0 0 1")
         SubElement(joint, "limit", lower="0", upper=str(gel_top(sensor)), effort="1000", velocity="10")
     tree.write(urdf)
-
-
-def _text(numbers: NDArray[np.float64]) -> str:
-    return " ".join(repr(float(number)) for number in numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +42,7 @@ class HandBody:
         self.motors = [self.links[link] for link in hand.joint_links]
         for link in self.links:
             client.changeDynamics(self.body, link, lateralFriction=hand.friction)
-        close = close_links(hand, collision_boxes(hand), 2 * HULL_MARGIN)  # hulls would push them apart
-        for first, second in hand.allowed_contacts | close.keys():
+        for first, second in _untested_pairs(hand):
             client.setCollisionFilterPair(self.body, self.body, self.links[first], self.links[second], 0)
         self._followers = [self._couple(number) for number in range(len(hand.followers))]
 
@@ -111,3 +111,9 @@ class HandBody:
             if abs(off) > slack:
                 return False
         return True
+
+
+@lru_cache(maxsize=4)
+def _untested_pairs(hand: Hand) -> frozenset[tuple[int, int]]:
+    """Pairs of links that may touch, and those that lie so close side by side that their hulls would push them apart."""
+    return hand.allowed_contacts | close_links(hand, collision_boxes(hand), 2 * HULL_MARGIN).keys()

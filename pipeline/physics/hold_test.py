@@ -2,38 +2,58 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Protocol, Self
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.physics.motion import Motion
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
 
 GRAVITY = -9.81
 """m/s², along the world's z."""
 DOWN = (0.0, 0.0, GRAVITY)
 
 
-class HoldTest(Protocol):
+class HoldTest(AbstractContextManager["HoldTest"]):
     """A hand that is fixed in the world and an object that is free, in a physics engine; `engines.hold_test` opens one.
 
     Each gel is a plate on a spring (`gel_spring`), which touches the object where the tactile image has it nearest. A gel that does not
     touch is drawn in; rigid links are as in the grasp. Motors hold the posture with no more than the hand's torque.
 
-    An engine is constructed with `hand`, `sensors` (that of each of its mounts), and by keyword `mass` (of the object, kg), `friction`
-    (coefficient between hand and object; by default the hand's) and `torsion` (of every link and gel: the moment about the normal that
-    friction resists per newton of normal force, m; by default that of the contact's area for gels, and none for links).
+    Parameters
+    ----------
+    hand, sensors
+        The hand, and the sensor of each of its mounts.
+    mass
+        Of the object, kg.
+    friction
+        Coefficient between hand and object; by default the hand's.
+    torsion
+        Of every link and gel: the moment about the normal that friction resists per newton of normal force, m; by default that of the
+        contact's area for gels, and none for links.
     """
 
-    def __enter__(self) -> Self:
-        """Return itself."""
+    look: float
+    """s between two looks at the object."""
 
-    def __exit__(self, *error: object) -> None:
-        """Close the engine."""
+    def __init__(
+        self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
+    ) -> None:
+        self.hand = hand if friction is None else replace(hand, friction=friction)
+        self.sensors, self.mass, self.torsion = sensors, mass, torsion
+        self.opened = ExitStack()
 
+    def __exit__(self, *_: object) -> None:
+        self.opened.close()
+
+    @abstractmethod
     def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
         """Replace everything by the hand and an object.
 
@@ -78,3 +98,42 @@ class HoldTest(Protocol):
         PyBullet remembers contacts: the grasps that were tested since `load` change where an object ends by less than a millimetre, seldom
         by more.
         """
+        penetration = self._begin(grasp, closes)
+        start = self._object_pose()
+        self._accelerate((0.0, 0.0, 0.0))
+        for posture in closing_path(grasp) if closes else ():
+            self._drive(posture)
+            self._step(CLOSING_SECONDS / CLOSING_STAGES)
+        self._accelerate(acceleration)
+        self._drive(grasp.squeeze)
+        looks = round(seconds / self.look)
+        track = Track(start, self._joint_angles(), limit=limit, interval=self.look, looks=looks, whole=whole)
+        for _ in range(looks):
+            self._step(self.look)
+            if track.ends(self._object_pose(), self._joint_angles()):
+                break
+        return track.motion(penetration)
+
+    @abstractmethod
+    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
+        """Put hand, gels and object to where a test begins; how deep the hand is in the object, m."""
+
+    @abstractmethod
+    def _accelerate(self, acceleration: Sequence[float]) -> None:
+        """Set the acceleration (3,) that acts from now on, m/s²."""
+
+    @abstractmethod
+    def _drive(self, posture: NDArray[np.float64]) -> None:
+        """Set what the motors drive to (J,), rad."""
+
+    @abstractmethod
+    def _step(self, seconds: float) -> None:
+        """Let time pass."""
+
+    @abstractmethod
+    def _joint_angles(self) -> NDArray[np.float64]:
+        """(J,) rad."""
+
+    @abstractmethod
+    def _object_pose(self) -> NDArray[np.float64]:
+        """(7,) centre, m, and quaternion of the object; NaN where the engine met numbers that it could not use."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import SubElement, parse
@@ -23,11 +21,10 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.convex_parts import convex_parts
 from pipeline.physics.gel_plates import add_gel_plates, gel_name, gel_spring
-from pipeline.physics.hold_test import DOWN
-from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
+from pipeline.physics.hold_test import HoldTest
 from pipeline.store.temporary import temporary_folder
 
-TIMESTEP, STEPS_PER_LOOK = 0.002, 10
+TIMESTEP = 0.002
 """s; at 1/240 s with a gain that is stable there, fingers sag and drop what they hold."""
 GAIN = {"revolute": 100.0, "continuous": 100.0, "prismatic": 1e5}
 """N m/rad and N/m of a motor: 0.7 N m at 7 mrad, 20 N at 0.2 mm."""
@@ -39,7 +36,7 @@ HAND, GEL = 1, 2
 """Bits of what collides: links with links, both with the object, gels with nothing of the hand."""
 
 
-class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
+class MujocoHoldTest(HoldTest):
     """`HoldTest` in MuJoCo. The object is its convex parts, motors are springs with the hand's torque.
 
     Raises
@@ -48,17 +45,14 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         MuJoCo is not installed.
     """
 
+    look = 0.02
+
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
     ) -> None:
+        super().__init__(hand, sensors, mass=mass, friction=friction, torsion=torsion)
         self.mujoco = import_mujoco()
-        self.hand = hand if friction is None else replace(hand, friction=friction)
-        self.sensors, self.mass, self.torsion = sensors, mass, torsion
-        self._folder = ExitStack()
-        self._spec = self._hand_spec(self._folder.enter_context(temporary_folder()))
-
-    def __exit__(self, *_: object) -> None:
-        self._folder.close()
+        self._spec = self._hand_spec(self.opened.enter_context(temporary_folder()))
 
     def _hand_spec(self, folder: Path) -> Any:
         """Describe the hand to MuJoCo; what it loads reads meshes in the folder."""
@@ -111,22 +105,12 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
-    def hold(
-        self,
-        grasp: StoredGrasp,
-        *,
-        closes: bool = False,
-        acceleration: Sequence[float] = DOWN,
-        seconds: float = 1.0,
-        limit: float = 0.1,
-        whole: bool = False,
-    ) -> Motion:
-        """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
-        mujoco, model, data, hand = self.mujoco, self.model, self.data, self.hand
+    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
+        model, data, hand = self.model, self.data, self.hand
         root = model.body(hand.links[0].name).id
         model.body_pos[root] = grasp.hand_pose[:3, 3]
         model.body_quat[root] = Rotation.from_matrix(grasp.hand_pose[:3, :3]).as_quat(scalar_first=True)
-        mujoco.mj_resetData(model, data)
+        self.mujoco.mj_resetData(model, data)
         start = grasp.pregrasp if closes else grasp.joint_angles
         for name, angle in zip(hand.joint_names, start, strict=True):
             data.joint(name).qpos = angle
@@ -134,23 +118,22 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
             data.joint(hand.joints[follower.link - 1].name).qpos = follower.multiplier * start[follower.entry] + follower.offset
         for number, contact in enumerate(grasp.contacts):
             self._press(number, contact, out=closes)
-        data.ctrl[:] = start
-        interval = STEPS_PER_LOOK * TIMESTEP
-        looks = round(seconds / interval)
-        track = Track(data.joint("object").qpos.copy(), start, limit=limit, interval=interval, looks=looks, whole=whole)
-        mujoco.mj_forward(model, data)
-        penetration = self._penetration()
-        model.opt.gravity[:] = 0.0
-        for posture in closing_path(grasp) if closes else ():
-            data.ctrl[:] = posture
-            mujoco.mj_step(model, data, nstep=round(CLOSING_SECONDS / CLOSING_STAGES / TIMESTEP))
-        model.opt.gravity[:] = acceleration
-        data.ctrl[:] = grasp.squeeze
-        for _ in range(looks):
-            mujoco.mj_step(model, data, nstep=STEPS_PER_LOOK)
-            if track.ends(self._object_pose(), np.array([data.joint(name).qpos[0] for name in hand.joint_names])):
-                break
-        return track.motion(penetration)
+        self.mujoco.mj_forward(model, data)
+        bodies = model.geom_bodyid[data.contact.geom]
+        inside = data.contact.dist[(bodies == model.body("object").id).any(axis=-1)]
+        return max(-float(inside.min(initial=0.0)), 0.0)
+
+    def _accelerate(self, acceleration: Sequence[float]) -> None:
+        self.model.opt.gravity[:] = acceleration
+
+    def _drive(self, posture: NDArray[np.float64]) -> None:
+        self.data.ctrl[:] = posture
+
+    def _step(self, seconds: float) -> None:
+        self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIMESTEP))
+
+    def _joint_angles(self) -> NDArray[np.float64]:
+        return np.array([self.data.joint(name).qpos[0] for name in self.hand.joint_names])
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:
         """Put a gel to its contact, or `out` to where it is not pressed in, and set its spring."""
@@ -163,16 +146,10 @@ class MujocoHoldTest(AbstractContextManager["MujocoHoldTest"]):
         model.geom_friction[model.body(name).geomadr, 1] = spring.torsion if self.torsion is None else self.torsion
 
     def _object_pose(self) -> NDArray[np.float64]:
-        """(7,) pose of the object; NaN where MuJoCo met numbers that it could not use, whereupon it begins again by itself."""
+        """Where MuJoCo met numbers that it could not use, it began again by itself."""
         warnings = self.mujoco.mjtWarning
         failed = any(self.data.warning[kind].number for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC))
         return np.full(7, np.nan) if failed else self.data.joint("object").qpos.copy()
-
-    def _penetration(self) -> float:
-        """How deep the hand is in the object, m."""
-        bodies = self.model.geom_bodyid[self.data.contact.geom]
-        inside = self.data.contact.dist[(bodies == self.model.body("object").id).any(axis=-1)]
-        return max(-float(inside.min(initial=0.0)), 0.0)
 
 
 def import_mujoco() -> Any:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,33 +16,30 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.gel_plates import GelSpring, add_gel_plates, gel_name, gel_spring
 from pipeline.physics.hand_body import HandBody
-from pipeline.physics.hold_test import DOWN
-from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
+from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.object_shapes import COLLISION_MARGIN, ObjectShapes
 from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 from pipeline.store.temporary import temporary_folder
 
-STEPS_PER_SECOND, STEPS_PER_LOOK = 240, 5
+STEPS_PER_SECOND = 240
 
 
-class PybulletHoldTest(AbstractContextManager["PybulletHoldTest"]):
+class PybulletHoldTest(HoldTest):
     """`HoldTest` in PyBullet, in one client. The object collides as it is, concave."""
+
+    look = 5 / STEPS_PER_SECOND
 
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
     ) -> None:
-        self.hand = hand if friction is None else replace(hand, friction=friction)
-        self.sensors, self.mass, self.torsion = sensors, mass, torsion
+        super().__init__(hand, sensors, mass=mass, friction=friction, torsion=torsion)
         self.client = PhysicsClient()
-        self._folder = ExitStack()
-        self._urdf = write_physics_urdf(hand, self._folder.enter_context(temporary_folder()))
+        self.opened.callback(lambda: self.client.disconnect())  # whose attribute alone would make the client forget its number
+        self._urdf = write_physics_urdf(hand, self.opened.enter_context(temporary_folder()))
         add_gel_plates(self._urdf, hand, sensors)
         self._shapes = ObjectShapes(self.client)
         self._start: tuple[list[float], list[float]]
-
-    def __exit__(self, *_: object) -> None:
-        self.client.disconnect()
-        self._folder.close()
+        self._springs: list[GelSpring]
 
     def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
         """Replace everything by the hand and an object; see `HoldTest.load`."""
@@ -83,50 +78,38 @@ class PybulletHoldTest(AbstractContextManager["PybulletHoldTest"]):
             for other in (*self._hand.links, *self._gels):
                 client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, other, 0)
 
-    def hold(
-        self,
-        grasp: StoredGrasp,
-        *,
-        closes: bool = False,
-        acceleration: Sequence[float] = DOWN,
-        seconds: float = 1.0,
-        limit: float = 0.1,
-        whole: bool = False,
-    ) -> Motion:
-        """Free the object in a grasp and record how both move; see `HoldTest.hold`."""
-        client, hand = self.client, self._hand
-        hand.place(grasp.hand_pose, grasp.pregrasp if closes else grasp.joint_angles, grasp.squeeze)
-        springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
+    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
+        client, hand, start = self.client, self._hand, grasp.pregrasp if closes else grasp.joint_angles
+        hand.place(grasp.hand_pose, start, start)
+        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
         client.resetBasePositionAndOrientation(self._object, *self._start)
         client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
         client.performCollisionDetection()
-        penetration = -min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0)
-        client.setGravity(0.0, 0.0, 0.0)
-        for posture in closing_path(grasp) if closes else ():
-            hand.drive(posture)
-            self._step(springs, round(CLOSING_SECONDS * STEPS_PER_SECOND / CLOSING_STAGES))
-        client.setGravity(*acceleration)
-        interval = STEPS_PER_LOOK / STEPS_PER_SECOND
-        looks = round(seconds / interval)
-        start = np.concatenate(self._start)
-        track = Track(start, hand.joint_states()[0], limit=limit, interval=interval, looks=looks, whole=whole)
-        for _ in range(looks):
-            self._step(springs, STEPS_PER_LOOK)
-            if track.ends(np.concatenate(client.getBasePositionAndOrientation(self._object)), hand.joint_states()[0]):
-                break
-        return track.motion(max(penetration, 0.0))
+        return max(-min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0), 0.0)
 
-    def _step(self, springs: Sequence[GelSpring], steps: int) -> None:
+    def _accelerate(self, acceleration: Sequence[float]) -> None:
+        self.client.setGravity(*acceleration)
+
+    def _drive(self, posture: NDArray[np.float64]) -> None:
+        self._hand.drive(posture)
+
+    def _step(self, seconds: float) -> None:
         """Step, with the gels' springs."""
         body, gels, tops = self._hand.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
-        for _ in range(steps):
+        for _ in range(round(seconds * STEPS_PER_SECOND)):
             forces = [
                 spring.stiffness * max(top - height, 0.0) - spring.damping * speed
-                for spring, top, (height, speed, *_) in zip(springs, tops, states(body, gels), strict=True)
+                for spring, top, (height, speed, *_) in zip(self._springs, tops, states(body, gels), strict=True)
             ]
             control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
             step()
+
+    def _joint_angles(self) -> NDArray[np.float64]:
+        return self._hand.joint_states()[0]
+
+    def _object_pose(self) -> NDArray[np.float64]:
+        return np.concatenate(self.client.getBasePositionAndOrientation(self._object))
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> GelSpring:
         """Put a gel to its contact, or `out` to where it is not pressed in; its spring."""

@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
+from pipeline.console import Meter, errors
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
@@ -97,8 +98,11 @@ def _read_drawn(path: Place) -> Sheets | None:
 
 def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:
     attributes, grasps = {name: collection.first.attributes for name, collection in collections.items()}, collections["grasps"]
-    with band_maker(attributes) as maker:
-        bands = [maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}) for object_id in shown]
+    bands = []
+    with band_maker(attributes) as maker, Meter(errors, "contact sheets", len(shown), "objects", after=1.0) as meter:
+        for object_id in shown:
+            bands.append(maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}))
+            meter.advance()
     title = f"{attributes['grasps']['manifest']} · {grasps.first.record.preset}"
     note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch; mm: deepest point, from the sensor plane"
     return draw(bands, path, maker.sensors, title=title, note=note)

@@ -154,7 +154,7 @@ class GraspScenes:
     def _shape(self, mesh: Mesh) -> trimesh.Trimesh:
         vertices, faces = _merged(mesh)
         if self.small:
-            vertices, faces = _simplified(vertices, faces, LINK_FACES)
+            vertices, faces = _simplified(vertices, faces, LINK_FACES, haste=3)
         return _plain(vertices, faces, tuple(mesh.look.base_color[mesh.look.face_material[0], :3].tolist()))
 
     def _object(self, surface: Mapping[str, np.ndarray]) -> list[trimesh.Trimesh]:
@@ -178,11 +178,12 @@ def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     return vertices, number.reshape(-1)[mesh.faces]
 
 
-def _simplified(vertices: NDArray[Any], faces: NDArray[Any], most: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Simplify a mesh to about `most` faces by quadric error."""
+def _simplified(vertices: NDArray[Any], faces: NDArray[Any], most: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Simplify a mesh to about `most` faces by quadric error; less haste keeps shapes of many parts, with more faces where it must."""
     if len(faces) <= most:
         return vertices, faces
-    fewer: tuple[NDArray[Any], NDArray[Any]] = fast_simplification.simplify(vertices.astype(np.float32), faces, target_count=most)
+    simplify: Any = fast_simplification.simplify
+    fewer: tuple[NDArray[Any], NDArray[Any]] = simplify(vertices.astype(np.float32), faces, target_count=most, agg=haste)
     return fewer
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.console import Meter, abbreviate, errors, pluralise
@@ -21,10 +22,13 @@ from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps
+from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.reports.contact_sheet_page import finger_colors
+from pipeline.reports.hand_trial import trial_grasps
 from pipeline.reports.plots import save_figure
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
@@ -49,6 +53,12 @@ MAX_TRIANGLES = 20_000
 HOLLOW = 2e-3
 """m, depth from which a hollow that a convex shape fills is named: more than a gel is pressed in."""
 
+RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
+"""Of links that overlap, and of others, where they face the eye."""
+
+ARROW = 0.15
+"""Length of the palm's arrow, and of the longest way of a sensor, as a share of the hand's."""
+
 STEP = 0.05
 """Share of every joint's range by which the closing directions look ahead."""
 
@@ -60,19 +70,22 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
     frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
     overlaps = frequent_overlaps(hand, boxes, frames)
-    draw_hand(hand, [sensor.width for sensor in sensors], [(overlap.first, overlap.second) for overlap in overlaps], picture)
+    draw_hand(hand, sensors, [(overlap.first, overlap.second) for overlap in overlaps], picture)
     fingers = ", ".join(
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
     faults = _faults(hand, boxes)
+    trial = [] if faults else trial_grasps(path)
+    faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
-        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faults else 'no faults'}",
+        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faulty else 'no faults'}",
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
         *(_overlap_line(hand, overlap) for overlap in overlaps),
         *_convex_notes(hand),
         *_notes(hand),
+        *trial,
         f"picture: {picture}",
     ]
 
@@ -122,10 +135,8 @@ def _far_palm(hand: Hand) -> list[str]:
 
 def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
     names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
-    return (
-        f"overlap: [{names}] in {100 * overlap.share:.0f} % of random postures, by {1e3 * overlap.depth:.1f} mm: list the pair under "
-        "allowed_contacts, or split a mesh with convex_parts"
-    )
+    share, depth = f"{100 * overlap.share:.0f} % of random postures", f"{1e3 * overlap.depth:.1f} mm"
+    return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
 
 
 def _convex_notes(hand: Hand) -> list[str]:
@@ -147,7 +158,9 @@ def _convex_notes(hand: Hand) -> list[str]:
     deep = sorted((name for name, one in measured.items() if one.filled > HOLLOW), key=lambda name: -measured[name].filled)
     if deep:
         depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
-        notes.append(f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; `convex_parts` of a link follows its mesh closer")
+        notes.append(
+            f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; they matter where links overlap or block a finger"
+        )
     return notes
 
 
@@ -163,15 +176,15 @@ def _notes(hand: Hand) -> list[str]:
     return notes
 
 
-def draw_hand(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
+def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
     """Draw a hand at rest: every joint at 0, or at its limit nearest to 0.
 
     Parameters
     ----------
     hand
         Its collision shapes are drawn.
-    widths
-        (S,) side of every sensor plane, m.
+    sensors
+        S, whose gels are drawn.
     overlaps
         Pairs of links that are drawn in red.
     path
@@ -179,27 +192,47 @@ def draw_hand(hand: Hand, widths: Sequence[float], overlaps: Sequence[tuple[int,
     """
     rest = np.clip(0.0, hand.lower, hand.upper)
     frames = forward_kinematics(hand, np.eye(4), rest)
-    sensors, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
+    poses, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
     red = {link for pair in overlaps for link in pair}
-    colors = np.array(finger_colors(len(sensors))) / 255
+    colors = np.array(finger_colors(len(poses))) / 255
+    gels = [[transform_points(pose, line) for line in gel_lines(sensor)] for pose, sensor in zip(poses, sensors, strict=True)]
+    triangles, normals, own = _triangles(hand, frames, red)
+    size = np.ptp(np.concatenate([triangles.reshape(-1, 3), *(line for lines in gels for line in lines)]), axis=0)
+    arrow = ARROW * float(size.max())
+    closing *= arrow / max(float(np.linalg.norm(closing, axis=1).max(initial=0.0)), 1e-12)
     figure = Figure(figsize=(18, 7), layout="constrained")
-    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3), VIEWS.items(), strict=True):
-        triangles, shades = _triangles(hand, frames, eye, red)
-        order = np.argsort(triangles[:, :, eye].mean(axis=1))
+    wide = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
+    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=wide), VIEWS.items(), strict=True):
+        order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), own * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
         axes.add_collection(
             PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
         )
-        _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * 0.04, "black", "palm")
-        for number, (pose, color) in enumerate(zip(sensors, colors, strict=True)):
-            corners = widths[number] / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0], [-1, -1, 0]])
-            square = transform_points(pose, corners)[:, [right, up]]
-            axes.plot(square[:, 0], square[:, 1], color=color)
-            _arrow(axes, pose[[right, up], 3], pose[[right, up], 0] * widths[number], color, "+x")
-            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, hand.sensors[number].name, dashed=True)
+        _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * arrow, "black", "palm")
+        for number, (pose, color) in enumerate(zip(poses, colors, strict=True)):
+            for line in gels[number]:
+                axes.plot(line[:, right], line[:, up], color=color, linewidth=1.2)
+            _arrow(axes, pose[[right, up], 3], pose[[right, up], 0] * sensors[number].width, color, "+x")
+            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, "", dashed=True)
         axes.set(title=title, xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.autoscale_view()
-    figure.suptitle(f"{hand.name}: sensor planes with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")
+    names = [Line2D([], [], color=color, label=mount.name) for mount, color in zip(hand.sensors, colors, strict=True)]
+    figure.legend(handles=names, loc="outside lower center", ncols=min(len(names), 10))
+    figure.suptitle(f"{hand.name}: gels with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")
     save_figure(figure, path, dpi=90)
+
+
+def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
+    """Trace a gel: the rims of its base and of its surface, and the surface's middle row and column.
+
+    Returns
+    -------
+    Lines of points (N, 3), sensor frame, m.
+    """
+    height = np.broadcast_to(gel_surface(sensor), sensor.shape)
+    x, y = (np.linspace(-side / 2, side / 2, count) for side, count in ((sensor.width, sensor.cols), (sensor.height, sensor.rows)))
+    grid = np.stack([*np.meshgrid(x, y), height], axis=-1)  # (rows, cols, 3)
+    rim = np.concatenate([grid[0], grid[:, -1], grid[-1, ::-1], grid[::-1, 0]])
+    return [rim * [1, 1, 0], rim, grid[sensor.rows // 2], grid[:, sensor.cols // 2]]
 
 
 def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -222,19 +255,17 @@ def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray
     return np.asarray(np.einsum("jsi,js->si", shift, np.sign(forwards)))
 
 
-def _triangles(hand: Hand, frames: NDArray[np.float64], eye: int, red: set[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, and their colours (T, 3), lighter if they face the eye."""
-    triangles, colors = [], []
+def _triangles(hand: Hand, frames: NDArray[np.float64], red: set[int]) -> tuple[NDArray[np.float64], ...]:
+    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, their unit normals (T, 3) and colours (T, 3)."""
+    triangles, colors = [np.empty((0, 3, 3))], [np.empty((0, 3))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             faces = shape.mesh.faces[:: 1 + len(shape.mesh.faces) // MAX_TRIANGLES]
-            corners = transform_points(frames[number], shape.mesh.vertices)[faces]
-            normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            facing = np.abs(normals[:, eye]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)
-            base = np.array([0.9, 0.2, 0.2]) if number in red else np.array([0.6, 0.65, 0.7])
-            triangles.append(corners)
-            colors.append(base * (0.5 + 0.5 * facing[:, None]))
-    return np.concatenate(triangles or [np.empty((0, 3, 3))]), np.concatenate(colors or [np.empty((0, 3))])
+            triangles.append(transform_points(frames[number], shape.mesh.vertices)[faces])
+            colors.append(np.broadcast_to(RED if number in red else GREY, (len(faces), 3)))
+    corners = np.concatenate(triangles)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), np.concatenate(colors)
 
 
 def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color: Any, label: str, dashed: bool = False) -> None:

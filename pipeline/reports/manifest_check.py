@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -15,8 +17,13 @@ from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, t
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.plots import save_figure
+from pipeline.reports.reconstruction_gallery import render_mesh
+from pipeline.reports.second_view import fitted_camera
+from stages.render_vision.renderer import Renderer
 from stages.sample_surfaces.settings import SurfaceSettings
 from stages.sample_surfaces.stage import SampleSurfaces, missing_remarks, normalised_mesh
 
@@ -24,6 +31,8 @@ LISTED = 50
 """Objects, faults or categories that are listed one by one."""
 USUAL = (0.01, 2.0)
 """m, diagonals of what hands grasp: others make one ask for the unit."""
+DRAWN, PER_ROW, PIXELS = 12, 6, 200
+"""Objects that are drawn, spread evenly by size, as the camera sees them: how many, how many side by side, and the pixels of each."""
 LIKELY = (0.03, 0.6)
 """m, diagonals that make a unit likely."""
 SCALED = "none: scaled"
@@ -75,11 +84,15 @@ class CheckedObject:
         return f"warning: {self.name} is {self.diagonal:.3g} m large: {question}"
 
     @property
+    def size(self) -> str:
+        """Write its sides."""
+        return " × ".join(f"{side:.3g}" for side in self.sides)
+
+    @property
     def row(self) -> Row:
         """Give the row of a table with `COLUMNS`."""
-        sides = " × ".join(f"{side:.3g}" for side in self.sides)
         textures = f"{self.textures}, {len(self.missing)} missing" if self.missing else str(self.textures)
-        return Row([self.name, sides, self.unit, self.faces, textures, "yes" if self.watertight else "no"])
+        return Row([self.name, self.size, self.unit, self.faces, textures, "yes" if self.watertight else "no"])
 
 
 @dataclass(frozen=True)
@@ -107,7 +120,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     path
         The manifest.
     picture
-        PNG to write.
+        PNG to write, with the meshes of some objects.
     meshes
         The mesh files, as far as the manifest does not state them.
 
@@ -130,8 +143,9 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
             except (InvalidInput, OSError) as error:
                 faults.append(f"fault: {item.object_id}: {error}")
             meter.advance()
-    _draw_splits(objects, picture)
     read.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
+    sources = {item.object_id: item.source for item in objects}
+    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(read, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
         f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
@@ -234,16 +248,36 @@ def _categories(objects: Sequence[Object]) -> list[str]:
     return _first([f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories])
 
 
-def _draw_splits(objects: Sequence[Object], picture: Path) -> None:
-    """Draw how many objects of each category are in each split; the largest categories, where there are many."""
+def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
+    """Draw how many objects of each category are in each split (the largest categories, where there are many), and some objects' meshes.
+
+    Parameters
+    ----------
+    objects
+        All.
+    shown
+        The sources of those that are drawn, by caption.
+    picture
+        PNG to write.
+    """
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
-    figure = Figure((8, 1 + 0.3 * len(categories)), layout="constrained")
-    axes, left, places = figure.subplots(), np.zeros(len(categories)), np.arange(len(categories))
+    bars, rows = 1 + 0.3 * len(categories), ceil(len(shown) / PER_ROW)
+    figure = Figure((8, bars + 1.9 * rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, PER_ROW, height_ratios=[bars, *[1.9] * rows])
+    axes, left, places = figure.add_subplot(grid[0, :]), np.zeros(len(categories)), np.arange(len(categories))
     for split in SPLITS:
         width = np.array([counts[category, split] for category in categories])
         axes.barh(places, width, left=left, label=split)
         left += width
     axes.set(xlabel="objects", yticks=places, yticklabels=categories)
     axes.legend()
+    scene = load_scene("supplement")
+    with Renderer(scene, PIXELS) as renderer:
+        for number, (caption, source) in enumerate(shown.items()):
+            mesh, _, _ = normalised_mesh(source, SurfaceSettings())
+            small = figure.add_subplot(grid[1 + number // PER_ROW, number % PER_ROW])
+            small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.camera.with_resolution(PIXELS), mesh.vertices)))
+            small.axis("off")
+            small.set_title(caption, fontsize=7)
     save_figure(figure, picture)

@@ -9,6 +9,7 @@ import io
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import cached_property
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +36,8 @@ from stages.render_vision.renderer import Renderer
 THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
 
-MAX_COLUMNS = 8
-"""Columns of a grasp's pictures at most: those of more sensors go on in the next row; a camera image takes two."""
+MAX_COLUMNS = 10
+"""Columns of a grasp's pictures at most; more go on in further rows, each as full as the first. A camera image takes two."""
 
 ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
 """Endings of an object's files; the last needs an evaluation."""
@@ -159,14 +160,13 @@ class ObjectPages:
                 }
             )
         pictures = self._pictures(rows, number)
-        columns = min(2 * len(pictures) + len(sensors), MAX_COLUMNS)
         return {
             "touches": f"{touched.sum()} of {len(touched)} sensors touch",
             "note": f"{grasp_note(rows['grasps'], number)}.",
             "lift": None,
             "pictures": pictures,
             "sensors": sensors,
-            "columns": columns,
+            "columns": columns(2 * len(pictures) + len(sensors)),
         }
 
     def _pictures(self, rows: Rows, number: int) -> list[dict[str, Any]]:
@@ -199,6 +199,11 @@ class ObjectPages:
             return np.asarray(rows["grasps"]["contact_area"], np.float64)
         depth = rows["touch"]["depth"]
         return np.stack([_pressed_area(depth[:, number], sensor) for number, sensor in enumerate(self.sensors)], axis=1)
+
+
+def columns(places: int) -> int:
+    """Divide places of a grid into rows of at most `MAX_COLUMNS`, none much emptier than the others; return their length."""
+    return ceil(places / ceil(places / MAX_COLUMNS))
 
 
 def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:

@@ -8,7 +8,10 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -178,7 +181,9 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
-        figure = Figure((9, 2.3 * len(touched)), dpi=110, layout="constrained")
+        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.98, 1))  # it does not see how wide labels beside 3D axes are
+        figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
+        grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):
             pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
             true, count = local_points(depths[row], pose, sensor)
@@ -189,12 +194,14 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
                 ("true depth", depth_colors(depths[row], sensor)),
                 ("predicted depth", depth_colors(np.where(model.mask(tactile_images[row : row + 1])[0], predicted[row], np.inf), sensor)),
             ]
-            for column, (title, image) in enumerate(pictures, start=1):
-                axes = figure.add_subplot(len(touched), 4, 4 * row + column)
-                axes.imshow(image)
-                axes.set(xticks=[], yticks=[], title=title if row == 0 else "", ylabel=names[number] if column == 1 else "")
-            axes.set_xlabel(f"mean error {1e3 * apart[inside].mean():.2f} mm")
-            axes = figure.add_subplot(len(touched), 4, 4 * row + 4, projection="3d")
+            for column, (title, image) in enumerate(pictures):
+                axes = figure.add_subplot(grid[row, column])
+                half, tall = 500 * sensor.width, 500 * sensor.height  # mm
+                axes.imshow(image, extent=(-half, half, tall, -tall))
+                axes.set(title=title if row == 0 else "", ylabel=f"{names[number]}: y, mm" if column == 0 else "", xlabel="x, mm")
+            figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
+            axes.set_xlabel(f"x, mm; mean error {1e3 * apart[inside].mean():.2f} mm")
+            axes = figure.add_subplot(grid[row, 3], projection="3d")
             draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
         save_figure(figure, path)
     text = (

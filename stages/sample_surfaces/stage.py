@@ -37,11 +37,17 @@ class SampleSurfaces(ObjectStage):
     settings_type = SurfaceSettings
 
     def notes(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
-        """Report files without units, which are scaled to one size."""
-        unitless = sum("file" in item.source and item.source.get("metres_per_unit") is None for item in objects)
-        if unitless:
+        """Report files without units, which are scaled to one size, and warn of others beside them, which are not."""
+        files = [item for item in objects if "file" in item.source]
+        sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
+        if unitless := len(files) - len(sized):
             size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"
             yield f"{pluralise(unitless)} scaled to a diagonal of {size}"
+            if sized:
+                yield (
+                    f"warning: sizes are mixed: {pluralise(len(sized))} ({abbreviate(sized)}) not scaled, because files or manifest state "
+                    "a unit; write a manifest with a folder for each unit, and its metres_per_unit"
+                )
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing: they are rendered without."""

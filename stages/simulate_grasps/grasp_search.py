@@ -25,7 +25,7 @@ from stages.simulate_grasps.settings import GraspSettings
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp as simulated; `sound` when it rests, keeps its joint limits and penetrates neither the object nor itself.
+    """A grasp as simulated; `fault` says why it is none: it does not rest, leaves its joint limits, or penetrates itself or the object.
 
     `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
     `pregrasp_angles` are those that the fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
@@ -36,11 +36,16 @@ class Grasp:
     sensor_pose: NDArray[np.float64]
     touched: NDArray[np.bool_]
     penetration: float
-    sound: bool
+    fault: str | None
     find_contacts: Callable[[], Sequence[Contact | None]] = tuple
     find_closure: Callable[[list[Contact]], float] = lambda contacts: 0.0
     pregrasp_angles: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     holds: bool = False
+
+    @property
+    def sound(self) -> bool:
+        """Whether it may be kept."""
+        return self.fault is None
 
     @cached_property
     def contacts(self) -> Sequence[Contact | None]:
@@ -97,17 +102,20 @@ class GraspSearch:
         depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in worn]
         touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
-        sound = (
-            rests
-            and bool(((angles >= hand.lower) & (angles <= hand.upper)).all())
-            and hand_gap(hand, ik.boxes, frames) >= 0
-            and penetration <= self.settings.penetration_limit
-        )
+        fault = None
+        if not rests:
+            fault = f"fingers still move after {steps} steps"
+        elif not ((angles >= hand.lower) & (angles <= hand.upper)).all():
+            fault = "a joint is pushed beyond its limit"
+        elif hand_gap(hand, ik.boxes, frames) < 0:
+            fault = "links of the hand overlap"
+        elif penetration > self.settings.penetration_limit:
+            fault = f"a rigid link is more than {1e3 * self.settings.penetration_limit:g} mm inside the object"
 
         def contacts() -> list[Contact | None]:
             return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
 
-        return Grasp(pose, angles, poses, touched, penetration, sound, contacts, self._closure, start)
+        return Grasp(pose, angles, poses, touched, penetration, fault, contacts, self._closure, start)
 
     def _closure(self, contacts: list[Contact]) -> float:
         points = self.prepared_object.points

@@ -63,18 +63,16 @@ class HoldPlanner:
     pinches: Pinches
     pairs: AntipodalPoints
     weights: NDArray[np.float64]
-    centre: NDArray[np.float64]
 
     @classmethod
     def of_object(
         cls, hand: PreparedHand, thing: PreparedObject, settings: GraspSettings, pinches: Pinches, rng: np.random.Generator
     ) -> HoldPlanner:
         """Find the object's opposed points; `rng` draws rays."""
-        widest = float(pinches.postures.width.max()) + WIDTH_STEP
+        widest = float(pinches.postures.width.max(initial=0.0)) + WIDTH_STEP
         pairs = antipodal_points(thing.field, thing.points, thing.normals, friction=hand.hand.friction, widest=widest, rng=rng)
-        centre = thing.points.mean(axis=0)
-        weights = central_weights(pairs, centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
-        return cls(hand, thing, settings, pinches, pairs, weights, centre)
+        weights = central_weights(pairs, thing.centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
+        return cls(hand, thing, settings, pinches, pairs, weights)
 
     def __call__(self, rng: np.random.Generator) -> Plan | None:
         """Draw a few plans and return the best; None where the hand finds no room around the object."""
@@ -153,7 +151,7 @@ class HoldPlanner:
             for option, sensor in np.argwhere(wanted & ~measured).tolist():
                 contact = measure_contact(faces, poses[option, sensor], self.prepared_hand.sensors[sensor])
                 if contact is not None:
-                    points[option, sensor], normals[option, sensor] = contact.point - self.centre, contact.normal
+                    points[option, sensor], normals[option, sensor] = contact.point - self.prepared_object.centre, contact.normal
                     touching[option, sensor] = True
             measured |= wanted
             found, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)

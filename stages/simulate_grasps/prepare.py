@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,11 @@ class PreparedObject:
     normals: NDArray[np.float64]
     field: DistanceField
     faces: BoxedFaces
+
+    @cached_property
+    def centre(self) -> NDArray[np.float64]:
+        """(3,) centre of mass, which is spread evenly over the exterior."""
+        return np.asarray(self.points.mean(axis=0))
 
 
 def prepare_hand(settings: GraspSettings) -> PreparedHand:

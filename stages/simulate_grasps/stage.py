@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import abbreviate
+from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.engine.keys import assets_digest
@@ -27,6 +27,7 @@ from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
+from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -91,6 +92,16 @@ class SimulateGrasps(ObjectStage):
         widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
+
+    def remarks(self, settings: GraspSettings, shard: Shard) -> Iterator[str]:
+        """Count the grasps that are kept although no sensor touches."""
+        untouched = np.flatnonzero(shard.read("ok")[:, None] & ~shard.read("touch_success").any(axis=-1)) // settings.grasps
+        if len(untouched):
+            names = [shard.record.rows[row].object_id for row in dict.fromkeys(untouched.tolist())]
+            yield (
+                f"{pluralise(len(untouched), 'grasp')} of {pluralise(len(names))} ({abbreviate(names)}) kept without any touch: "
+                "raise simulate-grasps.attempts"
+            )
 
     def cost(self, settings: GraspSettings) -> Cost:
         """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""

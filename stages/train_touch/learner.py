@@ -65,7 +65,7 @@ class PressLearner(Learner):
             rows, cols = self._place(press.contact, generator)
             change, position = change[:, rows, cols], position[:, rows, cols]
             depth, contact = depth[rows, cols], contact[rows, cols]
-            change = vary_change(change, self.settings, generator)
+            change = vary_change(change, depth, self.settings, generator)
         return Windows(change, position, GelState(depth, contact))
 
     def _place(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, slice]:

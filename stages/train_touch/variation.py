@@ -12,13 +12,15 @@ DRIFT_SIDE = 3
 """Points per side between which drift is interpolated: it is smooth."""
 
 
-def vary_change(change: Tensor, settings: TouchTrainingSettings, generator: torch.Generator) -> Tensor:
-    """Vary the change of colours of one press: gain, mixed colours, blur, drift and noise.
+def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, generator: torch.Generator) -> Tensor:
+    """Vary the change of colours of one press: gain, mixed colours, light that grows with the depth, blur, drift and noise.
 
     Parameters
     ----------
     change
         (3, H, W) float32, image minus untouched image, levels.
+    depth
+        (H, W) float32, how deep the gel is drawn in, mm.
     settings
         Give the ranges; at 0 each variation is off.
     generator
@@ -31,6 +33,8 @@ def vary_change(change: Tensor, settings: TouchTrainingSettings, generator: torc
     gain = 1 + settings.image_gain * (2 * share(3) - 1) + 1.5 * settings.image_gain * (2 * share(1) - 1)
     mixing = torch.eye(3) + settings.image_mix * (2 * share(3, 3) - 1)
     varied = torch.einsum("ij,jhw->ihw", gain[:, None] * mixing, change)
+    lit = torch.randn((3, 1, 1), generator=generator, dtype=torch.float32)
+    varied = varied + settings.image_depth * lit * depth
     varied = _blurred(varied, settings.image_blur * float(share(1)))
     coarse = torch.randn((3, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
     common = torch.randn((1, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)

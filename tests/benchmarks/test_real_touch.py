@@ -14,7 +14,7 @@ from PIL import Image
 from benchmarks.real_touch import __main__ as command
 from benchmarks.real_touch.baselines import depth_of, look_up_table
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, read_sets
-from benchmarks.real_touch.scores import Reading, mean_scores, score
+from benchmarks.real_touch.scores import Reading, ball_radius, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -121,3 +121,12 @@ def test_predictions_of_anybody_are_scored(
     np.save(tmp_path / "simulated" / "press.npy", np.zeros((3, 3)))
     with pytest.raises(SystemExit, match=r"is \(3, 3\), the photograph \(60, 80\)"):
         command.main()
+
+
+def test_radius_of_a_ball_is_that_of_the_sphere_in_the_footprint() -> None:
+    rows, cols = np.indices((ROWS, COLS))
+    squared = SCALE**2 * ((cols - 40.3) ** 2 + (rows - 29.0) ** 2)
+    depth = np.sqrt(np.maximum(RADIUS**2 - squared, 0)) - 3.0
+    noise = np.random.default_rng(0).normal(0, 0.002, depth.shape)
+    assert ball_radius(depth + noise, squared < 6.0, SCALE) == pytest.approx(RADIUS, rel=0.02)
+    assert ball_radius(0.5 * depth, squared < 6.0, SCALE) > 1.5 * RADIUS

@@ -64,6 +64,20 @@ def test_without_units_objects_are_scaled_and_that_is_said(folder: Path, tmp_pat
     assert "1 object scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
 
 
+def test_file_that_states_its_unit_among_others_that_do_not_is_named(folder: Path, tmp_path: Path) -> None:
+    trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "mug.glb")
+    mixed = "warning: sizes are mixed: 1 object (mug) not scaled, because files or manifest state a unit; write a manifest with a folder"
+    look = ["check", "directory", "--picture", str(tmp_path / "a.png")]
+    for command in (
+        look,
+        ["run", "sample-surfaces", "--manifest", "directory", "--data", str(tmp_path / "d"), "--dry-run"],
+    ):
+        _, output = invoke(*command, "--objects", str(folder))
+        assert mixed in output
+    _, output = invoke(*look, "--objects", str(folder), "--units", "cm")
+    assert "sizes are mixed" not in output
+
+
 def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
     (folder / "wedge.ply").unlink()
     trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "wedge.glb")

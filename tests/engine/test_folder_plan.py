@@ -41,6 +41,16 @@ def test_it_is_made_once_and_recorded(tmp_path):
     assert problems_below(tmp_path)[tmp_path / RECORD] == []
 
 
+def test_objects_that_failed_are_not_counted(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    assert plan_of(request(tmp_path, Average(), items=items)).total == 2
+    other = objects(1, a="bad")
+    run(request(tmp_path / "other", items=other))
+    with pytest.raises(StoreError, match=r"average: all 1 objects in split train failed; see `vt-pipeline status"):
+        plan_of(request(tmp_path / "other", Average(), items=other))
+
+
 def test_settings_seed_and_rows_of_its_splits_make_it_again_others_do_not(tmp_path):
     items = [*objects(3), *[item for item in objects(5, split="test") if item.object_id in "de"]]
     run(request(tmp_path, items=items))

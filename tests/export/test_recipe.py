@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import trimesh
 import yaml
+from PIL import Image
+from trimesh.visual import TextureVisuals
 from typer.testing import CliRunner
 
 import pipeline
@@ -19,14 +26,24 @@ from pipeline.cli import app
 from pipeline.dataset.recipe import Recipe, read_recipe
 from pipeline.errors import InvalidInput
 
-OWN = {"simulate-grasps.sensor": "my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
+OWN = {"simulate-grasps.hand": "robot/hand.yaml", "simulate-grasps.sensor": "gels/my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
 """Description files of the publisher's own."""
+TEXTS = [
+    "gels/my_gel.yaml",
+    "my_scene.yaml",
+    "robot/hand.yaml",
+    "robot/meshes/material.mtl",
+    "robot/package.xml",
+    "robot/urdf/gripper.urdf",
+]
+"""What the recipe holds of them and of what they name."""
+FILES = ["gels/untouched.png", "robot/meshes/material_0.png", "robot/meshes/palm.obj"]
+"""What it has the SHA-256 of."""
 QUICK = (
     "sample-surfaces.points=300",
     "simulate-grasps.attempts=3",
     "simulate-grasps.grasps=2",
     "simulate-grasps.ik_samples=64",
-    "simulate-grasps.hand=two_finger_gripper",
 )
 ASSETS = Path(pipeline.__file__).parent / "assets"
 STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
@@ -48,10 +65,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     box = trimesh.creation.box((50, 60, 40)).export(file_type="obj")
     (folder / "meshes" / "box.obj").write_text(f"mtllib box.mtl\nusemtl skin\n{box}")
     (folder / "meshes" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.1\n")
-    (folder / "own").mkdir()
-    gel = (ASSETS / "sensors" / "gel_16mm.yaml").read_text()
-    (folder / "own" / "my_gel.yaml").write_text(re.sub("(rows|cols): 100", r"\1: 24", gel))
-    shutil.copy(ASSETS / "scenes" / "supplement.yaml", folder / "own" / "my_scene.yaml")
+    _write_own_files(folder / "own")
     sources = [
         {"kind": "directory", "licence": "CC0", "path": "meshes", "metres_per_unit": 0.001, "url": "https://example.org/meshes"},
         {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1}},
@@ -60,6 +74,31 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     manifest = {"name": "things", "description": "Things.", "seed": 3, "splits": splits, "sources": sources}
     (folder / "things.yaml").write_text(yaml.safe_dump(manifest))
     return folder
+
+
+def _write_own_files(folder: Path) -> None:
+    """Write a sensor with a photograph as its background, a hand with a mesh that has a texture, and a scene."""
+    for name in ("gels", "robot/urdf", "robot/meshes"):
+        (folder / name).mkdir(parents=True)
+    gel = yaml.safe_load((ASSETS / "sensors" / "gel_16mm.yaml").read_text())
+    colours = yaml.safe_load((ASSETS / "sensors" / "gelsight.yaml").read_text())["calibrated"] | {"background": "untouched.png"}
+    gel |= {"rows": 24, "cols": 24, "calibrated": colours}
+    del gel["lights"]
+    (folder / "gels" / "my_gel.yaml").write_text(f"# of our own\n{yaml.safe_dump(gel)}")
+    levels = np.arange(24 * 24 * 3, dtype=np.uint8).reshape(24, 24, 3)
+    Image.fromarray(levels).save(folder / "gels" / "untouched.png")
+    shutil.copy(ASSETS / "scenes" / "supplement.yaml", folder / "my_scene.yaml")
+    hand = (ASSETS / "hands" / "two_finger_gripper.yaml").read_text()
+    (folder / "robot" / "hand.yaml").write_text(hand.replace("urdf: ", "urdf: urdf/").replace("urdf/two_finger_", "urdf/"))
+    urdf = (ASSETS / "hands" / "two_finger_gripper.urdf").read_text()
+    mesh = '<mesh filename="package://robot/meshes/palm.obj"/></geometry>'
+    urdf, count = re.subn('<box size="0.06 0.17 0.05"/></geometry>(<material name="shell"/>)?', mesh, urdf)
+    assert count == 2
+    (folder / "robot" / "urdf" / "gripper.urdf").write_text(urdf)
+    (folder / "robot" / "package.xml").write_text("<package/>")
+    palm = trimesh.creation.box((0.06, 0.17, 0.05))
+    palm.visual = TextureVisuals(np.random.default_rng(0).random((8, 2)), image=Image.fromarray(levels))
+    palm.export(folder / "robot" / "meshes" / "palm.obj")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +110,7 @@ def published(folder: Path) -> Path:
         options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *settings]
         code, said = vt("run", stage, *options)
         assert code == 0, said
-    code, said = vt("recipe", folder / "data")
+    code, said = vt("recipe", folder / "data", "--files-url", "https://example.org/hand")
     assert code == 0, said
     path = folder / "things.recipe.yaml"
     path.write_text(said)
@@ -80,11 +119,18 @@ def published(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Make the dataset again elsewhere, in three shards; return the place and what was said."""
-    place = tmp_path_factory.mktemp("reader")
-    shutil.copytree(published.parent / "meshes", place / "mine")
-    shutil.copytree(published.parent / "own", place / "own")
+    """Make the dataset again elsewhere, in three shards, while the publisher's files are away; return the place and what was said."""
+    place, publisher = tmp_path_factory.mktemp("reader"), published.parent
+    shutil.copytree(publisher / "meshes", place / "mine")
+    for name in FILES:
+        (place / "own" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(publisher / "own" / name, place / "own" / name)
+    away = [(publisher / name, publisher / f"{name}-away") for name in ("meshes", "own")]
+    for here, there in away:
+        here.rename(there)
     code, said = vt("remake", published, *options_of(place), "--shards", 3)
+    for here, there in away:
+        there.rename(here)
     assert code == 0, said
     return place, said
 
@@ -126,9 +172,9 @@ def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[P
 
 
 def test_recipe_is_small_and_its_own_content_again(published: Path) -> None:
-    text = published.read_text()
-    assert read_recipe(published).text() == text
-    assert len(text) < 10_000
+    text, recipe = published.read_text(), read_recipe(published)
+    assert recipe.text() == text
+    assert len(text) - sum(map(len, recipe.texts.values())) < 10_000
     lines = text.partition("\nobjects: |\n")[2].splitlines(keepends=True)
     assert len(lines) == 4
     assert max(map(len, lines)) <= 200
@@ -205,18 +251,43 @@ def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp
     assert "settings of sample-surfaces that differ from preset draft: points=301" in said
 
 
-def test_other_library_is_named_where_rows_differ(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    def change(content: dict[str, Any]) -> None:
-        content["versions"]["numpy"] = "1.26.4"
-        content["objects"] = _other_digest(content["objects"], "ball", 0)
-        content["stages"]["sample-surfaces"]["roots"][0] = "0" * 64
+def test_other_library_is_named_where_rows_differ(folder: Path, tmp_path: Path) -> None:
+    """Let another trimesh be installed, whose STL files are larger by a millionth."""
+    options = ["--manifest", folder / "things.yaml", "--executor", "serial", "--set", "sample-surfaces.points=300"]
+    assert vt("run", "sample-surfaces", "--data", tmp_path / "data", *options)[0] == 0
+    (recipe := tmp_path / "surfaces.recipe.yaml").write_text(vt("recipe", tmp_path / "data")[1])
+    _write_other_trimesh(tmp_path / "site")
+    command = ["vt-pipeline", "remake", recipe, "--objects", folder / "meshes", "--data", tmp_path / "d", "--executor", "serial"]
+    done = subprocess.run(
+        [Path(sys.executable).parent / command[0], *map(str, command[1:])],
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    said = " ".join(done.stdout.split())
+    assert "differs in 1 of 4 rows sample-surfaces: other rows of rod may come of this" in said
+    version = importlib.metadata.version("trimesh")
+    assert f"may come of this: trimesh is 99.0 here, {version} there: pip install trimesh=={version}" in said
 
-    code, said = again(changed(published, tmp_path, change), remade)
-    assert code == 1
-    assert "differs in 1 of 16 rows" in said
-    assert "sample-surfaces: other rows of ball" in said
-    assert "may come of this: numpy is" in said
-    assert "1.26.4 there: pip install numpy==1.26.4" in said
+
+def _write_other_trimesh(site: Path) -> None:
+    """Install a changed copy of trimesh; what is not changed are links."""
+    here = Path(trimesh.__file__).parent
+    (site / "trimesh" / "exchange").mkdir(parents=True)
+    for file in (*here.iterdir(), *(here / "exchange").iterdir()):
+        if file not in (here / "exchange", here / "exchange" / "stl.py"):
+            (site / "trimesh" / file.relative_to(here)).symlink_to(file)
+    change = """
+_read_as_before = load_stl_binary
+def load_stl_binary(*arguments, **options):
+    found = _read_as_before(*arguments, **options)
+    return {**found, "vertices": found["vertices"] * (1 + 1e-6)}
+"""
+    (site / "trimesh" / "exchange" / "stl.py").write_text((here / "exchange" / "stl.py").read_text() + change)
+    (site / "trimesh-99.0.dist-info").mkdir()
+    (site / "trimesh-99.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: trimesh\nVersion: 99.0\n")
 
 
 def test_changed_digests_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
@@ -252,7 +323,16 @@ def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) ->
     [
         (("stages", "simulate-grasps", "settings", "hand"), "/etc/passwd", "unknown hand /etc/passwd"),
         (("stages", "simulate-grasps", "settings", "hand"), "../hand.yaml", "unknown hand ../hand.yaml"),
-        (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "there is no hand"),
+        (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "unknown hand my_hand.yaml"),
+        (("stages", "simulate-grasps", "settings", "hand"), "robot/meshes/palm.obj", "unknown hand robot/meshes/palm.obj"),
+        (("stages", "simulate-grasps", "settings", "hand"), {"a": [1]}, "unknown hand {'a': [1]}"),
+        (("texts", "../x.yaml"), "a: 1", "'../x.yaml' must be a path below the folder"),
+        (("texts", "robot/.ssh/x.yaml"), "a: 1", "'robot/.ssh/x.yaml' must be a path below the folder"),
+        (("texts", "setup.py"), "a: 1", "'setup.py' is no name of a text file"),
+        (("texts", f"{'x' * 200}.yaml"), "a: 1", "x' must be a path below the folder"),
+        (("texts", "my_scene.yaml/x.yaml"), "a: 1", "x.yaml cannot be written"),
+        (("files", "/etc/passwd"), "0" * 64, "'/etc/passwd' must be a path below the folder"),
+        (("files_url",), "file:///etc/passwd", "files_url: String should match pattern"),
         (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
         (("stages", "render-vision", "settings", "scene"), "~/scene.yaml", "unknown scene ~/scene.yaml"),
         (("manifest", "sources", 0, "path"), "/etc", "must be"),
@@ -304,19 +384,81 @@ def test_source_outside_its_folder_is_refused(published: Path, tmp_path: Path, s
         read_recipe(path)
 
 
-def test_own_sensor_and_scene_are_named_by_their_files_and_must_be_the_publisher_s(
-    published: Path, remade: tuple[Path, str], tmp_path: Path
-) -> None:
-    stages = read_recipe(published).stages
-    said = {setting: stages[setting.partition(".")[0]].settings[setting.partition(".")[2]] for setting in OWN}
-    assert said == OWN
-    assert stages["simulate-touch"].settings["sensors"] is None  # those of the grasps
+def test_recipe_carries_the_hand_sensor_and_scene_of_the_publisher(published: Path, remade: tuple[Path, str]) -> None:
+    recipe = read_recipe(published)
+    settings = {f"{stage}.{setting}": value for stage, said in recipe.stages.items() for setting, value in said.settings.items()}
+    assert {setting: settings[setting] for setting in OWN} == OWN
+    assert settings["render-vision.hand"] == "robot/hand.yaml"
+    assert settings["simulate-touch.sensors"] == ["gels/my_gel.yaml"] * 2
+    assert sorted(recipe.texts) == TEXTS
+    assert sorted(recipe.files) == FILES
+    for name in TEXTS:
+        assert (remade[0] / "own" / name).read_text() == recipe.texts[name] == (published.parent / "own" / name).read_text()
+    assert "    # of our own\n    calibrated:" in published.read_text()  # for people to read
+
+
+def test_own_files_that_are_missing_or_others_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    said_of = read_recipe(published).files
     code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
-    assert (code, "simulate-grasps.sensor is the file my_gel.yaml; give the folder that has it" in text) == (1, True)
+    place = tmp_path / "d" / "descriptions"
+    assert (code, f"3 hand, sensor or scene files to be put right: {place / FILES[0]} is missing" in text) == (1, True)
+    assert all(said_of[name] in text for name in FILES)
+    assert "They can be had at https://example.org/hand" in text
+    assert not (tmp_path / "d").exists()
+    shutil.copytree(remade[0] / "own", place)
+    (place / "gels" / "my_gel.yaml").write_text((place / "gels" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
+    (place / FILES[1]).write_bytes((place / FILES[1]).read_bytes() + b"x")
+    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
+    assert (code, f"2 hand, sensor or scene files to be put right: {place / 'gels' / 'my_gel.yaml'} has SHA-256" in text) == (1, True)
+    assert f"the recipe says {said_of[FILES[1]]}" in text
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("robot/hand.yaml", "urdf/gripper.urdf", "/etc/gripper.urdf"),
+        ("robot/hand.yaml", "urdf/gripper.urdf", "../../gripper.urdf"),
+        ("robot/hand.yaml", "sensor: gel_16mm", "sensor: ~/gel.yaml"),
+        ("gels/my_gel.yaml", "untouched.png", "../../../untouched.png"),
+        ("robot/urdf/gripper.urdf", "package://robot/meshes/palm.obj", "../../../palm.obj"),
+    ],
+)
+def test_own_file_that_names_one_elsewhere_is_refused(
+    published: Path, remade: tuple[Path, str], tmp_path: Path, name: str, old: str, new: str
+) -> None:
+    def change(content: dict[str, Any]) -> None:
+        assert old in content["texts"][name]
+        content["texts"][name] = content["texts"][name].replace(old, new)
+        del content["texts"]["robot/package.xml"]
+
+    own = tmp_path / "here" / "own"
+    for file in FILES:
+        (own / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(remade[0] / "own" / file, own / file)
+    shutil.copy(remade[0] / "own" / "robot" / "meshes" / "palm.obj", tmp_path / "here")
+    (tmp_path / "package.xml").write_text("<package/>")  # the reader of hands would take a mesh from here
+    options = ["--objects", remade[0] / "mine", "--descriptions", own, "--data", tmp_path / "d"]
+    code, said = vt("remake", changed(published, tmp_path, change), *options)
+    assert code == 1
+    named = new.removeprefix("sensor: ")
+    assert f"the recipe's {name.replace('urdf/gripper.urdf', 'hand.yaml')} names {named!r}, which may lie outside" in said
+    assert not (tmp_path / "d").exists()
+
+
+def test_own_file_that_names_one_that_is_not_there_is_refused(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    def change(content: dict[str, Any]) -> None:
+        texts = content["texts"]
+        texts["gels/my_gel.yaml"] = texts["gels/my_gel.yaml"].replace("untouched.png", "other.png")
+        texts["robot/hand.yaml"] = texts["robot/hand.yaml"].replace("sensor: gel_16mm", "sensor: ../gels/my_gel.yaml")
+        content["stages"]["simulate-grasps"]["settings"]["sensor"] = None
+
     shutil.copytree(remade[0] / "own", tmp_path / "own")
-    (tmp_path / "own" / "my_gel.yaml").write_text((remade[0] / "own" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
-    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d")
-    assert (code, "simulate-grasps: the files of two_finger_gripper, my_gel.yaml are not those of the recipe" in text) == (1, True)
+    for name in ("gels/my_gel.yaml", "robot/hand.yaml"):
+        (tmp_path / "own" / name).unlink()
+    options = ["--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d"]
+    code, said = vt("remake", changed(published, tmp_path, change), *options)
+    assert code == 1
+    assert f"simulate-grasps: {tmp_path / 'own' / 'robot' / '..' / 'gels' / 'other.png'} cannot be read" in said
 
 
 def _other_digest(lines: str, name: str, column: int) -> str:

@@ -5,21 +5,23 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.formats.physics_urdf import links_without_mass, write_physics_urdf
+from pipeline.formats.physics_urdf import add_origin, links_without_mass, write_physics_urdf
 from pipeline.formats.urdf import parse_urdf, read_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.link_overlaps import frequent_overlaps
+from pipeline.kernels.hand.link_overlaps import frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 
 BAR = '<{0}><origin xyz="0 0 0.02"/><geometry><box size="0.01 0.01 0.04"/></geometry></{0}>'
@@ -133,6 +135,12 @@ def test_links_that_always_overlap_are_named_unless_they_are_neighbours_at_rest(
     (found,) = frequent_overlaps(beside, collision_boxes(beside), frames)
     assert (found.first, found.second) == (1, 2)
     assert found.depth > 0.002
+    first, second = (beside.links[link].name for link in (1, 2))
+    assert remedy(beside, found) == f"`allowed_contacts: [[{first}, {second}]]`"  # boxes
+    mesh = (replace(wide.collisions[0], kind="mesh"),)
+    for shapes, way in ((mesh, f"`convex_parts: {{{second}: 8}}`"), (2 * mesh, f"`allowed_contacts: [[{first}, {second}]]`")):
+        other = replace(beside, links=(*hand.links[:2], replace(wide, collisions=shapes), *hand.links[3:]))
+        assert remedy(other, found) == way
     assert frequent_overlaps(replace(beside, allowed_contacts=frozenset({(1, 2)})), collision_boxes(beside), frames) == []
 
 
@@ -239,3 +247,14 @@ def test_shape_that_is_too_large_to_fill_is_named(tmp_path: Path) -> None:
     trimesh.creation.box((20, 30, 50)).export(path.parent / "meshes" / "tip.glb")
     with pytest.raises(InvalidInput, match=r"a collision shape of link tip is 20 x 30 x 50 m large; is the scale of its mesh right\?"):
         collision_spheres(load_hand(path), spacing=0.003)
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
+def test_an_origin_is_written_as_its_angles_even_where_they_are_not_unique(pitch: float) -> None:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [0.4, pitch, -1.1]).as_matrix(), [1, 2, 3]
+    link = Element("joint")
+    add_origin(link, pose)
+    xyz, rpy = ([float(number) for number in link[0].attrib[name].split()] for name in ("xyz", "rpy"))
+    np.testing.assert_allclose(Rotation.from_euler("xyz", rpy).as_matrix(), pose[:3, :3], atol=1e-7)
+    assert xyz == [1, 2, 3]

@@ -115,7 +115,9 @@ def test_one_network_takes_whatever_an_observation_has(data, grasp, tmp_path, le
     ]
     np.testing.assert_array_equal(made[0].reconstruction.vertices, made[1].reconstruction.vertices)
     assert bool(len(made[0].touched)) == ("touch" in way)
-    done = CliRunner().invoke(app, ["check", str(file), "--models", str(data / "models"), "--configuration", "implicit-any"])
+    done = CliRunner().invoke(
+        app, ["check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any"]
+    )
     assert done.exit_code == 0, done.output
 
 
@@ -140,6 +142,12 @@ def test_the_joined_surface_is_closed(data, tmp_path):
     np.testing.assert_allclose(
         np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
     )  # nothing moved: averages of equals
+
+
+def test_steps_of_a_slow_prediction_are_shown(data, tmp_path, monkeypatch):
+    monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
+    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
+    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, asked).output
 
 
 def test_the_command_says_what_the_closed_mesh_is_made_of(data, tmp_path):

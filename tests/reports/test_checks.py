@@ -16,10 +16,12 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.observation_checks import ModelInputs
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reports.description_checks import check_file
+from pipeline.reports.hand_check import gel_lines
 from pipeline.reports.plots import draw_curves, draw_histogram
 from pipeline.reports.results import training_losses
 from stages.simulate_grasps.prepare import prepare_hand
@@ -100,7 +102,28 @@ def test_links_that_block_a_finger_are_a_fault_in_the_words_of_the_stage(old: st
     faults = [line.removeprefix("fault: ") for line in lines if line.startswith("fault: ")]
     assert "; ".join(faults) == str(stopped.value)
     assert re.match(fault, faults[0])
-    assert "list the pair under `allowed_contacts`" in faults[0]
+    assert re.search(r": write `allowed_contacts: \[\[.*\]\]` into ", faults[0])  # these links are boxes: nothing can be cut
+
+
+def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(tmp_path: Path) -> None:
+    lines = check_file("two_finger_gripper", tmp_path / "a.png")
+    assert any(
+        re.fullmatch(r"trial: ([5-9]|10) of 10 attempts at a ball of 70 mm are grasps, which touch with .* of 2 sensors", line)
+        for line in lines
+    )
+    palm = {"link": "palm", "facing": [0, 0, -1], "centre": [0, 0, 0.09]}  # away from the fingers
+    urdf = str(load_hand("two_finger_gripper").urdf)
+    lines = check_file(str(edited("hand", "two_finger_gripper", tmp_path / "back.yaml", palm=palm, urdf=urdf)), tmp_path / "a.png")
+    assert "faults below" in lines[0]
+    (fault,) = [line for line in lines if line.startswith("fault: ")]
+    assert "palm.facing" in fault
+
+
+def test_gel_is_drawn_as_long_and_as_curved_as_it_is() -> None:
+    base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
+    np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
+    np.testing.assert_allclose([row[:, 2].max(), column[:, 2].max()], 0.005, atol=1e-5)
+    np.testing.assert_allclose(rim[0], [-0.01, -0.015, 0.005 - 0.1 + np.sqrt(0.1**2 - 0.01**2 - 0.015**2)], atol=5e-5)
 
 
 def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
@@ -223,7 +246,7 @@ def test_check_of_a_hand_says_what_its_convex_shapes_lose_and_fill(tmp_path: Pat
     assert lost is not None
     assert int(lost[1]) <= 1000
     assert float(lost[2]) <= 0.4
-    assert any(re.fullmatch(r"hollows of meshes that this fills, by depth: palm \d mm; `convex_parts` of a .*", line) for line in lines)
+    assert any(re.fullmatch(r"hollows of meshes that this fills, by depth: palm \d mm; they matter .*", line) for line in lines)
 
 
 PALM_MESH = '<collision><geometry><mesh filename="palm.stl"/></geometry></collision>'

@@ -128,6 +128,13 @@ def test_size_is_that_of_the_box_along_the_axes() -> None:
     assert size_note({"meshes/vertices": np.array([[0, 0, 0.5], [0.32, 0.1, 0.55], [0.1, 0.2, 0.65]])}) == "32 × 20 × 15 cm"
 
 
+def test_progress_of_slow_sheets_is_shown(tmp_path, monkeypatch, capsys) -> None:
+    ball_dataset.make_data(tmp_path, 2)
+    monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
+    assert contact_sheets(tmp_path, 2)
+    assert "contact sheets: 1 of 2 objects" in capsys.readouterr().err
+
+
 def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(tmp_path, monkeypatch) -> None:
     data, mine = tmp_path / "data", tmp_path / "thesis.txt"
     ball_dataset.make_data(data, 1)

@@ -3,9 +3,11 @@
 import io
 from dataclasses import replace
 
+import igl
 import numpy as np
 import pytest
 import trimesh
+from trimesh.transformations import translation_matrix
 from trimesh.visual.color import linear_to_srgb
 
 from pipeline.dataset.mesh_rows import mesh_row
@@ -14,7 +16,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.mesh_files import Y_UP
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.reports.grasp_scene import GRID, OBJECT_FACES, TEXTURE, TEXTURED_FACES, GraspScenes
+from pipeline.reports.grasp_scene import GRID, LINK_FACES, OBJECT_FACES, TEXTURE, TEXTURED_FACES, GraspScenes
 
 HAND, SENSOR = load_hand("allegro_right"), load_sensor("gel_16mm")
 
@@ -65,6 +67,17 @@ def test_a_small_scene_has_few_faces_on_a_grid_and_keeps_shape_and_colour(rows):
     np.testing.assert_array_equal(made.vertices / GRID, np.round(made.vertices / GRID))
     red, green, _ = made.visual.vertex_colors[0, :3] / 255
     assert (red, green) == pytest.approx((0.791, 0.007), abs=0.005)  # linear, as glTF has them
+
+
+def test_a_small_hand_keeps_the_parts_of_its_links() -> None:
+    box = trimesh.creation.box((0.08, 0.03, 0.1)).subdivide().subdivide().subdivide().subdivide()
+    knuckles = [trimesh.creation.capsule(0.02, 0.006, count=[24, 24], transform=translation_matrix([0.015 * k, 0, 0.1])) for k in range(6)]
+    made = trimesh.util.concatenate([box, *knuckles])
+    link = Mesh(np.array(made.vertices), made.faces.astype(np.int32), Look.plain(len(made.vertices), len(made.faces), (90, 90, 90)))
+    shown = GraspScenes(HAND, [SENSOR] * 4, small=True)._shape(link)
+    assert len(shown.faces) < 3 * LINK_FACES
+    lost = igl.point_mesh_squared_distance(link.vertices, np.asarray(shown.vertices), np.asarray(shown.faces, np.int64))[0]
+    assert np.sqrt(lost.max()) < 0.005
 
 
 def globe(count: int) -> Mesh:

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import StoreError
 from pipeline.reports.html_report import _environment
+from pipeline.reports.object_page import columns
 from pipeline.reports.report_pages import read_pages
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset
@@ -212,3 +213,7 @@ def test_a_report_of_objects_of_real_size_has_no_figures_of_the_paper(data, monk
 def test_numbers_and_their_units_stay_on_one_line():
     page = _environment().from_string("{{ text|units }}").render(text="touch, 3.3 mm & 12 mm², 5 % of 2 m long")
     assert page == "touch, 3.3&nbsp;mm &amp; 12&nbsp;mm², 5&nbsp;% of 2&nbsp;m long"
+
+
+def test_no_sensor_stands_alone_in_a_row():
+    assert [columns(2 * 2 + sensors) for sensors in (2, 4, 5, 6, 7, 13)] == [6, 8, 9, 10, 6, 9]

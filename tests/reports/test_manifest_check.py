@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -36,6 +38,15 @@ def meshes(tmp_path: Path) -> Path:
 
 def check(tmp_path: Path, folder: Path, **stated: str) -> list[str]:
     return check_file("directory", tmp_path / "a.png", meshes=MeshFiles(folder, **stated))
+
+
+def test_picture_shows_the_meshes(tmp_path: Path, meshes: Path) -> None:
+    check(tmp_path, meshes)
+    with Image.open(tmp_path / "a.png") as picture:
+        gray = np.asarray(picture.convert("L"))
+    lowest = gray[-150:-20]  # beyond the bars: two meshes on the scene's background
+    assert np.ptp(lowest, axis=0).max() > 50
+    assert len(np.unique(lowest)) > 30  # shaded
 
 
 def row(lines: list[str], name: str) -> list[str]:

@@ -25,7 +25,7 @@ from stages.train_touch.variation import vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
 SETTINGS: dict[str, Any] = {"epochs": 20, "batch_size": 8, "window": 24, "width": 8, "learning_rate": 1e-2}
-OFF = dict.fromkeys(("image_gain", "image_noise", "image_mix", "image_blur", "image_drift"), 0.0)
+OFF = dict.fromkeys(("image_gain", "image_noise", "image_mix", "image_depth", "image_blur", "image_drift"), 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -75,15 +75,15 @@ def test_windows_are_parts_of_presses(presses: RandomPresses) -> None:
 
 def test_variation_is_off_at_zero_and_follows_from_the_generator() -> None:
     change = 30 * torch.randn(3, 20, 20, generator=torch.Generator().manual_seed(0))
-    off = TouchTrainingSettings.model_validate(OFF)
-    torch.testing.assert_close(vary_change(change, off, generators(1)[0]), change)
+    depth, off = torch.rand(20, 20, generator=torch.Generator().manual_seed(1)), TouchTrainingSettings.model_validate(OFF)
+    torch.testing.assert_close(vary_change(change, depth, off, generators(1)[0]), change)
     on = TouchTrainingSettings()
-    first, second, other = (vary_change(change, on, generators(1, seed)[0]) for seed in (1, 1, 2))
+    first, second, other = (vary_change(change, depth, on, generators(1, seed)[0]) for seed in (1, 1, 2))
     assert torch.equal(first, second)
     assert not torch.equal(first, other)
     for name in OFF:
         alone = TouchTrainingSettings.model_validate(OFF | {name: getattr(on, name)})
-        assert not torch.allclose(vary_change(change, alone, generators(1, 3)[0]), change, atol=1e-3), name
+        assert not torch.allclose(vary_change(change, depth, alone, generators(1, 5)[0]), change, atol=1e-3), name
 
 
 def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from pipeline.config.manifest import Manifest
+from pipeline.formats.description_file import description_path
 from pipeline.store.record import FolderRecord, RowRecord, ShardRecord
 from schemas.catalogue import ARTIFACTS
 from tools.reference_pages import MARKER, PAGES, regenerated
@@ -31,6 +32,17 @@ def test_regenerating_keeps_what_is_above_the_marker_and_refuses_a_page_without_
     assert regenerated(f"# By hand\n{MARKER}old", "new") == f"# By hand\n{MARKER}\nnew"
     with pytest.raises(ValueError, match="has no line"):
         regenerated("# By hand\n", "new")
+
+
+def test_hand_and_sensor_page_says_what_every_entry_of_the_shipped_files_means():
+    page = (DOCS / "hand-and-sensor.md").read_text()
+    assert not re.findall(r"^\| `\w+` \|.*\|  \|$", page, re.MULTILINE)
+    entries = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    kinds = {"hand": ("allegro_right", "two_finger_gripper"), "sensor": ("gel_16mm", "gelsight", "gelsight_mini", "digit")}
+    for kind, names in kinds.items():
+        for name in names:
+            assert set(yaml.safe_load(description_path(kind, name).read_text())) <= entries
+    assert "its axis is y" in page
 
 
 def test_manifests_page_names_every_entry_and_its_examples_are_manifests():

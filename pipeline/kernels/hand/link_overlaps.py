@@ -86,6 +86,23 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
     return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
 
 
+def remedy(hand: Hand, overlap: LinkOverlap) -> str:
+    """Name the entry of the hand file that ends an overlap.
+
+    Parameters
+    ----------
+    hand, overlap
+        The hand, and two of its links.
+
+    Returns
+    -------
+    `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
+    """
+    links = [hand.links[overlap.first], hand.links[overlap.second]]
+    whole = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
+    return f"`convex_parts: {{{', '.join(whole)}}}`" if whole else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"
+
+
 def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int, int], float]]:
     """Yield the pairs of links that can meet, each with its gap at rest, m."""
     rest = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]

@@ -78,20 +78,16 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 
     Returns
     -------
-    Postures of all widths that the hand has, ascending, the best of each width and pair of gels.
-
-    Raises
-    ------
-    InvalidInput
-        No two gels of the hand can face each other.
+    Postures of all widths that the hand has, ascending, the best of each width and pair of gels; none of a hand whose fingers meet at an
+    angle, as those of a claw.
 
     Notes
     -----
     Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
     """
     parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
-    if not any(len(part.width) for part in parts):
-        raise InvalidInput(f"{ik.hand.name}: no two of its gels can face each other, so it cannot hold; use simulate-grasps.search=touch")
+    if not parts:
+        raise InvalidInput(f"{ik.hand.name}: one sensor alone cannot hold; use simulate-grasps.search=touch")
     every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
     return every.rows(np.argsort(every.width, kind="stable"))
 

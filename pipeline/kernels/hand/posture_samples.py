@@ -11,7 +11,7 @@ from scipy.stats import qmc
 
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps
+from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import finger_conflicts, fingers_clear_of_palm
 
@@ -111,13 +111,11 @@ def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> lis
 
 
 def _sentence(hand: Hand, count: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
-    """Say which links are in the way, and what to do."""
+    """Say which links are in the way, and what to write into the hand file."""
     pairs = [
         f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
         f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
         for overlap in overlaps
     ]
-    return (
-        f"{count} {', '.join(pairs) or otherwise}: list the pair under `allowed_contacts` of {hand.path}, "
-        "or split the meshes of a link with `convex_parts`"
-    )
+    ways = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
+    return f"{count} {', '.join(pairs) or otherwise}: write {', '.join(ways)} into {hand.path}"

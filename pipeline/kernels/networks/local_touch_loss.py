@@ -12,8 +12,11 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.local_network import LocalShape
 from pipeline.kernels.networks.slope_integration import surface_slopes
 
-DEPTH, IN_CONTACT, CONTACT = 4.0, 4.0, 0.3
-"""Weight of the depth error, mm, beside the slopes'; what a pixel in the contact weighs more; weight of the contact."""
+DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3
+"""Weight of the depth error, mm; what a pixel in the contact weighs more; weights of slopes and contact."""
+SMALL = 0.1
+"""Error of a slope below which it counts by its square. If small ones cost little, gentle slopes are read too steep, to make up for the
+depth that is lost at walls."""
 STEEPEST = 4.0
 """Slope to which true ones are clamped: walls have none that colours tell."""
 
@@ -45,6 +48,6 @@ def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -
     if not bool(torch.isfinite(shape.slopes).all()):
         raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
     depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()
-    slopes = smooth_l1_loss(shape.slopes, surface_slopes(truth.depth, pitch).clamp(-STEEPEST, STEEPEST))
+    slopes = smooth_l1_loss(shape.slopes, surface_slopes(truth.depth, pitch).clamp(-STEEPEST, STEEPEST), beta=SMALL)
     contact = binary_cross_entropy_with_logits(shape.contact, truth.contact.to(shape.contact.dtype))
-    return DEPTH * depth + slopes + CONTACT * contact
+    return DEPTH * depth + SLOPES * slopes + CONTACT * contact

@@ -1,4 +1,4 @@
-"""The colours of a calibrated sensor, compiled: a polynomial of the gel's normal whose coefficients depend on the position."""
+"""The colours of a calibrated sensor, compiled: a polynomial of the gel's normal, and its depth; coefficients depend on the position."""
 
 from __future__ import annotations
 
@@ -48,12 +48,14 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
 def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
     """Compute the change of colours of a gel whose surface lies `bump` (rows, cols), m, below its rest; else as `calibrated_change`."""
     change = np.zeros((*sensor.shape, 3))
+    casting = np.minimum(bump, calibration.deepest)
     if bump.any():
         x, y = fitted_positions(sensor, calibration.within)
         shading = np.array(calibration.coefficients)
         degrees = SLOPE_TERMS[shading.shape[1]], POSITION_TERMS[shading.shape[2]]
-        _shade(bump, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
-    casting = np.minimum(bump, calibration.deepest)
+        if calibration.depth is not None:
+            shading = np.concatenate([shading, MM * np.array(calibration.depth)[:, None]], axis=1)
+        _shade(bump, casting, sensor.pitch, x, y, shading, degrees, calibration.steepest, change)
     for shadow in calibration.shadows if bump.any() else ():
         depth = shade_depth(casting, sensor.pitch, direction=np.deg2rad(shadow.direction), slope=shadow.slope)
         _darken(np.ascontiguousarray(depth), MM * np.array(shadow.gain), change)
@@ -111,6 +113,7 @@ def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArr
 @compiled
 def _shade(
     bump: NDArray[np.float64],
+    casting: NDArray[np.float64],
     pitch: tuple[float, float],
     x: NDArray[np.float64],
     y: NDArray[np.float64],
@@ -152,6 +155,8 @@ def _shade(
                 for col in range(first, last + 1):
                     into[col] = factor[col] * source[col]
             number += degree + 1
+        if number < shading.shape[1]:  # the depth's own colours come last
+            terms[number, first : last + 1] = casting[row, first : last + 1]
         across = x[first : last + 1]
         for channel in range(3):
             total = light[first : last + 1]

@@ -22,14 +22,14 @@ from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""
-THICKNESSES = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 """Of an elastic gel, that are tried, in contact radii; the last is nearly a half-space."""
 MODULUS = 2e5
 """Pa, of an elastic gel whose forces nobody measured: its shape does not depend on it."""
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
 """Degrees of the polynomial in the position that are tried."""
 GAIN = 0.02
-"""Share of the least error that a higher degree must gain to be taken."""
+"""Share of the least error that a later choice must gain to be taken."""
 USUAL_DEGREE = 2
 """With which the gel is chosen where the degree is not given: the best one hardly depends on it."""
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
@@ -63,6 +63,11 @@ class FitOptions:
     thicknesses: tuple[float, ...] = THICKNESSES
     poisson: float = 0.48
     contact_weight: float = CONTACT_WEIGHT
+
+
+FIT_FOR_DEPTH = FitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
+"""For a sensor whose photographs a network shall read: colours are those of contacts, where the ball's slopes are known, and of the elastic
+gels the one that predicts the rings around them best is taken. A membrane leaves a step at walls, which no network can read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,8 +131,8 @@ def fit_colours(
     Notes
     -----
     The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
-    on average over the photographs; a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
-    shadows are added, each the one that explains most of what is left.
+    on average over the photographs; a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`.
+    Then all photographs are fitted, and shadows are added, each the one that explains most of what is left.
     """
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
@@ -141,21 +146,24 @@ def fit_colours(
     usual = USUAL_DEGREE if given is None else given
     gels = _gels(options)
     candidates = [gel.of(sensor, radius) for gel in gels]
-    errors_of_gels = [left_out_error(sampled(candidate, usual)) for candidate in candidates]
-    chosen = int(np.argmin(errors_of_gels))
+    chosen = _first_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
     fitted = candidates[chosen]
     samples = sampled(fitted, POSITION_DEGREES[-1] if given is None else given)
-    terms = len(powers(options.normal_degree)) - 1
+    terms = len(powers(options.normal_degree))  # without a constant, and with the depth
     if given is None:
         parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
-        errors = {degree: left_out_error(part) for degree, part in parts.items()}
-        given = next(degree for degree in POSITION_DEGREES if errors[degree] <= (1 + GAIN) * min(errors.values()))
+        given = POSITION_DEGREES[_first_good([left_out_error(part) for part in parts.values()])]
         samples = parts[given]
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
     at_end = _at_end(gels[chosen], given if options.position_degree is None else None)
     calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
     return ColourFit(fitted, calibration, given, tuple(at_end))
+
+
+def _first_good(errors: Sequence[float]) -> int:
+    """Find the first of some choices, the simplest, that errs by no more than `GAIN` over the least."""
+    return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
 
 def _gels(options: FitOptions) -> list[_GelShape]:
@@ -176,7 +184,7 @@ def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
 
 
 def _of_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
-    """Keep the features up to some degree in the position, of samples with `terms` of the normal."""
+    """Keep the features up to some degree in the position, of samples with `terms` of normal and depth."""
     every, places = samples[0].features.shape[1] // terms, len(powers(degree))
     columns = (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
     return [sample.with_features(sample.features[:, columns]) for sample in samples]
@@ -216,10 +224,12 @@ def _calibration(
 ) -> Calibration:
     coefficients = _solved(samples)
     count = shape[0] * shape[1]
+    fitted = np.round(coefficients[:count].T.reshape(3, *shape), 3)
     gains = np.round(coefficients[count:], 3).tolist()
     slopes = [np.hypot(sample.features[:, 0], sample.features[:, shape[1]]) for sample in samples]  # the columns of nx and ny alone
     return Calibration(
-        coefficients=np.round(coefficients[:count].T.reshape(3, *shape), 3).tolist(),
+        coefficients=fitted[:, :-1].tolist(),
+        depth=fitted[:, -1].tolist(),
         background=background,
         shadows=tuple(Shadow(direction=d, slope=s, gain=tuple(gain)) for (d, s), gain in zip(shadows, gains, strict=True)),
         steepest=round(max(float(slope.max()) for slope in slopes), 3),

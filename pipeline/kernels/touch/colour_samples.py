@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.ball_contact import RING, Box, Photograph, ball_impression, distance_from
-from pipeline.kernels.touch.calibrated_shading import deformed, fitted_positions, powers
+from pipeline.kernels.touch.calibrated_shading import MM, deformed, fitted_positions, powers
 from pipeline.kernels.touch.sensor import Sensor
 
 CONTACT_WEIGHT = 3.0
@@ -32,8 +32,8 @@ class Sample:
         (rows, cols) float64, m: how deep the gel is drawn in, of the whole image.
     at
         Rows and columns of the pixels.
-    inside
-        (n,), true in the contact.
+    distance
+        (n,) float64, from the contact's middle, contact radii: less than 1 in the contact.
     features
         (n, k) float64, without unit.
     change
@@ -44,10 +44,15 @@ class Sample:
 
     bump: NDArray[np.float64]
     at: tuple[NDArray[np.intp], ...]
-    inside: NDArray[np.bool_]
+    distance: NDArray[np.float64]
     features: NDArray[np.float64]
     change: NDArray[np.float64]
     contact_weight: float = CONTACT_WEIGHT
+
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """(n,), true in the contact."""
+        return self.distance < 1
 
     @cached_property
     def equations(self) -> NDArray[np.float64]:
@@ -56,13 +61,18 @@ class Sample:
         return np.asarray(self.features.T @ (weight * np.hstack([self.features, self.change])))
 
     def error(self, coefficients: NDArray[np.float64]) -> float:
-        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3)."""
+        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3).
+
+        In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
+        """
         size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
-        return sum(float(size[part].mean()) for part in (self.inside, ~self.inside) if part.any())
+        weight = np.where(self.inside, 1.0, 1 / np.maximum(self.distance, 1))
+        parts = [part for part in (self.inside, ~self.inside) if part.any()]
+        return sum(float(np.average(size[part], weights=weight[part])) for part in parts)
 
     def with_features(self, features: NDArray[np.float64]) -> Sample:
         """Return a sample with other features, (n, any number)."""
-        return Sample(self.bump, self.at, self.inside, features, self.change, self.contact_weight)
+        return replace(self, features=features)
 
 
 def sample_photographs(
@@ -91,7 +101,7 @@ def sample_photographs(
 
     Returns
     -------
-    A sample per photograph; features are in the order of `Calibration.coefficients`.
+    A sample per photograph; features are in the order of `Calibration.coefficients`, then those of its `depth`.
     """
     stride = max(1, round(float(np.median([photograph.contact.radius for photograph in photographs])) / SAMPLES))
     x, y = fitted_positions(sensor, within)
@@ -99,16 +109,16 @@ def sample_photographs(
     for photograph in photographs:
         distance = distance_from(sensor, photograph.contact)[::stride, ::stride] / (photograph.contact.radius * sensor.pitch[1])
         row, col = np.nonzero(distance < RING)
-        inside = distance[row, col] < 1
+        share = distance[row, col]
         row, col = stride * row, stride * col
         bump = deformed(ball_impression(sensor, photograph.contact, ball_radius), sensor)
         slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
         size = np.sqrt(1 + slope_x**2 + slope_y**2)
-        normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]]
+        normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]] + [MM * bump[row, col]]
         place = [x[col] ** i * y[row] ** j for i, j in powers(degrees[1])]
         features = np.stack([slope * spot for slope, spot in product(normal, place)], axis=1)
         change = photograph.image[row, col].astype(np.float64) - untouched[row, col].astype(np.float64)
-        samples.append(Sample(bump, (row, col), inside, features, change))
+        samples.append(Sample(bump, (row, col), share, features, change))
     return samples
 
 

@@ -115,8 +115,11 @@ class _Displacement:
         self.spectrum = fft.rfft2(wrapped)
 
     def __call__(self, pressure: Array) -> Array:
-        found = fft.irfft2(fft.rfft2(pressure, self.padded) * self.spectrum, self.padded)
-        return np.ascontiguousarray(found[: self.shape[0], : self.shape[1]])
+        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: no line of zeros is transformed, and none that is cut
+        waves = fft.fft(lines, self.padded[0], axis=0)
+        waves *= self.spectrum
+        lines = fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
+        return np.ascontiguousarray(fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
 
     def part(self, shape: tuple[int, ...]) -> _Displacement:
         """Return that of a smaller grid."""
@@ -129,17 +132,18 @@ def _whole_grid(shape: tuple[int, int], pitch: tuple[float, float], poisson: flo
 
 
 class _Stiffness:
-    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver."""
+    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver, in single precision."""
 
     def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
-        self.shape = shape
-        waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(shape[0], pitch[0]), fft.rfftfreq(shape[1], pitch[1]))]
+        rows, cols = self.padded = fft.next_fast_len(shape[0]), fft.next_fast_len(shape[1], real=True)
+        waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(rows, pitch[0]), fft.rfftfreq(cols, pitch[1]))]
         wave = np.hypot(waves[0][:, None], waves[1][None])
         wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a lone contact is no infinite one
-        self.spectrum = wave / (2 * layer_factor(wave * thickness, poisson))
+        self.spectrum = (wave / (2 * layer_factor(wave * thickness, poisson))).astype(np.float32)
 
     def __call__(self, displacement: Array) -> Array:
-        return np.asarray(fft.irfft2(fft.rfft2(displacement) * self.spectrum, self.shape))
+        found = fft.irfft2(fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
+        return np.asarray(found[: displacement.shape[0], : displacement.shape[1]], np.float64)
 
 
 def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -> Array:

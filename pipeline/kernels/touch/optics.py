@@ -23,15 +23,15 @@ class _Entry(BaseModel):
 
 
 class Lights(_Entry):
-    """Positions P of the three lamps of equation 5, in sensor widths from the corner of pixel (0, 0)."""
+    """Positions P of the three lamps of equation 5, in sensor widths, along y too, from the corner of pixel (0, 0)."""
 
-    red: Position
-    green: Position
-    blue: Position
+    red: Annotated[Position, Field(description="x along columns, y along rows, z out of the gel")]
+    green: Annotated[Position, Field(description="as red")]
+    blue: Annotated[Position, Field(description="as red")]
 
 
 class Shadow(_Entry):
-    """Hold the shadow of one lamp behind a bump of the gel."""
+    """The shadow of one lamp behind a bump of the gel."""
 
     direction: Annotated[float, Field(ge=-360, le=360, description="towards the lamp, degrees from +x to +y")]
     slope: Annotated[float, Field(gt=0, le=100, description="height over length of the lamp's rays")]
@@ -45,16 +45,27 @@ class Calibration(_Entry):
         tuple[tuple[tuple[Level, ...], ...], ...],
         Field(description="levels by colour, term of the normal (nx, ny, nx², nx ny, …), term of the position (1, x, y, x², x y, …)"),
     ]
+    depth: Annotated[
+        tuple[tuple[Level, ...], ...] | None,
+        Field(
+            exclude_if=lambda depth: depth is None,
+            description="levels per mm that the gel is pressed in, by colour and term of the position: what is nearer to the camera is lit "
+            "otherwise; by default none",
+        ),
+    ] = None
     background: Annotated[
         tuple[Levels, ...] | str,
         Field(description="the untouched image: levels by term of the position, or a PNG beside the sensor file"),
     ]
-    shadows: tuple[Shadow, ...] = ()
+    shadows: Annotated[tuple[Shadow, ...], Field(description="that lamps cast behind bumps of the gel")] = ()
     steepest: Annotated[
         float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
     ] = 1.0
     deepest: Annotated[
-        float, Field(gt=0, le=10, description="depth of the deepest fitted contact, m: a deeper one has its shadows; by default no limit")
+        float,
+        Field(
+            gt=0, le=10, description="depth of the deepest fitted contact, m: deeper ones have its light and shadows; by default no limit"
+        ),
     ] = 10.0
     within: Annotated[
         tuple[Place, Place, Place, Place] | None,
@@ -69,6 +80,11 @@ class Calibration(_Entry):
             raise ValueError(
                 f"coefficients has {len(self.coefficients)} colours with {sorted(slopes)} terms of the normal and {sorted(places)} of the "
                 f"position; there must be 3, each with one of {list(SLOPE_TERMS)}, each with one of {list(POSITION_TERMS)}"
+            )
+        if self.depth is not None and [len(color) for color in self.depth] != 3 * list(places):
+            raise ValueError(
+                f"depth has {[len(color) for color in self.depth]} terms of the position by colour; there must be 3 colours, each with as "
+                f"many as coefficients have, {places.pop()}"
             )
         if not isinstance(self.background, str) and len(self.background) not in POSITION_TERMS:
             raise ValueError(f"background has {len(self.background)} terms of the position; there must be one of {list(POSITION_TERMS)}")

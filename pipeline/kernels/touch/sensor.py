@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.optics import Calibration, Lights
@@ -29,7 +30,13 @@ class Surface(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     radius: Annotated[Length | None, Field(description="of a sphere or cylinder whose highest point, in the middle, is w, m")] = None
-    along: Annotated[Literal["both", "x", "y"], Field(description="a sphere, or a cylinder that is curved along x or y")] = "both"
+    along: Annotated[
+        Literal["both", "x", "y"],
+        Field(
+            description="the way in which a bulge falls off: both, a sphere; x, a cylinder that is lower at its first and last column (its "
+            "axis is y); y, one that is lower at its first and last row"
+        ),
+    ] = "both"
     heights: Annotated[
         tuple[tuple[Length, ...], ...] | None,
         Field(description="above the sensor plane on a grid from rim to rim, rows along +y, linear in between, m"),
@@ -59,14 +66,17 @@ class Sensor(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, serialize_by_alias=True)
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120)]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120, description="recorded in datasets")]
     width: Annotated[Length, Field(description="side of the sensor plane along +x, m")]
     given_height: Annotated[Length | None, Field(alias="height", description="side along +y, m; by default the width")] = None
     rows: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +y; a gradient needs two")]
     cols: Annotated[int, Field(ge=2, le=MAX_PIXELS_PER_SIDE, description="pixels along +x; a gradient needs two")]
     w: Annotated[Length, Field(description="thickness of the gel, m (equation 1); of a curved one in the middle")]
     range: Annotated[Length, Field(description="greatest depth at which a surface is found, m")]
-    surface: Annotated[Surface | None, Field(description="shape of the gel; by default flat")] = None
+    surface: Annotated[
+        Surface | None,
+        Field(description="shape of the gel; by default flat. Rays stay parallel, and a touch is measured by the depth below it"),
+    ] = None
     membrane: Annotated[float, Field(ge=0, le=1, description="how far the gel is drawn in around a contact, m; 0 for not at all")] = 0.0
     gel: Annotated[
         Gel | None,
@@ -78,7 +88,9 @@ class Sensor(BaseModel):
     diffuse: Annotated[float, Field(gt=0, le=1e6, description="diffuse reflection constant, lambda of equation 2")] = 1.0
     lights: Annotated[Lights | None, Field(description="lamps of equations 2 to 5; a sensor has these or is calibrated")] = None
     calibrated: Annotated[Calibration | None, Field(description="colours fitted to photographs")] = None
-    photograph: Annotated[bytes | None, Field(exclude=True, repr=False, description="the background's PNG, which the loader reads")] = None
+    photograph: Annotated[
+        SkipJsonSchema[bytes | None], Field(exclude=True, repr=False, description="the background's PNG, which the loader reads")
+    ] = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Sensor:

@@ -40,6 +40,8 @@ def slow_change(sensor, pressed) -> np.ndarray:
             normal = [a**i * b**j for i, j in powers(3)[1:]]
             place = [x[c] ** i * y[r] ** j for i, j in powers(2)]
             found[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
+            if sensor.calibrated.depth is not None:
+                found[r, c] += 1e3 * min(pressed[r, c], sensor.calibrated.deepest) * np.array(sensor.calibrated.depth) @ place
     return found
 
 
@@ -49,6 +51,15 @@ def test_colours_are_the_polynomial_of_normal_and_position() -> None:
     pressed = bump() + 0.0004 * np.eye(48, 64)[::-1]
     np.testing.assert_allclose(calibrated_change(pressed, sensor, optics), slow_change(sensor, pressed), atol=1e-9)
     assert (calibrated_change(np.zeros(sensor.shape), sensor, optics) == 0).all()
+
+
+@pytest.mark.parametrize("deepest", [10.0, 0.0006])
+def test_light_grows_with_the_depth_up_to_the_deepest_that_was_fitted(deepest: float, rng: np.random.Generator) -> None:
+    optics = SMALL.calibrated.model_copy(update={"shadows": (), "depth": rng.normal(0, 9, (3, 6)).tolist(), "deepest": deepest})
+    sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
+    np.testing.assert_allclose(calibrated_change(bump(), sensor, optics), slow_change(sensor, bump()), atol=1e-9)
+    without = optics.model_copy(update={"depth": None})
+    assert np.abs(calibrated_change(bump(), sensor, optics) - calibrated_change(bump(), sensor, without)).max() > 1
 
 
 @pytest.mark.parametrize("steepest", [0.3, 0.05])

@@ -40,6 +40,16 @@ def test_degree_in_the_position_is_the_one_that_predicts_best(degree: int) -> No
     assert fit.at_end == ()
 
 
+def test_light_that_grows_with_the_depth_is_recognised() -> None:
+    """The middle of a contact is flat and yet lit otherwise: by so many levels per mm as the gel there is deep."""
+    base = of_degree(0)
+    assert base.calibrated is not None
+    optics = base.calibrated.model_copy(update={"depth": ((9.0,), (-4.0,), (0.0,))})
+    sensor = base.model_copy(update={"calibrated": optics, "membrane": 0.5 * RADIUS})
+    fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, FitOptions(position_degree=0, shadows=0, elastic=False))
+    np.testing.assert_allclose(np.ravel(fit.calibration.depth), [9, -4, 0], atol=0.7)
+
+
 def test_membrane_as_wide_as_the_widest_that_is_tried_is_reported() -> None:
     wide = of_degree(0).model_copy(update={"membrane": MEMBRANES[-1] * RADIUS})
     fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, FitOptions(position_degree=0, shadows=0, elastic=False))
@@ -70,10 +80,12 @@ def test_error_of_a_left_out_photograph_is_that_of_a_fit_to_the_others() -> None
     errors = []
     for left_out in samples:
         others = [sample for sample in samples if sample is not left_out]
-        weight = np.concatenate([np.where(sample.inside, CONTACT_WEIGHT, 1.0) for sample in others])[:, None]
+        weight = np.concatenate([np.where(sample.distance < 1, CONTACT_WEIGHT, 1.0) for sample in others])[:, None]
         rows, change = (np.concatenate([getattr(sample, name) for sample in others]) for name in ("features", "change"))
         coefficients = np.linalg.lstsq(weight * rows, weight * change, rcond=None)[0]
         size = np.abs(left_out.features @ coefficients - left_out.change).mean(axis=1)
-        errors.append(size[left_out.inside].mean() + size[~left_out.inside].mean())
+        contact, ring = left_out.distance < 1, left_out.distance >= 1
+        per_radius = 1 / left_out.distance[ring]
+        errors.append(size[contact].mean() + (size[ring] * per_radius).sum() / per_radius.sum())
     assert left_out_error(samples) == pytest.approx(np.mean(errors), rel=1e-2)
     assert np.mean(errors) > 0.1

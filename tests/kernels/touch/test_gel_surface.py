@@ -169,6 +169,10 @@ def test_curved_gels_are_traced_from_far_and_near_poses(rng: np.random.Generator
         ({"lights": None}, "give either lights .* or calibrated"),
         ({"calibrated": {"coefficients": [[[1.0]]] * 3, "background": [[0, 0, 0]]}, "lights": None}, "there must be 3, each with one of"),
         ({"calibrated": {"coefficients": [[[1.0]] * 2] * 3, "background": [[0, 0, 0]] * 2}, "lights": None}, "background has 2 terms"),
+        (
+            {"calibrated": {"coefficients": [[[1.0]] * 2] * 3, "depth": [[1.0, 2.0]] * 3, "background": [[0, 0, 0]]}, "lights": None},
+            r"depth has \[2, 2, 2\] terms .* coefficients have, 1",
+        ),
     ],
 )
 def test_a_sensor_that_cannot_be_is_refused(changes, message) -> None:

@@ -116,7 +116,7 @@ def test_attempt_does_not_depend_on_process_or_order(prepared: PreparedHand) -> 
 def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
     def made(name: int, touches: int, sound: bool = True) -> Grasp:
         touched = np.arange(4) < touches
-        return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, sound)
+        return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, None if sound else "moves")
 
     kept: list[Grasp] = []
     for grasp in (made(0, 2), made(1, 4, sound=False), made(2, 3), None, made(3, 2), made(4, 3), made(5, 0)):
@@ -126,7 +126,7 @@ def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
 
 def grasp_with(areas: list[float], closure: float) -> Grasp:
     contacts = [Contact(np.zeros(3), np.array([0.0, 0, 1]), area) if area else None for area in areas]
-    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, True, lambda: contacts, lambda _: closure)
+    return Grasp(np.eye(4), np.zeros(16), np.eye(4), np.array(areas) > 0, 0.0, None, lambda: contacts, lambda _: closure)
 
 
 def test_best_grasps_are_those_with_most_touches_area_or_closure() -> None:

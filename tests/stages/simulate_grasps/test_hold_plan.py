@@ -9,7 +9,7 @@ import trimesh
 from pipeline.kernels.hand.load_residual import NO_LOAD, RESIDUAL_STEP, Load, load_residual
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps import hold_plan
-from stages.simulate_grasps.hold_plan import HoldPlanner, prepare_pinches
+from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
 from stages.simulate_grasps.prepare import PreparedHand, prepare_object
 from tests.kernels.hand.meshes import centred, points_on
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -21,6 +21,13 @@ def planner(prepared: PreparedHand) -> HoldPlanner:
     thing = prepare_object(box, *points_on(box, 2000, seed=1), cell=SETTINGS.grid_cell, reach=prepared.reach)
     settings = SETTINGS.model_copy(update={"search": "hold", "plans": 3})
     return HoldPlanner.of_object(prepared, thing, settings, prepare_pinches(prepared), numpy_rng(0, "rays"))
+
+
+def test_fingers_that_oppose_each_other_at_an_angle_find_plans_too(planner: HoldPlanner) -> None:
+    none, pinches = np.empty(0, np.intp), planner.pinches
+    claw = Pinches(pinches.postures.rows(none), pinches.grips[none], pinches.frames[none], pinches.fingers[none])
+    rays, hand, thing = numpy_rng(0, "rays"), planner.prepared_hand, planner.prepared_object
+    assert HoldPlanner.of_object(hand, thing, planner.settings, claw, rays)(numpy_rng(0, "plan", 0)) is not None
 
 
 def test_plans_are_those_of_all_choices_and_all_plans(planner: HoldPlanner, monkeypatch: pytest.MonkeyPatch) -> None:

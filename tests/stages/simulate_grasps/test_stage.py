@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,14 @@ from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
+from pipeline.store.directory import DataDirectory
 from pipeline.toy_objects import CATEGORIES, generate
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
 from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.stage import SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
+from tests.stages import ball_dataset
 from tests.stages.simulate_grasps.conftest import SETTINGS
 
 
@@ -97,6 +100,14 @@ def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str)
     assert row["touch_success"][:, 3].mean() >= 0.6
     assert row["attempt_success"].mean() >= 0.5
     assert row["penetration"].max() <= 1e-3
+
+
+def test_grasps_without_any_touch_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ball_dataset, "touched", lambda unit, grasp, sensor: unit.name != "b" or grasp in (0, 3))
+    ball_dataset.make_data(tmp_path, 3)
+    (shard,) = DataDirectory(tmp_path).collection(GRASPS).shards
+    (line,) = SimulateGrasps().remarks(GraspSettings(), shard)
+    assert line.startswith("3 grasps of 1 object (b) kept without any touch")
 
 
 def test_object_without_room_for_a_hand_is_refused() -> None:

@@ -1,0 +1,72 @@
+"""What is known of a network's error: by its evaluation, by the card of one that ships, or by its training alone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from pipeline.errors import StoreError
+from pipeline.inference.observation_reader import ObservationReader
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.networks.implicit_network import ImplicitConfig
+from pipeline.kernels.networks.network_configurations import RADIUS
+from pipeline.models.families import ROWS, model_name
+from pipeline.models.shipped_weights import card_path, read_card
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import exists
+from stages.evaluate.baselines import LABELS, LOOKED_UP
+from stages.evaluate.evaluation_files import evaluation_name, read_figures
+
+
+def error_note(reader: ObservationReader) -> str:
+    """Say how far the surfaces of a reader's network are from objects that it did not learn from, and warn if looking up is nearer.
+
+    Raises
+    ------
+    StoreError
+        The card of a network that ships cannot be read.
+    """
+    models, model = reader.models, reader.model
+    used = (model.configuration, model.image, model.touch)
+    name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), model.configuration)
+    if note := _by_evaluation(reader, name):
+        return note
+    card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
+    if card and (of_all := card.errors.get(name, {}).get("all")):
+        apart = 1e3 * math.sqrt(of_all.mean / (2 * TABLE_3_FACTOR))
+        return f"{name}: {apart:.0f} mm (root mean square) from the surfaces of {of_all.objects} objects of 0.5 m that it has not seen"
+    return f"{name}: {_by_training(reader)}; `evaluate` compares it with looking up the nearest training object"
+
+
+def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
+    """Compare the mean distance with that of the training object that the same inputs find; None if the network was not evaluated."""
+    directory, evaluated = DataDirectory(reader.models.parent), evaluation_name(reader.training_seed)
+    if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
+        return None
+    try:
+        directory.check_origins([evaluated])
+        figures = read_figures(directory.whole_folder(evaluated))
+    except StoreError:
+        return None  # out of date: `evaluate` says why
+    found_by = "by silhouette" if reader.model.image else "by touch" if reader.model.touch else "typical"
+    if name not in figures or (baseline := figures.get(LOOKED_UP + found_by)) is None:
+        return None
+    ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
+    nearer = "" if ours < theirs else "warning: worse than looking up: "
+    return (
+        f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
+        f"the {LABELS[found_by]} in its place: {theirs:.1f} mm"
+    )
+
+
+def _by_training(reader: ObservationReader) -> str:
+    """Convert the validation loss of the best epoch to mm."""
+    model = reader.model
+    record = model_name(model.configuration, reader.training_seed).removeprefix("models/")
+    loss = DataDirectory(reader.models).folder(record).facts["best"]["loss"]
+    if isinstance(model.config, ImplicitConfig):
+        return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
+    if model.has_charts:
+        apart = 1e3 * model.config.radius / RADIUS * math.sqrt(loss / (2 * TABLE_3_FACTOR))
+        return f"{apart:.1f} mm (root mean square) from the surfaces of validation objects"
+    return f"validation loss {loss:.3g}"

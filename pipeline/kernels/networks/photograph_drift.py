@@ -1,0 +1,56 @@
+"""The drift of a photograph: light that differs smoothly from the untouched photograph's, with nothing in the gel."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import torch
+from torch import Tensor
+from torch.nn.functional import interpolate
+
+SIDE = 40
+"""Pixels per side to which changes are averaged: drift is smooth."""
+DEGREE = 2
+"""Of the polynomial in the position: the contacts of one sensor are too small to be taken for one."""
+SCALE = 4.0
+"""Levels: pixels that differ from the drift by much more, as contacts do, do not count. Drift of photographs is as large."""
+ROUNDS = 12
+"""Of weighted least squares."""
+
+
+def without_drift(change: Tensor) -> Tensor:
+    """Take the drift away: a polynomial of the position, fitted to the pixels that nothing presses.
+
+    Parameters
+    ----------
+    change
+        (B, 3, H, W) image minus untouched image, levels.
+
+    Returns
+    -------
+    (B, 3, H, W) levels.
+
+    Notes
+    -----
+    Iteratively reweighted least squares from a drift of 0: a pixel r levels away weighs 1 / (1 + (r / SCALE)²)².
+    """
+    levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
+    terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)
+    drift = torch.zeros_like(levels)
+    for _ in range(ROUNDS):
+        weight = (1 + (levels - drift).square().sum(dim=2) / SCALE**2) ** -2  # (B, n)
+        weighted = weight[:, :, None] * terms
+        ridge = torch.eye(terms.shape[1], dtype=change.dtype, device=change.device)  # as one pixel: none counts where all are pressed
+        coefficients = torch.linalg.solve(weighted.transpose(1, 2) @ terms + ridge, weighted.transpose(1, 2) @ levels)  # (B, k, 3)
+        drift = terms @ coefficients
+    rows, cols = change.shape[2:]
+    fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
+    return change - fitted.transpose(1, 2).reshape(change.shape)
+
+
+@lru_cache(maxsize=8)
+def _terms(rows: int, cols: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Make the terms of the polynomial at every pixel, (rows * cols, k)."""
+    y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
+    powers = [(i, total - i) for total in range(DEGREE + 1) for i in range(total, -1, -1)]
+    return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers], dim=1)

@@ -1,0 +1,75 @@
+"""A short trial of a hand: a few attempts at a grasp of a ball, with the reasons of those that fail."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from pipeline.console import Meter, errors
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.physics.simulation import Simulation
+from pipeline.rng import numpy_rng
+from stages.simulate_grasps.grasp_search import GraspSearch
+from stages.simulate_grasps.prepare import prepare_hand, prepare_object
+from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.size_warnings import opening
+from stages.simulate_grasps.touch_plan import TouchPlanner
+
+ATTEMPTS = 10
+SHARE = 0.5
+"""Of how far the hand opens, the ball's diameter."""
+
+NO_ROOM = "the hand found no room around the ball"
+PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
+REMEDIES = {
+    NO_ROOM: PALM,
+    "fingers still move": "lower torque in the hand file",
+    "a joint is pushed": "lower torque in the hand file",
+    "links of the hand": "write the pairs of the overlap lines into the hand file",
+    "a rigid link": "lay the sensors' origins on the surface of their links, and normals outwards, in the hand file",
+}
+"""What to do if no attempt succeeds, by how the most frequent reason begins."""
+
+
+def trial_grasps(path: Path) -> list[str]:
+    """Attempt to grasp a ball with a hand as `simulate-grasps` does.
+
+    Parameters
+    ----------
+    path
+        The hand file, without faults.
+
+    Returns
+    -------
+    Lines: how many attempts are grasps, and with how many touches; why the others are none. A fault if none is one.
+    """
+    settings = GraspSettings(hand=str(path))
+    prepared = prepare_hand(settings)
+    radius = SHARE * opening(prepared.hand) / 2
+    sphere = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
+    ball = Mesh.bare(POSITION + radius * sphere.vertices, np.asarray(sphere.faces))
+    thing = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
+    with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
+        physics.load(ball)
+        search = GraspSearch(prepared, thing, physics, settings, TouchPlanner(prepared, thing, settings))
+        grasps = []
+        for number in range(ATTEMPTS):
+            grasps.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
+            meter.advance()
+    touches = [int(grasp.touched.sum()) for grasp in grasps if grasp is not None and grasp.sound]
+    reasons = Counter(NO_ROOM if grasp is None else grasp.fault for grasp in grasps if grasp is None or grasp.fault)
+    tried = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
+    if touches:
+        tried += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
+    lines = [tried, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
+    if not touches:
+        worst = str(reasons.most_common(1)[0][0])
+        way = next(way for reason, way in REMEDIES.items() if worst.startswith(reason))
+        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {way}")
+    elif not any(touches):
+        lines.append(f"fault: no sensor touches the ball; {PALM}")
+    return lines

@@ -1,0 +1,63 @@
+"""What `predict` says of the error of its network."""
+
+import io
+import math
+import re
+
+import pytest
+import torch
+from rich.console import Console
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.inference.network_error import error_note
+from pipeline.inference.predict import model_reader
+from pipeline.models.shipped_weights import SHIPPED, read_card
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from tests.stages import ball_dataset as spheres
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 3, ("train", "test", "test"))  # balls of radius 100, 120, 140 mm
+    spheres.make_model(folder, "none", still=True)  # always a ball of 250 mm
+    spheres.make_model(folder, "touch")
+    spheres.make_implicit_model(folder, "implicit-any")
+    return folder
+
+
+def said(data, name: str) -> str:
+    return error_note(model_reader(data / "models", name))
+
+
+def test_a_network_that_was_not_evaluated_is_described_by_its_validation_loss(data):
+    assert f"none: {1e3 * math.sqrt(2.5 / 9000 / 2):.1f} mm" in said(data, "none")  # each way counts
+    assert "implicit-any-touch: signed distances near validation objects are wrong by 75.0 mm" in said(data, "implicit-any-touch")
+    assert "`evaluate` compares it" in said(data, "none")
+
+
+def test_predict_warns_of_a_network_that_is_worse_than_the_training_object_in_its_place(data, tmp_path):
+    settings = EvaluationSettings(points=500, configurations=("none",))
+    (plan,) = make_plans(
+        Request(stage=Evaluate(), settings=settings, manifest="balls", objects=spheres.objects(3), preset="draft", seed=0, data=data)
+    )
+    run(plan, Console(file=io.StringIO()))
+    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
+    output = " ".join(CliRunner().invoke(app, asked).output.split())
+    told = re.search(
+        r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output
+    )
+    assert told, output
+    assert list(map(float, told.groups())) == pytest.approx([250 - (120 + 140) / 2, (120 + 140) / 2 - 100], rel=0.1)  # of facets and points
+    assert "`evaluate` compares it" in said(data, "touch")  # was not evaluated
+
+
+def test_a_network_that_ships_is_described_by_its_card():
+    errors = read_card("implicit-any").errors["implicit-any-touch"]["all"]
+    note = error_note(model_reader(SHIPPED, "implicit-any-touch"))
+    assert f"implicit-any-touch: {1e3 * math.sqrt(errors.mean / 9000 / 2):.0f} mm" in note

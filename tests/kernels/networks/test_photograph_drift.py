@@ -1,0 +1,57 @@
+"""The drift that is taken away from photographs: all of a smooth one, none of a contact; and a plain computation of the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from pipeline.kernels.networks.photograph_drift import ROUNDS, SCALE, SIDE, without_drift
+
+
+def positions(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:
+    y, x = (2 * (np.arange(count) + 0.5) / count - 1 for count in (rows, cols))
+    return np.meshgrid(x, y)
+
+
+def contact(rows: int = 120, cols: int = 160) -> np.ndarray:
+    """Make a ball's colours, up to 60 levels to either side, in a fifth of the image's width."""
+    x, y = positions(rows, cols)
+    inside = (x - 0.2) ** 2 + (y + 0.1) ** 2 < 0.1
+    return np.stack([300 * (x - 0.2) * inside, 300 * (y + 0.1) * inside, -10.0 * inside])
+
+
+def drift(rows: int = 120, cols: int = 160) -> np.ndarray:
+    x, y = positions(rows, cols)
+    return np.stack([3 + 4 * x - 2 * y, 5 * x * y - 3, 2 - 6 * x**2 + y**2])
+
+
+def test_smooth_drift_goes_and_the_contact_stays(rng: np.random.Generator) -> None:
+    noise = rng.normal(0, 1, (2, *contact().shape))
+    photographs = torch.tensor(np.stack([contact(), -0.7 * contact()]) + drift() + noise, dtype=torch.float32)
+    left = without_drift(photographs).numpy() - noise - np.stack([contact(), -0.7 * contact()])
+    assert np.abs(drift()).max() > 7
+    assert np.abs(left).mean() < 0.2
+    assert np.abs(left).max() < 1.0
+
+
+def test_what_has_not_drifted_is_left_as_it_is() -> None:
+    still = torch.tensor(contact()[None], dtype=torch.float32)
+    assert (without_drift(still) - still).abs().max() < 0.5
+    assert (without_drift(torch.zeros(1, 3, 60, 80)) == 0).all()
+
+
+def test_image_that_is_all_contact_has_no_drift_to_speak_of() -> None:
+    pressed = torch.full((1, 3, 60, 80), 50.0)
+    assert (without_drift(pressed) - pressed).abs().max() < 8
+
+
+def test_drift_is_that_of_weighted_least_squares() -> None:
+    change = contact(SIDE, SIDE) + drift(SIDE, SIDE)
+    x, y = (axis.ravel() for axis in positions(SIDE, SIDE))
+    terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
+    levels, fitted = change.reshape(3, -1).T, np.zeros((SIDE**2, 3))
+    for _ in range(ROUNDS):
+        root = 1 / (1 + np.square(levels - fitted).sum(axis=1, keepdims=True) / SCALE**2)
+        fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
+    found = without_drift(torch.tensor(change[None]))[0].numpy()
+    np.testing.assert_allclose(found, change - fitted.T.reshape(change.shape), atol=0.05)
