@@ -224,12 +224,12 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
     directory, models = source.directory, trained_models(source.directory, source.evaluated)
+    tables = results_tables(directory, source.evaluated, source.scored)
     curves = []
     for name, place in models.items():
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.whole_folder(place)), folder / file)
         curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
-    tables = results_tables(directory, source.evaluated, source.scored)
     return {"summary": _summary(source, folder), "groups": _folded(tables), "curves": curves}
 
 
