@@ -30,7 +30,7 @@ MAX_BYTES = 5e6
 
 def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCard:
     """Copy a network with the U-Net of a data directory, and write its card from the evaluation there."""
-    directory = DataDirectory(data)
+    directory, sources = DataDirectory(data), commit()  # before files change
     directory.check_origins([model_name(network), evaluation_name()])
     shutil.rmtree(models, ignore_errors=True)
     for name in (model_name(network), "models/unet"):
@@ -48,7 +48,7 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
         manifest=manifest.name,
         objects=len(learned),
         trained_on=tuple(TrainedOn(source=source.kind, licence=source.licence) for source in manifest.sources),
-        commit=commit(),
+        commit=sources,
         command=f"make weights; settings: {_settings(record_of_network.settings)}",
         errors=_errors(directory.whole_folder(evaluation_name()), network),
         not_for=NOT_FOR,
