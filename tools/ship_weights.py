@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import yaml
 
+from benchmarks.provenance import commit
 from pipeline.config.manifest import load_manifest
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
@@ -30,7 +30,7 @@ MAX_BYTES = 5e6
 
 def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCard:
     """Copy a network with the U-Net of a data directory, and write its card from the evaluation there."""
-    directory = DataDirectory(data)
+    directory, sources = DataDirectory(data), commit()  # before files change
     directory.check_origins([model_name(network), evaluation_name()])
     shutil.rmtree(models, ignore_errors=True)
     for name in (model_name(network), "models/unet"):
@@ -48,7 +48,7 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
         manifest=manifest.name,
         objects=len(learned),
         trained_on=tuple(TrainedOn(source=source.kind, licence=source.licence) for source in manifest.sources),
-        commit=_commit(),
+        commit=sources,
         command=f"make weights; settings: {_settings(record_of_network.settings)}",
         errors=_errors(directory.whole_folder(evaluation_name()), network),
         not_for=NOT_FOR,
@@ -78,13 +78,6 @@ def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:
 
 def _settings(settings: dict[str, object]) -> str:
     return " ".join(shlex.quote(f"{name}={value}") for name, value in settings.items())
-
-
-def _commit() -> str:
-    """Return the commit of the code here, and whether it was changed."""
-    root = Path(__file__).parents[1]
-    done = subprocess.run(["git", "describe", "--always", "--dirty", "--abbrev=12"], cwd=root, capture_output=True, text=True, check=True)
-    return done.stdout.strip()
 
 
 if __name__ == "__main__":
