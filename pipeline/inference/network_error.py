@@ -28,14 +28,15 @@ def error_note(reader: ObservationReader) -> str:
     """
     models, model = reader.models, reader.model
     used = (model.configuration, model.image, model.touch)
-    name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), model.configuration)
+    alone = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
+    name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), alone)
     if note := _by_evaluation(reader, name):
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
     if card and (of_all := card.errors.get(name, {}).get("all")):
         apart = 1e3 * math.sqrt(of_all.mean / (2 * TABLE_3_FACTOR))
         return f"{name}: {apart:.0f} mm (root mean square) from the surfaces of {of_all.objects} objects of 0.5 m that it has not seen"
-    return f"{name}: {_by_training(reader)}; `evaluate` compares it with looking up the nearest training object"
+    return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
 
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
@@ -59,10 +60,10 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
     )
 
 
-def _by_training(reader: ObservationReader) -> str:
+def _by_training(reader: ObservationReader, name: str) -> str:
     """Convert the validation loss of the best epoch to mm."""
     model = reader.model
-    record = model_name(model.configuration, reader.training_seed).removeprefix("models/")
+    record = model_name(name, reader.training_seed).removeprefix("models/")
     loss = DataDirectory(reader.models).folder(record).facts["best"]["loss"]
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
