@@ -131,7 +131,7 @@
     const play = chosen("play"), time = chosen("time"), mixer = new THREE.AnimationMixer(grasps);
     let lift, before;
     const wind = (seconds) => {
-      lift.time = Math.min(seconds, lift.getClip().duration);
+      lift.time = Math.min(seconds, Number(time.max));
       time.value = lift.time;
       time.setAttribute("aria-valuetext", `${lift.time.toFixed(2)} seconds`);
       mixer.update(0);
@@ -143,7 +143,7 @@
       if (before === undefined) return;
       wind(lift.time + SPEED * (now - before) / 1000);
       before = now;
-      if (lift.time < lift.getClip().duration) requestAnimationFrame(step); else pause();
+      if (lift.time < Number(time.max)) requestAnimationFrame(step); else pause();
     };
     const choose = () => {
       if (!play) return;
@@ -153,7 +153,7 @@
       root.querySelector("output").textContent = dataset.lift ?? "";
       play.disabled = time.disabled = !clip;
       lift = clip && mixer.clipAction(clip);
-      time.max = clip ? clip.duration : 1;
+      time.max = clip ? clip.duration.toPrecision(15) : 1;  // the digits that a range keeps: played and wound to the end are one picture
       time.value = time.defaultValue;
     };
     play?.addEventListener("click", () => {
