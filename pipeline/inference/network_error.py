@@ -14,7 +14,7 @@ from pipeline.models.families import ROWS, model_name
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
-from stages.evaluate.baselines import LABELS, LOOKED_UP
+from stages.evaluate.baselines import LABELS, LOOKED_UP, retrieved_by
 from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
@@ -34,8 +34,8 @@ def error_note(reader: ObservationReader) -> str:
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
     if card and (of_all := card.errors.get(name, {}).get("all")):
-        apart = 1e3 * math.sqrt(of_all.mean / (2 * TABLE_3_FACTOR))
-        return f"{name}: {apart:.0f} mm (root mean square) from the surfaces of {of_all.objects} objects of 0.5 m that it has not seen"
+        mm, objects = _apart(of_all.mean), of_all.objects
+        return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
     return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
 
 
@@ -49,14 +49,14 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         figures = read_figures(directory.whole_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
-    found_by = "by silhouette" if reader.model.image else "by touch" if reader.model.touch else "typical"
-    if name not in figures or (baseline := figures.get(LOOKED_UP + found_by)) is None:
+    found = retrieved_by(reader.model.image, reader.model.touch)
+    if name not in figures or (baseline := figures.get(found)) is None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
     nearer = "" if ours < theirs else "warning: worse than looking up: "
     return (
         f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
-        f"the {LABELS[found_by]} in its place: {theirs:.1f} mm"
+        f"the {LABELS[found.removeprefix(LOOKED_UP)]} in its place: {theirs:.1f} mm"
     )
 
 
@@ -68,6 +68,10 @@ def _by_training(reader: ObservationReader, name: str) -> str:
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
     if model.has_charts:
-        apart = 1e3 * model.config.radius / RADIUS * math.sqrt(loss / (2 * TABLE_3_FACTOR))
-        return f"{apart:.1f} mm (root mean square) from the surfaces of validation objects"
+        return f"{model.config.radius / RADIUS * _apart(loss):.1f} mm (root mean square) from the surfaces of validation objects"
     return f"validation loss {loss:.3g}"
+
+
+def _apart(chamfer: float) -> float:
+    """Convert a Chamfer distance, in Table 3's unit, to the root mean square distance of one direction, mm."""
+    return 1e3 * math.sqrt(chamfer / (2 * TABLE_3_FACTOR))

@@ -13,7 +13,7 @@ from pipeline.console import pluralise
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.networks.network_configurations import WAYS
 from pipeline.rng import numpy_rng
-from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, read_root, read_table
 from stages.evaluate.tables import beside
 
@@ -28,8 +28,6 @@ GIVEN = {
 """What networks are given, as the plot calls it, by the way of `WAYS`."""
 SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
 """What the sentences compare."""
-RETRIEVED = {"none": "typical", "touch": "by touch"}
-"""How the training object is retrieved with what is given; with an image, by silhouette."""
 OWN = "graph network"
 """Series of the networks that are called as what they are given."""
 
@@ -100,7 +98,7 @@ def _ways(given: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _retrieved(figures: Mapping[str, Figures], way: str) -> float | None:
-    found = figures.get(LOOKED_UP + RETRIEVED.get(way, "by silhouette"))
+    found = figures.get(retrieved_by(WAYS[way].image, WAYS[way].touch))
     return None if found is None else 1e3 * float(found.per_object("mean_distance").mean())
 
 

@@ -17,7 +17,7 @@ from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import names_in
-from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, evaluation_name, read_figures, read_root, read_table
 from stages.evaluate.tables import QUALITY_UNITS
 
@@ -93,7 +93,7 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
             factor * float(np.mean([np.median(figures.available(measure)) for figures in trainings]))
             for measure, (_, factor) in QUALITY_UNITS.items()
         )
-        baseline = figures_of.get(LOOKED_UP + ("by silhouette" if config.image else "by touch" if config.touch else "typical"))
+        baseline = figures_of.get(retrieved_by(config.image, config.touch))
         theirs = None if baseline is None else _baseline_cell(between.mean, median, TABLE_3_FACTOR * baseline.per_object("chamfer"))
         each = ", ".join(f"{mean:.2f}" for mean in chamfer.mean(axis=1))
         yield Row([name, between, each, median, most, theirs, *looks])

@@ -40,6 +40,11 @@ def label(name: str) -> str:
     return f"baseline: {LABELS[name.removeprefix(LOOKED_UP)]}" if name.startswith(LOOKED_UP) else name
 
 
+def retrieved_by(image: object, touch: bool) -> str:
+    """Name the baseline that goes by the same inputs: by the silhouette where an image is given, else by touch, else the typical object."""
+    return LOOKED_UP + ("by silhouette" if image else "by touch" if touch else "typical")
+
+
 def retrieve(
     objects: TestObjects,
     training: ObjectRows,
