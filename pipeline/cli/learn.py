@@ -115,6 +115,8 @@ def predict(
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
+    if data is None and (grasps or view):
+        fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
     directory = place(data) if data else None
     folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
     made = prediction.predict(
@@ -211,13 +213,14 @@ def report(
         directory.check_origins([SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
-        if not evaluated:
+        if not (evaluated or scored):
             return
     if evaluated or scored:
         directory.check_origins([*evaluated, *scored])
         show_tables(console, results_tables(directory, evaluated, scored))
     else:
-        print_line("no network has been evaluated: the report shows the dataset alone; `make report`, with the same variables, trains some")
+        alone = ": the report shows the dataset alone" if pages else ""
+        print_line(f"no network has been evaluated{alone}; `make report`, with the same variables, trains some")
     if pages:
         print_line(f"report: {write_report(directory.root, console, most)}")
 
@@ -228,6 +231,8 @@ def _grid(options: list[str]) -> dict[str, list[Any]]:
         setting, separator, values = option.partition("=")
         if not separator or not values:
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
+        if setting in found or "." in setting:
+            fail(f"--grid {option}: name each setting once, with all its values, and without its stage: SETTING=VALUE,VALUE,…")
         try:
             found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
         except (yaml.YAMLError, ValueError, RecursionError):

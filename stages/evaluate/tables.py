@@ -72,7 +72,7 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
 def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     for place in scored:
         if problem := difference(folder, place):
-            yield Table(f"{', '.join(read_root(place)['configurations'])} was scored with {problem}: left out; score it again")
+            yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
 
 
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
