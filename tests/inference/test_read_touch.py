@@ -32,7 +32,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 
 ROWS, COLS = 36, 48
-SENSOR = resample(load_sensor("gelsight"), ROWS, COLS)
+SENSOR = resample(load_sensor("gelsight"), ROWS, COLS).model_copy(update={"name": "my_gel"})
 UNTOUCHED = untouched_image(SENSOR)
 
 
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a sensor file, an untrained network beside it, and three photographs."""
     folder = tmp_path_factory.mktemp("sensor")
     described = SENSOR.model_dump(mode="json", exclude_none=True)
-    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described | {"name": "my_gel"}))
+    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         network = LocalNetwork(4).eval()
