@@ -78,7 +78,8 @@ class TouchReader:
         (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
     model
         Folder of a network of `train-touch`, or of `calibrate-sensor --train`; by default `NAME-touch` beside the sensor file, else the
-        network that ships for the sensor. Either must have been trained for the sensor as its file describes it, but for its pixels.
+        network that ships for the sensor. Either must have been trained for the sensor as its file describes it, but for its pixels and
+        its gel's modulus.
     device
         Where the network computes.
 
@@ -109,8 +110,8 @@ class TouchReader:
         self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
         if model is None and (differing := _differing(loaded.sensor, described)):
             raise InvalidInput(
-                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {WAY_OUT}; "
-                f"{folder} too, if its errors may be larger"
+                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {WAY_OUT}, or name "
+                f"{folder} there if larger errors do no harm"
             )
         loaded.check_sides(described.rows, described.cols)
         self.model, self.untouched = loaded, untouched
@@ -123,8 +124,8 @@ class TouchReader:
 
 
 def _differing(one: Sensor, other: Sensor) -> list[str]:
-    """Name the entries, but for pixels, in which two sensors differ."""
-    ours, theirs = (sensor.model_dump(exclude={"rows", "cols"}) for sensor in (one, other))
+    """Name the entries in which two sensors differ, but for pixels and the gel's modulus, which changes no image."""
+    ours, theirs = (sensor.model_dump(exclude={"rows": True, "cols": True, "gel": {"modulus"}}) for sensor in (one, other))
     return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
 
 
