@@ -25,6 +25,7 @@ from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
 from pipeline.models.touch_model import LocalTouchModel
 from pipeline.rng import numpy_rng
+from stages.train_touch.settings import TouchTrainingSettings
 from tools.ship_weights import check_size
 
 FITTED_TO = {
@@ -32,6 +33,8 @@ FITTED_TO = {
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
 }
 """The shipped sensors whose photographs are read: what the numbers of their files were fitted to."""
+HELD_OUT = {"gelsight": "the odd ones of these 48", "gelsight_mini": "23 in rpl-cmu/gelslam"}
+"""Photographs that errors are of."""
 TRAINED_ON = (
     "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
     "none of which ships"
@@ -65,7 +68,7 @@ def photographed_balls(name: str, real: Path) -> tuple[str, list[Press], np.ndar
     """Read the photographs of balls that a shipped sensor was not fitted to: what they are, with their shapes, and the untouched one."""
     balls, scale = (gelsight_balls(), 0.0295) if name == "gelsight" else (mini_balls(real, "9.500"), 0.0634)
     photographs = balls.photographs[1::2] if name == "gelsight" else balls.photographs
-    what = f"photographs of balls of {MM * balls.radius:g} mm radius"
+    what = f"photographs of balls of {MM * balls.radius:g} mm radius, to which nothing was fitted: {HELD_OUT[name]}"
     return what, [ball_press(one, MM * balls.radius, scale) for one in photographs], balls.untouched
 
 
@@ -85,17 +88,24 @@ def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarra
     )
 
 
-def ship(name: str, weights: Path = SHIPPED, real: Path | None = None) -> SensorCard:
-    """Train the network of a shipped sensor, and write it with its card."""
+def ship(
+    name: str,
+    weights: Path = SHIPPED,
+    real: Path | None = None,
+    *,
+    presses: int = PRESSES,
+    settings: TouchTrainingSettings | None = None,
+) -> SensorCard:
+    """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
     sources, sensor = commit(), load_sensor(name)
-    model, _ = train_sensor_network(sensor)
+    model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
     errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), MM * sensor.pitch[1])}
     if real is not None:
-        what, presses, untouched = photographed_balls(name, real)
-        errors[what] = errors_of(model, presses, untouched, MM * sensor.pitch[1])
+        what, balls, untouched = photographed_balls(name, real)
+        errors[what] = errors_of(model, balls, untouched, MM * sensor.pitch[1])
     card = SensorCard(
         sensor=name,
-        presses=PRESSES,
+        presses=presses,
         trained_on=(TrainedOn(source=TRAINED_ON.format(name, FITTED_TO[name]), licence="MIT (made by this project)"),),
         commit=sources,
         command="make sensor-weights" + " REAL=FOLDER" * (real is not None),
