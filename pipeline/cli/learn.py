@@ -196,9 +196,9 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.reports.html_report import write_report
-    from pipeline.reports.results import results_tables, training_facts
+    from pipeline.reports.results import results_tables, training_facts, training_table
     from pipeline.reports.training_seeds import evaluations, scores
-    from stages.evaluate.tables import evaluation_tables, training_table
+    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     if shipped:

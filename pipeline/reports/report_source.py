@@ -22,9 +22,10 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from schemas.vision import VISION
+from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import Arrays, Figures, has_surfaces, read_figures, read_root, read_surfaces, read_table, surface_of
 from stages.evaluate.settings import SHIPPED_SCORES
-from stages.evaluate.tables import ACCURACY, difference
+from stages.evaluate.tables import ACCURACY
 
 SCENE = "supplement"
 """The scene of the pictures of a dataset without images."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from pipeline.console import Table
+from pipeline.console import Row, Table
+from pipeline.dataset.touch_statistics import PAPER
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.reports.orderings import orderings, orderings_table
@@ -16,7 +17,8 @@ from pipeline.reports.training_seeds import trainings_table
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
 from pipeline.training.loop import METRICS, read_metrics
-from stages.evaluate.tables import evaluation_tables, training_table
+from stages.evaluate.supplement_figures import BEST_EPOCH
+from stages.evaluate.tables import evaluation_tables
 
 
 def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:
@@ -47,15 +49,25 @@ class TrainingFacts(BaseModel):
     hardware: _Hardware
 
 
-def training_facts(directory: DataDirectory, name: str) -> dict[str, Any]:
+def training_facts(directory: DataDirectory, name: str) -> TrainingFacts:
     """Read the facts of a training from the record of its model; raise a `StoreError` if some are missing."""
-    facts = directory.folder(name).facts
     try:
-        TrainingFacts.model_validate(facts)
+        return TrainingFacts.model_validate(directory.folder(name).facts)
     except ValidationError as error:
         path = directory.folder_record(name)
         raise StoreError(f"{path}: it lacks facts of a training: {invalid_entries(error)}; delete it and train the model again") from error
-    return facts
+
+
+def training_table(trained: Mapping[str, TrainingFacts]) -> Table:
+    """List each model's training: epochs, loss, time and hardware, by name."""
+    columns = ["model", "parameters", "epochs", "best epoch", f"best in {PAPER}", "validation loss", "seconds", "hardware"]
+    rows = []
+    for name, facts in trained.items():
+        ran = facts.hardware
+        hardware = f"{ran.device}, {ran.processes} process(es) of {ran.threads} threads, {ran.precision}"
+        epochs = (facts.epochs, facts.best_epoch + 1, BEST_EPOCH.get(name))
+        rows.append(Row([name, facts.parameters, *epochs, facts.best.loss, facts.training_seconds, hardware]))
+    return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])
 
 
 class _Losses(BaseModel):

@@ -14,8 +14,8 @@ from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.networks.network_configurations import WAYS
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import retrieved_by
+from stages.evaluate.comparison import beside
 from stages.evaluate.evaluation_files import Figures, read_root, read_table
-from stages.evaluate.tables import beside
 
 GIVEN = {
     "none": "nothing",

@@ -16,10 +16,11 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import LOOKED_UP, label
-from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_figures, read_root, read_table
+from stages.evaluate.comparison import beside, difference
+from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
 from stages.evaluate.single_image_tables import single_image_tables
-from stages.evaluate.supplement_figures import BEST_EPOCH, TABLE_2, TABLE_3
+from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
 QUALITY_UNITS = {
     "area_ratio": ("area, % of the true one", 100),
@@ -43,9 +44,6 @@ SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over un
 
 CHAMFER = ("chamfer", TABLE_3_FACTOR)
 """In Table 3's unit."""
-
-COMPARED = ("points", "tau", "scale", "rings")
-"""Settings that figures in one table share."""
 
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
@@ -71,43 +69,6 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
     return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder, scored))
 
 
-def difference(folder: Path, other: Path) -> str | None:
-    """Say in what two evaluations differ that forbids to compare their figures: a setting, the seed or the objects."""
-    ours, theirs = read_root(folder), read_root(other)
-    for name in COMPARED:
-        if ours["settings"][name] != theirs["settings"].get(name):
-            return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
-    if ours["seed"] != theirs["seed"]:
-        return f"seed {theirs['seed']}, not {ours['seed']}"
-    mine, others = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
-    return None if mine == others else "other objects"
-
-
-def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
-    """Read what an evaluation measured, and beside it the scores that may be compared with it.
-
-    Parameters
-    ----------
-    folder
-        Of the evaluation.
-    scored
-        Scores; one with another setting, seed or other objects is left out.
-
-    Returns
-    -------
-    The inputs of each network and method, by name, and the figures by name, with those of the baselines.
-    """
-    given, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
-    for place in scored:
-        if difference(folder, place) is None:
-            theirs = read_figures(place)
-            for name, inputs in read_root(place)["configurations"].items():
-                shown = f"{name}, scored" if name in given else name
-                given[shown], figures[shown] = inputs, theirs[name]
-                figures = {**{other: theirs[other] for other in theirs if other.startswith(LOOKED_UP)}, **figures}
-    return given, figures
-
-
 def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     for place in scored:
         if problem := difference(folder, place):
@@ -131,29 +92,25 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     )
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
-    yield _accuracy({**networks, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
+    yield _accuracy({**every, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
     if len(_numbers(felt)) > 1:
         yield _distances_by_grasps(felt, partial(rng, "grasps"))
-    yield _distances_by_class(networks, members, classes, partial(rng, "classes"))
+    if networks:
+        yield _distances_by_class(networks, members, classes, partial(rng, "classes"))
     yield _dataset(read_table(folder, "table_1"), paper)
     yield Table(_about_chamfer(objects["diagonal"], paper))
-    yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"), paper)
+    if networks:
+        yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"), paper)
     if felt:
         yield _grasps(felt, floor, partial(rng, "table_3"), paper)
-    yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
-    if paper:
-        tau = settings["tau"]
-        title = f"F1, %, at squared distance τ = {tau:g} / 2τ = {2 * tau:g} m² of clouds scaled by {settings['scale']:g}, with one grasp"
-        rows = [[name, *_by_class(network, members, ("f1", "f1_2tau"))] for name, network in networks.items()]
-        yield Table(title, ["model", *classes], [Row(row) for row in rows], ["", *[".1f"] * len(classes)])
+    if networks:
+        yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
+        if paper:
+            yield _f1(networks, members, classes, settings["tau"], settings["scale"])
     if baselines:
         yield _baselines(baselines, members, classes, partial(rng, "baselines"))
-    labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
-    yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
-    if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
-        columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
-        title = "Closed surfaces with one grasp" + ("" if settings["closed_resolution"] else ", as they are")
-        yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])
+    if networks:
+        yield from _surfaces(networks, as_they_are=not settings["closed_resolution"])
     if has_table(folder, "charts"):
         yield _charts(read_table(folder, "charts"))
 
@@ -164,12 +121,18 @@ def _numbers(networks: Networks) -> list[int]:
 
 
 def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..., np.random.Generator]) -> Table:
-    """Make the table of the plainest figures with one grasp; baselines and the limit of sampling are below the networks."""
+    """Make the table of the plainest figures with one grasp, or the fewest that a network was given.
+
+    Baselines and the limit of sampling are below the networks.
+    """
     rows = []
     for name, figures in networks.items():
-        cells = [_estimate(figures.per_object(metric), rng(name, metric), factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
-        cells += [_estimate(figures.available(metric), rng(name, metric), factor) for metric, factor in SHARED.values()]
-        rows.append(Row([label(name), *cells], dim=name.startswith(LOOKED_UP)))
+        fewest = figures.grasps[0]
+        distances = [(figures.per_object(metric, fewest), metric, factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
+        shared = [(figures.available(metric), metric, factor) for metric, factor in SHARED.values()]
+        cells = [_estimate(values, rng(name, metric), factor) for values, metric, factor in (*distances, *shared)]
+        shown = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
+        rows.append(Row([shown, *cells], dim=name.startswith(LOOKED_UP)))
     best = [
         (1e3 * sampling_distance(area, points), *(100 * sampling_share(area, points, near) for near in (NEAR, NEAR_SHARE * diagonal)))
         for area, diagonal in zip(objects["area"].tolist(), objects["diagonal"].tolist(), strict=True)
@@ -295,29 +258,37 @@ def _chamfer_rows(
     yield Row(["  median", *medians, *([None] if metres else [])], dim=True)
 
 
+def _f1(networks: Networks, members: Members, classes: list[str], tau: float, scale: float) -> Table:
+    title = f"F1, %, at squared distance τ = {tau:g} / 2τ = {2 * tau:g} m² of clouds scaled by {scale:g}, with one grasp"
+    rows = [Row([name, *_by_class(network, members, ("f1", "f1_2tau"))]) for name, network in networks.items()]
+    return Table(title, ["model", *classes], rows, ["", *[".1f"] * len(classes)])
+
+
 def _by_class(figures: Figures, members: Members, metrics: Sequence[str]) -> list[Cell]:
     return [tuple(100 * float(figures.per_object(metric)[member].mean()) for metric in metrics) for member in members.values()]
+
+
+def _surfaces(networks: Networks, *, as_they_are: bool) -> Iterator[Table]:
+    labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
+    yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
+    if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
+        columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
+        title = "Closed surfaces with one grasp" + (", as they are" if as_they_are else "")
+        yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])
 
 
 def _quality(networks: Networks) -> list[Row]:
     rows = []
     for name, figures in networks.items():
         values = [(factor, figures.available(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
-        rows.append(Row([name, *((factor * _mean(found), factor * _median(found)) if len(found) else None for factor, found in values)]))
+        rows.append(Row([name, *((factor * found.mean(), factor * np.median(found)) if len(found) else None for factor, found in values)]))
     return rows
 
 
 def _closed(name: str, figures: Figures) -> Row:
     shared = figures.available("iou")
-    return Row([name, 100 * _mean(figures.available("watertight")), len(shared), (_mean(shared), _median(shared)) if len(shared) else None])
-
-
-def _mean(values: NDArray[np.float64]) -> float:
-    return float(values.mean())
-
-
-def _median(values: NDArray[np.float64]) -> float:
-    return float(np.median(values))
+    both = (shared.mean(), np.median(shared)) if len(shared) else None
+    return Row([name, 100 * figures.available("watertight").mean(), len(shared), both])
 
 
 def _charts(table: Arrays) -> Table:
@@ -328,15 +299,3 @@ def _charts(table: Arrays) -> Table:
     ]
     columns = ["stopped by", "charts", "RMS residual, mean, µm", "worst, µm", "iterations"]
     return Table("Touch charts of these objects: distance of the cloud to its chart", columns, rows, ["", "", ".0f", ".0f", ".0f"])
-
-
-def training_table(facts: Mapping[str, Mapping[str, Any]]) -> Table:
-    """List each model's training: epochs, loss, time and hardware, from the facts of its record, by name."""
-    columns = ["model", "parameters", "epochs", "best epoch", f"best in {PAPER}", "validation loss", "seconds", "hardware"]
-    rows = []
-    for name, row in facts.items():
-        ran = row["hardware"]
-        hardware = f"{ran['device']}, {ran['processes']} process(es) of {ran['threads']} threads, {ran['precision']}"
-        epochs = (row["epochs"], row["best_epoch"] + 1, BEST_EPOCH.get(name))
-        rows.append(Row([name, row["parameters"], *epochs, row["best"]["loss"], row["training_seconds"], hardware]))
-    return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])

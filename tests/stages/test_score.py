@@ -113,6 +113,17 @@ def test_a_score_is_a_row_beside_the_networks(data, folder):
     assert "3 objects" in results_tables(directory, [], ["scores/other"])[0].title
 
 
+def test_a_score_with_two_grasps_alone_has_its_rows_and_no_empty_table(data, predictions):
+    directory, name = DataDirectory(data), "two"
+    assert "two, 2 grasps" in vt("score", predictions / "grasps-2", data, "--name", name, "--grasps", 2)
+    tables = results_tables(directory, [], [f"scores/{name}"])
+    assert all(table.rows for table in tables if table.columns)
+    assert "Table 2" not in " ".join(table.title for table in tables)
+    beside = results_tables(directory, ["evaluation"], [f"scores/{name}"])
+    accuracy = next(table for table in beside if table.title.startswith("Accuracy"))
+    assert [row.cells[0] for row in accuracy.rows][:2] == [NETWORK, "two, 2 grasps"]
+
+
 def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
     first = vt("score", folder, data, "--name", "again")
     before = scored(data, "again")

@@ -1,0 +1,50 @@
+"""Which scores may stand beside an evaluation, and the figures of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
+
+COMPARED = ("points", "tau", "scale", "rings")
+"""Settings that figures in one table share."""
+
+
+def difference(folder: Path, other: Path) -> str | None:
+    """Say in what two evaluations differ that forbids to compare their figures: a setting, the seed or the objects."""
+    ours, theirs = read_root(folder), read_root(other)
+    for name in COMPARED:
+        if ours["settings"][name] != theirs["settings"].get(name):
+            return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
+    if ours["seed"] != theirs["seed"]:
+        return f"seed {theirs['seed']}, not {ours['seed']}"
+    mine, others = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
+    return None if mine == others else "other objects"
+
+
+def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
+    """Read what an evaluation measured, and beside it the scores that may be compared with it.
+
+    Parameters
+    ----------
+    folder
+        Of the evaluation.
+    scored
+        Scores; one with another setting, seed or other objects is left out.
+
+    Returns
+    -------
+    The inputs of each network and method, by name, and the figures by name, with those of the baselines.
+    """
+    given, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
+    for place in scored:
+        if difference(folder, place) is None:
+            theirs = read_figures(place)
+            for name, inputs in read_root(place)["configurations"].items():
+                shown = f"{name}, scored" if name in given else name
+                given[shown], figures[shown] = inputs, theirs[name]
+                figures = {**{other: theirs[other] for other in theirs if other.startswith(LOOKED_UP)}, **figures}
+    return given, figures
