@@ -33,7 +33,7 @@ FITTED_TO = {
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
 }
 """The shipped sensors whose photographs are read: what the numbers of their files were fitted to."""
-HELD_OUT = {"gelsight": "the odd ones of these 48", "gelsight_mini": "23 in rpl-cmu/gelslam"}
+HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
 """Photographs that errors are of."""
 TRAINED_ON = (
     "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
@@ -64,9 +64,9 @@ def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
     return presses
 
 
-def photographed_balls(name: str, real: Path) -> tuple[str, list[Press], np.ndarray]:
+def photographed_balls(name: str, real: Path, scale: float) -> tuple[str, list[Press], np.ndarray]:
     """Read the photographs of balls that a shipped sensor was not fitted to: what they are, with their shapes, and the untouched one."""
-    balls, scale = (gelsight_balls(), 0.0295) if name == "gelsight" else (mini_balls(real, "9.500"), 0.0634)
+    balls = gelsight_balls() if name == "gelsight" else mini_balls(real, "9.500")
     photographs = balls.photographs[1::2] if name == "gelsight" else balls.photographs
     what = f"photographs of balls of {MM * balls.radius:g} mm radius, to which nothing was fitted: {HELD_OUT[name]}"
     return what, [ball_press(one, MM * balls.radius, scale) for one in photographs], balls.untouched
@@ -98,11 +98,12 @@ def ship(
 ) -> SensorCard:
     """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
     sources, sensor = commit(), load_sensor(name)
+    scale = MM * sensor.pitch[1]
     model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
-    errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), MM * sensor.pitch[1])}
+    errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
     if real is not None:
-        what, balls, untouched = photographed_balls(name, real)
-        errors[what] = errors_of(model, balls, untouched, MM * sensor.pitch[1])
+        what, balls, untouched = photographed_balls(name, real, scale)
+        errors[what] = errors_of(model, balls, untouched, scale)
     card = SensorCard(
         sensor=name,
         presses=presses,
