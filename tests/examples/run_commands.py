@@ -44,6 +44,7 @@ NOT_RUN = {
     r"jupyter lab|^tensorboard": "a server; make test-docs runs the notebook",
     r"^torchrun|^srun|devices=4$": "four processes or two nodes; tests/training/test_torchrun.py runs two",
     r"calibrate-sensor": "takes photographs; tests/inference/test_calibrate_sensor.py makes some",
+    r"vt-pipeline read-touch": "takes photographs; tests/inference/test_read_touch.py makes some",
     r"vt-pipeline view": "needs Rerun; make test-exports runs it",
     r"--to (parquet|lerobot)": "needs pyarrow; make test-exports runs them",
     r"s3://|AWS_": "needs a server; make test-storage runs every stage on two",
