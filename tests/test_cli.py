@@ -97,6 +97,8 @@ def test_doctor_finds_everything_here():
             "--grid epochs=2: name each setting once",
         ),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
+        (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
+        (["summary", "pyproject.toml"], "pyproject.toml is a file, or below one; give a data directory"),
         (["predict", "a.ply", "--grasp", "3"], "--grasp is of an object of a data directory: name --data and --object"),
         (["predict", "a.ply", "--observation", "a.yaml", "--view", "3"], "--view is of an object of a data directory"),
         ([*RUN, "--set", "evaluate.configurations=touch"], "configurations: it must be a list, [VALUE, …]"),

@@ -82,7 +82,9 @@ def test_after_an_epoch_without_loss_any_finite_loss_is_no_explosion(tmp_path: P
 
 
 def test_a_gradient_that_is_no_number_stops_it(tmp_path: Path) -> None:
-    with pytest.raises(StageError, match=r"the gradient's norm is nan \(limit inf\), in epoch 1, step 1; look at the items of its batch: point-"):
+    with pytest.raises(
+        StageError, match=r"the gradient's norm is nan \(limit inf\), in epoch 1, step 1; look at the items of its batch: point-"
+    ):
         fit(Steep(plain=True), tmp_path)
 
 
