@@ -92,8 +92,10 @@ def press(
     >>> touch = press(-(x**2 + y**2) / (2 * 0.005), sensor, depth=0.5e-3)  # a ball of 5 mm radius
     """
     sensor = as_sensor(sensor)
-    if not isinstance(depth, int | float | np.number | None):
-        raise TypeError(f"depth is a number, m; this is {type(depth).__name__}")
+    try:
+        depth = None if depth is None else float(depth)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"depth is a number, m; this is {type(depth).__name__}") from error
     if isinstance(object_, np.ndarray):
         if pose is not None or depth is None:
             raise TypeError("a relief lies on the sensor's pixels: give its depth and no pose")

@@ -51,3 +51,7 @@ def test_faults_of_arrays_are_named(made: tuple[Path, Path]) -> None:
         vt.RobotObservation(
             untouched=None, camera={"image": np.ones((4, 4)), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
         )
+    seen = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
+    with pytest.raises(ValueError, match=r"depth is int32 \(4, 4\); it must be uint16 \(rows, cols\)"):  # levels, not metres
+        vt.RobotObservation(camera=seen | {"depth": np.full((4, 4), 800, np.int32)})
+    assert vt.RobotObservation(camera=seen | {"depth": np.ones((4, 4), np.float32)}).camera is not None
