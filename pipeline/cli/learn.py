@@ -23,7 +23,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_plan
-from pipeline.console import console, errors, print_line, show_tables
+from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
@@ -78,7 +78,7 @@ def sweep(
     if found:
         sweeps.show_sweep(found, console)
     if failed:
-        fail(f"{failed} points failed, see above")
+        fail(f"{pluralise(failed, 'point')} failed, see above")
 
 
 def predict(
