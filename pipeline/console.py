@@ -57,8 +57,8 @@ def print_line(line: str) -> None:
 
 
 def pluralise(number: int, what: str = "object") -> str:
-    """Write a number of things: 1 object, 2 objects."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
+    """Write a number of things: 1 object, 2 objects, 2 classes, 2 touches."""
+    return f"{number} {what}{'' if number == 1 else 'es' if what.endswith(('s', 'ch')) else 's'}"
 
 
 def abbreviate(names: Sequence[str]) -> str:

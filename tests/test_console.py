@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from pipeline.cli.failures import failures_as_words
-from pipeline.console import Meter, console_on, print_line, print_table
+from pipeline.console import Meter, console_on, pluralise, print_line, print_table
 from pipeline.errors import InvalidInput
 
 
@@ -53,3 +53,8 @@ def test_an_errors_control_characters_do_not_reach_the_terminal(capsys):
     assert "\x1b" not in shown
     assert r"error: a\x1b[2Jb" in shown
     assert r"RuntimeError: a\x1b[2Jb" in shown
+
+
+def test_numbers_of_things_are_written_as_people_do():
+    written = [pluralise(1), pluralise(2), *(pluralise(number, what) for what in ("class", "touch", "process") for number in (1, 0))]
+    assert written == ["1 object", "2 objects", "1 class", "0 classes", "1 touch", "0 touches", "1 process", "0 processes"]

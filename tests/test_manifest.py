@@ -117,7 +117,13 @@ def test_renderings_lie_beside_the_meshes_and_decide_nothing_of_them(tmp_path):
     assert objects[1].source["renderings"] == str(tmp_path / "ShapeNetRendering/04090263/abc/rendering")
     assert fingerprint(objects[1].source) == fingerprint(objects[1].source | {"renderings": "elsewhere"})
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InvalidInput, match=r"no models of airplane in .*empty/ShapeNetCore.v1/02691156"):
+    with pytest.raises(
+        InvalidInput,
+        match=r"empty/ShapeNetCore\.v1 is no folder; give a folder laid out as DIR/ShapeNetCore\.v1/SYNSET/MODEL/model\.obj with",
+    ):
+        single.objects(tmp_path / "empty")
+    (tmp_path / "empty/ShapeNetCore.v1").mkdir()
+    with pytest.raises(InvalidInput, match=r"ShapeNetCore\.v1 has none of 02691156, 02828884, .*, …; give a folder laid out as"):
         single.objects(tmp_path / "empty")
 
 
@@ -129,7 +135,7 @@ def test_the_supplements_counts_are_kept(tmp_path):
 
 def test_a_missing_class_names_where_it_was_looked_for(tmp_path):
     with pytest.raises(InvalidInput, match=r"no models of bottle in .*02876657; looked for MODEL/models/model_normalized.obj"):
-        load_manifest("warehouse").objects(tmp_path)
+        load_manifest("warehouse").objects(warehouse(tmp_path, knife=1))
 
 
 def test_splits_that_count_must_count_right(tmp_path):

@@ -125,7 +125,7 @@ def predict(
         network,
         data=directory,
         object_id=object_id,
-        grasps=grasps or [0],
+        grasps=grasps,
         view=view,
         observation=observation,
         surface=cast(prediction.Surface, surface),
@@ -135,7 +135,7 @@ def predict(
     )
     for line in made.remarks:
         print_line(line)
-    touches = f"{made.touched.sum()} touches" if made.touched.any() else "no touch, so that no place of it is certain"
+    touches = pluralise(int(made.touched.sum()), "touch") if made.touched.any() else "no touch, so that no place of it is certain"
     if (mesh := made.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
         print_line(f"{made.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")

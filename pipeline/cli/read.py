@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.console import print_line
+from pipeline.console import pluralise, print_line
 
 if TYPE_CHECKING:
     from pipeline.inference.photograph_stream import Named
@@ -68,6 +68,8 @@ def read_touch(
         if count == frames:
             break
     seconds = time.perf_counter() - began
-    print_line(f"{count} photographs, {count / seconds:.1f} per second; reading alone {count / max(reading_seconds, 1e-9):.1f} per second")
+    print_line(
+        f"{pluralise(count, 'photograph')}, {count / seconds:.1f} per second; reading alone {count / max(reading_seconds, 1e-9):.1f}"
+    )
     if out is not None:
         print_line(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")

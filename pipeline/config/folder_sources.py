@@ -162,7 +162,11 @@ class ShapeNet(MeshSource):
         given = _folder(root or self.path, "a folder laid out as ShapeNetCore")
         folder = given / self.meshes
         there = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
-        for category, synset in (there if there and self.classes_may_be_missing else self.synsets).items():
+        if not there:
+            problem = f"has none of {abbreviate([*self.synsets.values()])}" if folder.is_dir() else "is no folder"
+            way = Path("DIR", self.meshes, "SYNSET", "MODEL", "model.obj")
+            raise InvalidInput(f"{folder.resolve()} {problem}; give a folder laid out as {way} with --objects DIR (make: OBJECTS=DIR)")
+        for category, synset in (there if self.classes_may_be_missing else self.synsets).items():
             files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
             whole = sum(file.is_file() for file in files.values())
             where = (folder / synset).resolve()

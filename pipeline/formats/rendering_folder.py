@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
@@ -78,6 +78,8 @@ def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
         raise InvalidInput(f"{where} is not azimuth, elevation, in-plane rotation, distance ratio and field of view") from error
     if not all(map(math.isfinite, vars(found).values())) or found.distance <= 0:
         raise InvalidInput(f"{where} has a value that is not finite, or a distance ratio that is not above 0")
+    if abs(found.elevation) > 90:
+        raise InvalidInput(f"{where} has an elevation of {found.elevation:g} degrees; it must be from -90 to 90")
     if found.in_plane != 0:
         raise InvalidInput(f"{where} has an in-plane rotation of {found.in_plane:g}; it must be 0, as in all the cited renderings")
     return found
@@ -93,6 +95,8 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
             return np.array(image)
     except InvalidInput:
         raise
+    except UnidentifiedImageError as error:  # its text names a place in memory, another in each run
+        raise InvalidInput(f"{path} is no PNG file; download the model's renderings again") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import image_files, read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
@@ -58,7 +59,7 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
         )
     if len(photographs) < MIN_PHOTOGRAPHS:
         said = reasons(left_out) or "it holds no others"
-        raise InvalidInput(f"{folder} has {len(photographs)} usable photographs, {MIN_PHOTOGRAPHS} are needed; {said}")
+        raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {said}")
     return photographs, untouched, left_out
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.inference.ball_photographs import MIN_PHOTOGRAPHS, reasons
@@ -116,7 +117,7 @@ def calibrate(
     usable = [photograph for photograph in photographs if photograph.name not in too_large]
     left_out = left_out | too_large
     if len(usable) < MIN_PHOTOGRAPHS:
-        raise InvalidInput(f"{len(usable)} photographs can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
+        raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
     half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
     fitted, tested = (
         [image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]

@@ -12,6 +12,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, WithJsonSchema, model_validator
 
+from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml, shipped_files
 from pipeline.formats.file_units import METRES
@@ -218,7 +219,8 @@ class RobotObservation(Entries):
         return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
 
     def __repr__(self) -> str:
-        return f"RobotObservation({'a photograph' if self.camera else 'no photograph'}, {len(self.touches)} touches, {self.unit})"
+        seen = "a photograph" if self.camera else "no photograph"
+        return f"RobotObservation({seen}, {pluralise(len(self.touches), 'touch')}, {self.unit})"
 
     __str__ = __repr__
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.console import Meter, errors
+from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
@@ -62,7 +62,7 @@ class Prediction:
 
     def __repr__(self) -> str:
         made = self.closed or self.reconstruction
-        return f"Prediction({len(made.vertices)} vertices, {len(made.faces)} faces, {int(self.touched.sum())} touches)"
+        return f"Prediction({len(made.vertices)} vertices, {len(made.faces)} faces, {pluralise(int(self.touched.sum()), 'touch')})"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def predict(
     *,
     data: Place | None = None,
     object_id: str | None = None,
-    grasps: Sequence[int] = (0,),
+    grasps: Sequence[int] | None = None,
     view: int = 0,
     observation: Path | RobotObservation | None = None,
     surface: Surface = "both",
@@ -114,8 +114,8 @@ def predict(
         too. "implicit-any" is given whatever the observation has, of a data directory the occluded image and the touches;
         "implicit-any-touch" and its like are given that alone.
     data, object_id, grasps, view
-        From a data directory: an object, and the grasps to give; the occluded image is the first one's. Touch charts that are stored
-        there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
+        From a data directory: an object, and the grasps to give, by default grasp 0; the occluded image is the first one's. Touch charts
+        that are stored there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
     observation
         In place of these: what a robot saw and felt, or the file that describes it. Networks without inputs need none.
     surface
@@ -149,9 +149,12 @@ def predict(
                 raise StageError(f"data directory {data} needs an object; name one of its objects")
             if view and reader.model.image != "rendering":
                 raise StageError(f"model {configuration} takes no renderings, which view {view} is one of; choose grasps")
+            if grasps and reader.model.image == "rendering":
+                raise StageError(f"model {configuration} takes no grasps, which {grasps[0]} is one of; choose a view")
             if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
                 DataDirectory(data).check_origins([model_name(configuration, training_seed)])
-            made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)
+            chosen = [view] if reader.model.image == "rendering" else [0] if grasps is None else grasps
+            made = _of_object(reader, data, object_id, chosen, surface, resolution)
         meter.advance("the surface is made")
         made = replace(made, files=_write(out, made, surface))
         meter.advance("and written")

@@ -20,7 +20,7 @@ from PIL import Image
 from rich.console import Console
 
 import pipeline
-from pipeline.console import Meter, Row, Table, visible
+from pipeline.console import Meter, Row, Table, pluralise, visible
 from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of, tally
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
@@ -179,13 +179,18 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     lifted = [grasps for entry in tallies.values() for grasps in entry.lifted]
     held = [(f"{100 * np.concatenate(lifted).mean():.0f} %", "of grasps hold the object")] if lifted else []
     return [
-        (str(len(source.object_ids)), "objects"),
-        (str(len(tallies)), "class" if len(tallies) == 1 else "classes"),
-        (str(len(touched)), "grasps"),
-        (str(touched.sum()), f"touches, {100 * touched.mean():.0f} % of {touched.size}"),
+        _counted(len(source.object_ids), "object"),
+        _counted(len(tallies), "class"),
+        _counted(len(touched), "grasp"),
+        _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
         *held,
-        (str(len(source.failures)), "failure" if len(source.failures) == 1 else "failures"),
+        _counted(len(source.failures), "failure"),
     ]
+
+
+def _counted(number: int, what: str, share: str = "") -> tuple[str, str]:
+    """Make a tile: a number, and of what."""
+    return str(number), pluralise(number, what).partition(" ")[2] + share
 
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:

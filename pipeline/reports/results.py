@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
-from pipeline.console import Row, Table
+from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.touch_statistics import PAPER
 from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
@@ -64,7 +64,7 @@ def training_table(trained: Mapping[str, TrainingFacts]) -> Table:
     rows = []
     for name, facts in trained.items():
         ran = facts.hardware
-        hardware = f"{ran.device}, {ran.processes} process(es) of {ran.threads} threads, {ran.precision}"
+        hardware = f"{ran.device}, {pluralise(ran.processes, 'process')} of {pluralise(ran.threads, 'thread')}, {ran.precision}"
         epochs = (facts.epochs, facts.best_epoch + 1, BEST_EPOCH.get(name))
         rows.append(Row([name, facts.parameters, *epochs, facts.best.loss, facts.training_seconds, hardware]))
     return Table("Training", columns, rows, ["", ",", "", "", "", ".4g", ".0f", ""])

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import BboxBase
 
-from pipeline.console import Row, Table
+from pipeline.console import Row, Table, pluralise
 from pipeline.reports.plots import INK, themed_svg
 from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, read_trades
 from stages.registry import TRADED, resolve
@@ -82,7 +82,7 @@ def trade_table(trade: MeasuredTrade) -> Table:
         marks = "*" * (point.label in best) + (" used" if own is not None and point.label == own.label else "")
         rows.append(Row([point.label, point.seconds, point.kilobytes, point.interval, marks]))
     unit = f", {trade.unit}" if trade.unit else ""
-    count = f"{len(trade.objects)} objects" + (f", {trade.trained} to learn from" if trade.trained else "")
+    count = pluralise(len(trade.objects)) + (f", {trade.trained} to learn from" if trade.trained else "")
     title = f"{trade.stage}: {trade.metric}{unit}; {count}, {trade.machine}"
     return Table(title, ["settings", trade.cost, "kB", "error", ""], rows, ["", ".3g", ".3g", ".3g", ""])
 
@@ -124,6 +124,6 @@ def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder:
         draw_trade(trade, folder / f"trade-{trade.stage}.svg", used)
         points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
         place = f"used here: {used.label}" if used else "the settings used here were not measured"
-        caption = f"{trade.stage}, on {len(trade.objects)} objects; {place}."
+        caption = f"{trade.stage}, on {pluralise(len(trade.objects))}; {place}."
         pictures.append({"file": f"figures/trade-{trade.stage}.svg", "alt": f"{trade.metric}: {points}", "caption": caption})
     return pictures

@@ -152,7 +152,7 @@ def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
     collection = directory.collection(ARTIFACTS[name])
     kinds = collection.processors().most_common()
     if len(kinds) > 1:
-        counted = "; ".join(f"{kind}: {count} rows" for kind, count in kinds)
+        counted = "; ".join(f"{kind}: {pluralise(count, 'row')}" for kind, count in kinds)
         yield (
             f"its rows were computed by {len(kinds)} kinds of processors ({counted}), between which last bits may differ; "
             f"where that matters, delete {collection.folder} and run {collection.first.record.stage} on one kind"

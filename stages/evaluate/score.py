@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 from rich.markup import escape
 
 from pipeline.config.manifest import SPLITS
+from pipeline.console import pluralise
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
@@ -123,7 +124,7 @@ class Score(DatasetStage):
         protocol = ScoreProtocol(job, method, self.folder)
         files = protocol.refuse_faults()
         if files.unused:
-            job.console.print(escape(f"{len(files.unused)} files are of objects outside the test split, and are not scored"))
+            job.console.print(escape(f"{pluralise(len(files.unused), 'file')} of objects outside the test split: not scored"))
         try:
             rows, _ = measure(settings.method, method, protocol, job)
         except InvalidInput as error:  # each file was readable a moment ago

@@ -12,7 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from pipeline.console import abbreviate
+from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput, meant
 from pipeline.formats.file_content import MESH_SUFFIXES, regular_stat
 from pipeline.formats.mesh_file import load_mesh
@@ -86,7 +86,7 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given
         match = CASE.fullmatch(path.parent.name) if path.parent != folder else None
         case = (int(match[1]), int(match[2] or 0)) if match else (given, 0)
         if case[0] > held or case[1] >= held:
-            faults.append(f"{name}: the dataset holds {held} grasps of each object, from 0")
+            faults.append(f"{name}: the dataset holds {pluralise(held, 'grasp')} of each object, from 0")
         elif path.stem in others:
             unused.append(name)
         elif path.stem not in tested:

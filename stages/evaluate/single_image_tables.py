@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import Row, Table
+from pipeline.console import Row, Table, pluralise
 from stages.evaluate.baselines import label
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 from stages.evaluate.supplement_figures import TABLE_4
@@ -33,8 +33,9 @@ def single_image_tables(folder: Path) -> Iterator[Table]:
     yield Table(title, ["", "Chamfer", f"F1 at {tau:g}", f"F1 at {2 * tau:g}"], rows, ["", ".3f", ".2f", ".2f"])
     yield Table(
         f"The first {len(TABLE_4)} rows are published ones, of ShapeNetCore with 3D-R2N2's renderings. Ours are of the manifest "
-        f"{root['manifest']}: {len(categories)} test objects of {len(classes)} classes, {root['views']} views each, "
-        f"learned from {root['training_objects']} objects; they can be compared with the published ones only where the data is the same."
+        f"{root['manifest']}: {pluralise(len(categories), 'test object')} of {pluralise(len(classes), 'class')}, "
+        f"{pluralise(root['views'], 'view')} each, "
+        f"learned from {pluralise(root['training_objects'])}; they can be compared with the published ones only where the data is the same."
     )
     rows = []
     for name, by_class in means.items():

@@ -95,7 +95,7 @@ class NetworkEvaluation(DatasetStage):
         write_measured(job, protocol, figures, groups, self.attributes(job, protocol, models))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if job.models:
-            job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` prints the tables, and writes pages"))
+            job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
         shutil.rmtree(job.folder / MEASURED, ignore_errors=True)
         return {"objects": len(protocol.objects), "left_out": len(protocol.objects.rows.left_out), "training": facts}
 

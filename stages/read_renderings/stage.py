@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
-from pipeline.formats.rendering_folder import PIXELS, read_renderings, rendering_files
+from pipeline.formats.rendering_folder import PIXELS, image_name, read_renderings, rendering_files
 from pipeline.kernels.vision.viewpoint import placed_camera, viewpoint_camera
 from pipeline.store.rows import Row
 from schemas.base import Artifact
@@ -55,8 +55,9 @@ def _read(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
         raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
     images, viewpoints = read_renderings(Path(unit.source["renderings"]))
     opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
-    if not (opacity >= 0.5).any(axis=(1, 2, 3)).all():
-        raise InvalidInput(f"{unit.source['renderings']}: an image shows nothing; download the model's renderings again")
+    if not (shows := (opacity >= 0.5).any(axis=(1, 2, 3))).all():
+        image = Path(unit.source["renderings"]) / image_name(int(shows.argmin()))
+        raise InvalidInput(f"{image} shows nothing; download the model's renderings again")
     return {
         "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
         "silhouette": opacity[..., 0] >= 0.5,

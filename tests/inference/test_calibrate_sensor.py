@@ -94,7 +94,7 @@ def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> Non
     few = tmp_path / "few"
     few.mkdir()
     (few / "0.png").write_bytes((folder / "0.png").read_bytes())
-    with pytest.raises(InvalidInput, match="has 1 usable photographs, 4 are needed"):
+    with pytest.raises(InvalidInput, match="has 1 usable photograph, 4 are needed"):
         read_photographs(few, folder.parent / "untouched.png")
     (few / "circles.csv").write_text("name,x\n0.png,1\n")
     with pytest.raises(InvalidInput, match="needs the columns name, x, y, radius"):

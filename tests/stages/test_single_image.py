@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
+from PIL import Image
 from rich.console import Console
 
 from pipeline.config.manifest import Manifest, load_manifest
@@ -119,6 +120,19 @@ def test_a_model_without_an_image_fails_alone_and_is_read_when_it_is_there(folde
     assert ObjectRows(tmp_path, ["rendering"], None).left_out == {}
 
 
+def test_an_image_that_shows_nothing_is_named(folder, objects, tmp_path):
+    run_on(folder, tmp_path, objects, "sample-surfaces")
+    image = next(folder.glob("ShapeNetRendering/*/*/rendering/05.png"))
+    content = image.read_bytes()
+    Image.new("RGBA", (137, 137)).save(image)
+    try:
+        assert run_on(folder, tmp_path, objects, "read-renderings") == 1
+        (failure,) = ObjectRows(tmp_path, ["rendering"], None).left_out.values()
+        assert failure == f"read-renderings: {image} shows nothing; download the model's renderings again"
+    finally:
+        image.write_bytes(content)
+
+
 def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
     procedural = manifest(1, 1, 1)
     run_stage(tmp_path, "sample-surfaces", procedural)
@@ -135,7 +149,7 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     show_tables(console, evaluation_tables(evaluation))
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert [name for name in TABLE_4 if name not in printed] == []
-    assert "of the manifest single-image: 1 test objects of 1 classes, 2 views each, learned from 1 objects" in " ".join(printed.split())
+    assert "of the manifest single-image: 1 test object of 1 class, 2 views each, learned from 1 object;" in " ".join(printed.split())
     found = read_figures(evaluation)
     assert found.keys() == {"single-image", *(f"training object, {how}" for how in ("typical", "by silhouette", "by truth"))}
     values = {metric: found["single-image"].per_case(metric) for metric in ("scaled_chamfer", "f1", "f1_2tau")}
@@ -161,6 +175,8 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
     assert coloured.seen.any()
     with pytest.raises(StoreError, match=f"{object_id} has no viewpoint 24; there are viewpoints 0 to 23"):
         predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=24)
+    with pytest.raises(StageError, match="model single-image takes no grasps, which 1 is one of; choose a view"):
+        predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, grasps=[1])
     with pytest.raises(InvalidInput, match=r"was trained on renderings from many sides, .*: name --data, an object and a --view"):
         predict(tmp_path / "out.ply", models, "single-image", observation=GRASP)
     with pytest.raises(StageError, match="needs an image: give an observation, or a data directory and an object"):
