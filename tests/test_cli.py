@@ -96,6 +96,7 @@ def test_doctor_finds_everything_here():
             ["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"],
             "--grid epochs=2: name each setting once",
         ),
+        (["sweep", "train-gcn", "--grid", "gcn_features=16,32,16", "--dry-run"], "16 is named twice; name each value once"),
         (["sweep", "train-gcn", "--grid", "train-gcn.epochs=1,2"], "and without its stage: SETTING=VALUE,VALUE"),
         (["tradeoff", "train-unet", "--until", "evaluate"], "--until evaluate measures whole pipelines; leave train-unet out"),
         (["summary", "pyproject.toml"], "pyproject.toml is a file, or below one; give a data directory"),

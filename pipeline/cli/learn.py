@@ -237,4 +237,6 @@ def _grid(options: list[str]) -> dict[str, list[Any]]:
             found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
         except (yaml.YAMLError, ValueError, RecursionError):
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
+        if twice := [value for number, value in enumerate(found[setting]) if value in found[setting][:number]]:
+            fail(f"--grid {option}: {twice[0]} is named twice; name each value once")
     return found

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inference.observation_file import RobotObservation
+from pipeline.inference.observation_file import NOWHERE, RobotObservation
 from pipeline.kernels.geometry.transforms import invert_pose, transform_points
 from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
 from pipeline.kernels.touch.sensor import Sensor
@@ -141,7 +141,7 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     box = find_object(observation)
     found = [] if model is None else list(_unfit(observation, model))
     if box is None:
-        return [*found, f"object.centre is missing, and cannot be estimated: {_why_not(observation)}"]
+        return [*found, f"{NOWHERE}, and cannot be estimated: {_why_not(observation)}"]
     return [*found, *_misplaced(observation, box, model)]
 
 

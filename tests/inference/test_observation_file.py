@@ -191,6 +191,10 @@ def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) 
     np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
     entries["camera"]["depth"] = "none.npy"
     assert "cannot be estimated: camera.depth is 0 or not finite wherever" in refused(write_observation(tmp_path, entries))
+    entries["camera"]["depth"] = "gone.npy"
+    told = refused(write_observation(tmp_path, entries))
+    assert "gone.npy" in told
+    assert "object.centre is missing" not in told  # the camera may have told it
 
 
 def test_what_a_model_needs_and_is_not_given_is_named(tmp_path: Path) -> None:
