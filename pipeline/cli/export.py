@@ -11,7 +11,7 @@ import typer
 from pipeline.cli.completion import complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import print_line
+from pipeline.console import pluralise, print_line
 from pipeline.formats.description_file import read_description
 from pipeline.store.atomic import UNFINISHED, written_to
 from pipeline.store.storage import names_in, place
@@ -37,7 +37,7 @@ def view(
 
     shown = view_grasps(place(data), object_id, grasp, save)
     if save:
-        print_line(f"{save}: {len(shown)} grasps of {object_id}; `rerun {save}` shows them")
+        print_line(f"{save}: {pluralise(len(shown), 'grasp')} of {object_id}; `rerun {save}` shows them")
 
 
 def export(
@@ -74,7 +74,7 @@ def export(
     if there and UNFINISHED not in there:  # an export that was killed is begun again
         fail(f"{out} is not empty; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
+        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, objects or []), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
@@ -91,7 +91,7 @@ def export(
             facts = facts_of(place(data), frames)
             write_card(place(data), facts, publisher, folder)
             write_croissant(facts, publisher, folder)
-    print_line(f"{out}: {count} grasps")
+    print_line(f"{out}: {pluralise(count, 'grasp')}")
     lacking = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
     if to == "parquet" and lacking:
         print_line(f"README.md and croissant.json lack {', '.join(lacking)}, which only you know: give --about FILE with these entries")

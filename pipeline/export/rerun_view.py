@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import Meter, abbreviate, errors
+from pipeline.console import Meter, abbreviate, errors, pluralise
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
@@ -60,7 +60,7 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     rows = source.rows(object_id)
     grasps = len(rows["grasps"]["hand_pose"])
     if grasp is not None and grasp >= grasps:
-        raise InvalidInput(f"--grasp {grasp}: {object_id} has {grasps} grasps, 0 to {grasps - 1}")
+        raise InvalidInput(f"--grasp {grasp}: {object_id} has {pluralise(grasps, 'grasp')}, 0 to {grasps - 1}")
     shown = list(range(grasps)) if grasp is None else [grasp]
     recording = rerun.RecordingStream("vt-pipeline", recording_id=f"{data}/{object_id}")
     recorder = _Recorder(rerun, recording, source)

@@ -94,8 +94,8 @@ def _kind_of(path: Path) -> str:
         raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
-        known = "; ".join(f"a {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
-        raise InvalidInput(f"{path} has no entries of a description file: {known}")
+        known = "; ".join(f"{', '.join(sorted(entries))} ({kind})" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file; looked for {known}")
     return max(matches, key=lambda kind: matches[kind])
 
 

@@ -87,6 +87,8 @@ class DataDirectory:
             if len(recorded) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None
             return recorded[0] if recorded else None
+        except NotADirectoryError:
+            raise StoreError(f"{self.root} is a file, not a data directory; name a folder") from None
         except (OSError, ValidationError) as error:
             raise StoreError(f"{path} is damaged ({first_line(error)}); {remedy}") from error
         if recorded and shards not in recorded:
