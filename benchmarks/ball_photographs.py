@@ -1,17 +1,23 @@
-"""Photographs of balls of known size in the gels of real sensors, that sensors are compared with."""
+"""Photographs of balls of known size in the gels of real sensors, that sensors are fitted to and compared with.
+
+`python -m benchmarks.ball_photographs FOLDER` writes those that the GelSight is fitted to, as `calibrate-sensor` reads them.
+"""
 
 from __future__ import annotations
 
+import csv
 import importlib.util
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.optimize import minimize_scalar
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.ball_photographs import read_photographs
+from pipeline.inference.ball_photographs import CIRCLES, read_photographs
 from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.sensor import Sensor
@@ -38,7 +44,7 @@ def gelsight_balls() -> BallSet:
     if found is None or found.origin is None:
         raise SystemExit("the package taxim is not installed: run `make test-sensors`, which installs it into an environment of its own")
     data = np.load(Path(found.origin).parent / "calib" / "gelsight" / "dataPack.npz")
-    images, untouched = data["imgs"][..., ::-1], data["f0"][..., ::-1]  # BGR
+    images, untouched = (np.ascontiguousarray(data[name][..., ::-1]) for name in ("imgs", "f0"))  # BGR
     places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
     contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
     named = enumerate(zip(images, contacts, strict=True))
@@ -83,3 +89,20 @@ def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[
 
     found = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
     return float(np.exp(found.x))
+
+
+def write_gelsight_balls(folder: Path) -> None:
+    """Write the even ones of the GelSight's photographs, the untouched one and the contacts."""
+    balls = gelsight_balls()
+    folder.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(balls.untouched).save(folder / "untouched.png")
+    with (folder / CIRCLES).open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file)
+        rows.writerow(["name", "x", "y", "radius"])
+        for one in balls.photographs[::2]:
+            Image.fromarray(one.image).save(folder / one.name)
+            rows.writerow([one.name, one.contact.x, one.contact.y, one.contact.radius])
+
+
+if __name__ == "__main__":
+    write_gelsight_balls(Path(sys.argv[1]))

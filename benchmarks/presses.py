@@ -24,7 +24,7 @@ SIZE = " × ".join(map(str, SHAPE))
 
 def measure(data: Path, turns: int) -> Table:
     """Measure `turns` rounds of `PRESSES` presses of each kind; needs no dataset."""
-    sensor = load_sensor("gelsight", shape=SHAPE)
+    sensor = load_sensor("gelsight", shape=SHAPE).model_copy(update={"membrane": 9e-4, "gel": None})
     layer = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5)})
     deep = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5, thickness=10.0)})
     depths = [random_press(sensor, np.random.default_rng(number)).depth for number in range(PRESSES)]

@@ -10,7 +10,7 @@ import vt_pipeline as vt
 from pipeline.kernels.touch.sensor import Gel, pixel_centres
 from tests.kernels.touch.shapes import pose_at
 
-SENSOR = vt.load_sensor("gelsight", shape=(120, 160))
+SENSOR = vt.load_sensor("gelsight", shape=(120, 160)).model_copy(update={"membrane": 0.0009, "gel": None})
 RADIUS = 0.004
 MESH = trimesh.creation.icosphere(subdivisions=6, radius=RADIUS)
 BALL = vt.load_object((MESH.vertices, MESH.faces))

@@ -19,17 +19,22 @@ PACKAGES = ("vt_pipeline", "pipeline", "stages", "schemas", "data_manifests")
 RUN = """
 import sys
 from pathlib import Path
-from tools_systems_wheel import COMMANDS, LIBRARY
+from tools_systems_wheel import COMMANDS, LATER, LIBRARY
 
 import pipeline.__main__
 assert Path(pipeline.__file__).is_relative_to(sys.argv[1]), pipeline.__file__
-for words in COMMANDS:
-    sys.argv[1:] = words
-    try:
-        pipeline.__main__.main()
-    except SystemExit as end:
-        assert not end.code, words
+def run(commands):
+    for words in commands:
+        sys.argv[1:] = words
+        try:
+            pipeline.__main__.main()
+        except SystemExit as end:
+            assert not end.code, words
+
+
+run(COMMANDS)
 exec(LIBRARY)
+run(LATER)
 """
 """One process for all commands: each would import and compile the same again."""
 
@@ -69,5 +74,6 @@ def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp
     done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert str(unpacked / "vt_pipeline") in done.stdout
+    assert "read by the network that ships for gelsight_mini" in done.stdout
     for name in wheel.WRITTEN:
         assert (tmp_path / name).stat().st_size > 0

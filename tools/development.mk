@@ -1,7 +1,7 @@
 # Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
-        tradeoff showcase test-systems weights
+        tradeoff showcase test-systems weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -11,6 +11,9 @@ weights:  ## train the network that ships and the U-Net, evaluate it, and write 
 	@$(MAKE) --no-print-directory evaluate MANIFEST=weights DATA=data/weights/draft CONFIGURATIONS=implicit-any \
 	    SET="train-unet.epochs=2 train-implicit.epochs=160 train-implicit.batch_size=8 train-implicit.validation_items=6 evaluate.grasps=[1]"
 	@$(BIN)/python -m tools.ship_weights data/weights/draft
+
+sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks that read photographs of shipped sensors; with REAL=FOLDER cards say how well (4 minutes)
+	@OMP_NUM_THREADS=1 $(if $(REAL),$(PEERS_PYTHON),$(BIN)/python) -m tools.ship_sensor_weights $(if $(REAL),--real $(call quoted,$(REAL)))
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \

@@ -16,7 +16,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import ROWS, model_name
-from pipeline.models.shipped_weights import DEFAULT, SHIPPED, Error, ModelCard, TrainedOn, card_path
+from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.evaluation_files import evaluation_name, read_figures, read_table
 
@@ -32,7 +32,9 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
     """Copy a network with the U-Net of a data directory, and write its card from the evaluation there."""
     directory, sources = DataDirectory(data), commit()  # before files change
     directory.check_origins([model_name(network), evaluation_name()])
-    shutil.rmtree(models, ignore_errors=True)
+    for old in models.glob("*"):
+        if old.name != SENSORS:  # which has a command of its own
+            shutil.rmtree(old) if old.is_dir() else old.unlink()
     for name in (model_name(network), "models/unet"):
         record, folder = directory.folder_record(name), directory.whole_folder(name)
         there = models / Path(name).relative_to("models")
@@ -54,9 +56,14 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
         not_for=NOT_FOR,
     )
     card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))
-    if (size := sum(path.stat().st_size for path in models.rglob("*") if path.is_file())) > MAX_BYTES:
-        raise StageError(f"{models} holds {size / 1e6:.1f} MB, at most {MAX_BYTES / 1e6:.0f} ship; train smaller networks")
+    check_size(models)
     return card
+
+
+def check_size(weights: Path) -> None:
+    """Raise a `StageError` where more lies in a folder than may ship."""
+    if (size := sum(path.stat().st_size for path in weights.rglob("*") if path.is_file())) > MAX_BYTES:
+        raise StageError(f"{weights} holds {size / 1e6:.1f} MB, at most {MAX_BYTES / 1e6:.0f} ship; train smaller networks")
 
 
 def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:

@@ -24,14 +24,17 @@ def read_touch(
     sensor: Annotated[str, typer.Option(help="A sensor file, or the name of a shipped sensor.")],
     photographs: Annotated[Path | None, typer.Argument(help="A photograph, or a folder of them; not with --camera.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for depth, contact, normals and points; else they are printed alone.")] = None,
-    model: Annotated[Path | None, typer.Option(help="Folder of the network; by default NAME-touch beside the sensor file.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Folder of the network; by default NAME-touch beside the sensor file, else the one that ships.")
+    ] = None,
     watch: Annotated[bool, typer.Option(help="Read each photograph that appears in the folder, until Ctrl-C.")] = False,
     camera: Annotated[int | None, typer.Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="With --watch or --camera: stop after this many photographs.")] = None,
 ) -> None:
     """Read depth and contact in photographs of a gel.
 
-    A network trained on simulated presses of the sensor reads them: see `calibrate-sensor --train` and the stage `train-touch`.
+    A network trained on simulated presses of the sensor reads them. Those of the sensors gelsight and gelsight_mini ship; for others see
+    `calibrate-sensor --train` and the stage `train-touch`.
     """
     from pipeline.formats.image_file import read_image
     from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
@@ -40,6 +43,7 @@ def read_touch(
     if (photographs is None) == (camera is None):
         fail("name photographs, or a camera with --camera, one of them")
     reader = TouchReader(sensor, read_image(untouched), model)
+    print_line(f"read by {reader.network}")
     stream: Iterator[Named]
     if camera is not None:
         stream = camera_frames(camera)

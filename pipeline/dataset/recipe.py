@@ -29,6 +29,9 @@ from pipeline.store.reshard import shard_of
 MAX_BYTES = 2**28
 """Of a recipe: 200 bytes for each of a million objects, and some more."""
 
+MAX_NAME_BYTES = 255
+"""Of a path in a recipe: file systems take no longer name."""
+
 SHORT = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
 
@@ -89,20 +92,23 @@ def _with_safe_paths(manifest: Manifest) -> Manifest:
         if isinstance(source, Directory | Catalogue | ShapeNet) and source.path is not None:
             names += [str(source.path)]
             if len(source.path.parts) != 1:
-                raise ValueError(f"path {str(source.path)!r} of a source must be the name of a folder")
+                raise ValueError(f"path {str(source.path)[:80]!r} of a source must be the name of a folder")
         for name in names:
             if name is not None and not _is_below(name):
-                raise ValueError(f"{name!r} of a {source.kind} source must be a path below its folder, without .., ~ or a leading /")
+                said = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
+                raise ValueError(f"{said}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
     return manifest
 
 
 def _is_below(name: str) -> bool:
-    return not name.startswith("~") and "\0" not in name and "\\" not in name and not {"", ".", ".."} & set(name.split("/"))
+    if len(name.encode()) > MAX_NAME_BYTES or name.startswith("~"):
+        return False
+    return "\0" not in name and "\\" not in name and not {"", ".", ".."} & set(name.split("/"))
 
 
 def check_file_name(name: str) -> str:
     """Refuse what is no path below the folder of a recipe's files, or is one of a hidden file."""
-    if not _is_below(name) or "/." in f"/{name}" or max(map(len, name.encode().split(b"/"))) > 200 or CONTROLS.search(name):
+    if not _is_below(name) or "/." in f"/{name}" or CONTROLS.search(name):
         raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
     return name
 

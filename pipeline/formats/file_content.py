@@ -31,6 +31,8 @@ def regular_stat(path: Path | str) -> os.stat_result:
         if error.errno != errno.ELOOP:
             raise
         regular = False
+    except ValueError as error:  # a name with a zero byte, which no file has
+        raise FileNotFoundError(errno.ENOENT, f"no file has such a name: {error}", str(path)) from error
     if not regular:
         raise IsADirectoryError(errno.EISDIR, "it is not a regular file", str(path))
     return found

@@ -19,6 +19,7 @@ from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import DESCRIPTION
+from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.store.atomic import write_at_once
 
@@ -28,6 +29,7 @@ MODEL_SUFFIX = "-touch"
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
+WAY_OUT = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,30 +77,42 @@ class TouchReader:
     untouched
         (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
     model
-        Folder of a network of `train-touch`, or of `calibrate-sensor --train`; by default `NAME-touch` beside the sensor file.
+        Folder of a network of `train-touch`, or of `calibrate-sensor --train`; by default `NAME-touch` beside the sensor file, else the
+        network that ships for the sensor. Either must have been trained for the sensor as its file describes it, but for its pixels and
+        its gel's modulus.
     device
         Where the network computes.
+
+    Attributes
+    ----------
+    network
+        Names the network, for messages.
 
     Raises
     ------
     InvalidInput
-        There is no such sensor, it has no network, the network is a U-Net, or the photograph has not the sensor's sides.
+        There is no such sensor, it has no network, or one of another sensor; the network is a U-Net; or the photograph has not the
+        sensor's sides.
     StoreError
         The network's files are damaged.
     """
 
     def __init__(self, sensor: str | Path, untouched: NDArray[np.uint8], model: Path | None = None, device: str = "cpu") -> None:
         path = description_path("sensor", sensor)
-        folder = model or path.with_name(path.stem + MODEL_SUFFIX)
+        described = load_sensor(path)
+        beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
+        folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
         if not (folder / DESCRIPTION).is_file():
-            raise InvalidInput(
-                f"{folder} holds no network for sensor {path.stem}; train one with `vt-pipeline run train-touch` or "
-                "`vt-pipeline calibrate-sensor --train`, and name its folder with --model"
-            )
+            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {WAY_OUT}")
         loaded = load_touch_model(folder, device)
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
-        described = load_sensor(path)
+        self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
+        if model is None and (differing := _differing(loaded.sensor, described)):
+            raise InvalidInput(
+                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {WAY_OUT}, or name "
+                f"{folder} there if larger errors do no harm"
+            )
         loaded.check_sides(described.rows, described.cols)
         self.model, self.untouched = loaded, untouched
         self.sensor = resample(described, *untouched.shape[:2])
@@ -107,6 +121,12 @@ class TouchReader:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` where its pixels are not those of the untouched one."""
         indentation, contact = self.model.read(image[None], self.untouched)
         return TouchReading(indentation[0], contact[0], self.sensor)
+
+
+def _differing(one: Sensor, other: Sensor) -> list[str]:
+    """Name the entries in which two sensors differ, but for pixels and the gel's modulus, which changes no image."""
+    ours, theirs = (sensor.model_dump(exclude={"rows": True, "cols": True, "gel": {"modulus"}}) for sensor in (one, other))
+    return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:

@@ -1,8 +1,9 @@
-"""Networks that ship with the package: a folder of models as trainings fill it, with a card beside each network."""
+"""Networks that ship with the package: models as trainings fill a folder with them, and one per calibrated sensor; each has a card."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -12,9 +13,12 @@ from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
 from pipeline.models.families import model_name, network_of, trained_models
+from pipeline.models.model_files import DESCRIPTION
 
 SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
 """Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
+SENSORS = "sensors"
+"""Folder below `SHIPPED` of the networks that read photographs, by their sensor's name. `make sensor-weights` fills it."""
 DEFAULT = "implicit-any"
 """The network that reconstructs where none is named."""
 CARD = "{}.card.yaml"
@@ -39,6 +43,54 @@ class Error(_Entry):
     objects: int = Field(ge=1)
     mean: float = Field(ge=0)
     median: float = Field(ge=0)
+
+
+class SensorError(_Entry):
+    """Mean errors of the depth that a network reads in images of balls; of the shape alone where nobody knows how deep a ball is.
+
+    Attributes
+    ----------
+    images
+        How many.
+    depth_mm, shape_mm
+        Root of the mean squared depth error in the contact, mm; and without its mean.
+    normals_deg
+        Mean angle between normals there, degrees.
+    contact_iou
+        Intersection over union of the contact with the ball's.
+    """
+
+    images: int = Field(ge=1)
+    depth_mm: float | None = Field(default=None, ge=0)
+    shape_mm: float = Field(ge=0)
+    normals_deg: float = Field(ge=0)
+    contact_iou: float = Field(ge=0, le=1)
+
+
+class SensorCard(_Entry):
+    """What a shipped network that reads a sensor's photographs is.
+
+    Attributes
+    ----------
+    sensor
+        The shipped sensor's name.
+    presses, trained_on
+        How many simulated presses it learned from, and of what, with the licence.
+    commit, command
+        Which code trained it, and how.
+    errors
+        By the images that it has not seen: simulated ones and, if they were there, photographs.
+    not_for
+        What it is not for.
+    """
+
+    sensor: str
+    presses: int = Field(ge=1)
+    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
+    commit: str
+    command: str
+    errors: dict[str, SensorError] = Field(min_length=1)
+    not_for: str
 
 
 class ModelCard(_Entry):
@@ -68,6 +120,9 @@ class ModelCard(_Entry):
     not_for: str
 
 
+Card = TypeVar("Card", ModelCard, SensorCard)
+
+
 def shipped_models() -> Path:
     """Find the folder of the networks that ship; a `StageError` if this version has none."""
     if not trained_models(SHIPPED):
@@ -83,12 +138,31 @@ def card_path(models: Path, configuration: str) -> Path:
     return record.with_name(CARD.format(network_of(configuration)))
 
 
+def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
+    """Find the folder of the network that ships for a sensor's photographs; None if none does."""
+    folder = weights / SENSORS / sensor
+    return folder if (folder / DESCRIPTION).is_file() else None
+
+
 def read_card(configuration: str, models: Path = SHIPPED) -> ModelCard:
     """Read the card of a shipped network; a `StoreError` if there is none, or it cannot be used."""
-    path = card_path(models, configuration)
+    return _read_card(card_path(models, configuration), ModelCard, "make weights")
+
+
+def read_sensor_card(sensor: str, weights: Path = SHIPPED) -> SensorCard:
+    """Read the card of the network that ships for a sensor; a `StoreError` if there is none, or it cannot be used."""
+    return _read_card(sensor_card_path(sensor, weights), SensorCard, "make sensor-weights")
+
+
+def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
+    """Return the path of the card of a sensor's network."""
+    return weights / SENSORS / CARD.format(sensor)
+
+
+def _read_card(path: Path, kind: type[Card], command: str) -> Card:
     try:
-        return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
+        return kind.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
     except ValidationError as error:
-        raise StoreError(f"{path}: {invalid_entries(error)}; run `make weights` again") from error
+        raise StoreError(f"{path}: {invalid_entries(error)}; run `{command}` again") from error
     except (InvalidInput, OSError, yaml.YAMLError) as error:
-        raise StoreError(f"{path} cannot be read as a card ({error}); run `make weights` again") from error
+        raise StoreError(f"{path} cannot be read as a card ({error}); run `{command}` again") from error

@@ -246,7 +246,12 @@ class LocalTouchModel(TouchModel):
 
     def _seen(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""
-        levels = torch.tensor(images, device=parameter.device).reshape(-1, *images.shape[-3:]).permute(0, 3, 1, 2).to(parameter.dtype)
+        levels = (
+            torch.tensor(np.ascontiguousarray(images), device=parameter.device)
+            .reshape(-1, *images.shape[-3:])
+            .permute(0, 3, 1, 2)
+            .to(parameter.dtype)
+        )
         return interpolate(levels, size=self.sensor.shape, mode="area")
 
     def _check(self, images: np.ndarray, untouched: np.ndarray | None) -> None:

@@ -20,7 +20,7 @@ from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 ROWS, COLS, SCALE = 60, 80, 0.2
-SENSOR = resample(load_sensor("gelsight").model_copy(update={"membrane": 0.0}), ROWS, COLS).model_copy(
+SENSOR = resample(load_sensor("gelsight").model_copy(update={"membrane": 0.0, "gel": None}), ROWS, COLS).model_copy(
     update={"width": COLS * SCALE / 1e3, "given_height": ROWS * SCALE / 1e3}
 )
 RADIUS = 5.0

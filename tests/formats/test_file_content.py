@@ -19,6 +19,7 @@ def test_pipes_devices_folders_and_large_files_are_refused(tmp_path: Path) -> No
         tmp_path / "pipe": "not a regular file",
         Path("/dev/zero"): "not a regular file",
         tmp_path: "not a regular file",
+        tmp_path / "a\0b": "no file has such a name",
         tmp_path / "absent": r"cannot be read \(No such file",
     }
     for path, words in refused.items():

@@ -17,7 +17,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import background, tactile_image, untouched_image
 
 BALL = 0.002
-TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009})
+TRUE = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0, "membrane": 0.0009, "gel": None})
 
 
 def photograph(contact: Circle, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import types
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli.app import app
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
 from pipeline.formats.image_file import read_depth
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
@@ -29,10 +31,11 @@ from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 
 ROWS, COLS = 36, 48
-SENSOR = resample(load_sensor("gelsight"), ROWS, COLS)
+SENSOR = resample(load_sensor("gelsight"), ROWS, COLS).model_copy(update={"name": "my_gel"})
 UNTOUCHED = untouched_image(SENSOR)
 
 
@@ -46,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write a sensor file, an untrained network beside it, and three photographs."""
     folder = tmp_path_factory.mktemp("sensor")
     described = SENSOR.model_dump(mode="json", exclude_none=True)
-    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described | {"name": "my_gel"}))
+    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
         network = LocalNetwork(4).eval()
@@ -102,6 +105,7 @@ def test_the_command_reads_a_folder_without_the_untouched_photograph(folder: Pat
     ended = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
     assert ended.exit_code == 0, ended.output
     assert "2 photographs" in ended.output
+    assert "read by " in ended.output
     assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
 
 
@@ -150,6 +154,35 @@ def test_frames_of_a_camera_are_red_green_blue(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(InvalidInput, match=r"pip install 'vt-pipeline\[camera\]'"):
         next(camera_frames(0))
+
+
+def test_a_network_beside_the_file_is_taken_before_the_one_that_ships_and_neither_for_another_sensor(folder: Path, tmp_path: Path) -> None:
+    untouched = untouched_image(load_sensor("gelsight_mini", shape=(ROWS, COLS)))
+    ships = "the network that ships for gelsight_mini"
+    shipped = TouchReader("gelsight_mini", untouched)
+    assert shipped.network == ships
+    copy = tmp_path / "gelsight_mini.yaml"
+    described = yaml.safe_load(description_path("sensor", "gelsight_mini").read_text())
+    stiff = described["gel"] | {"modulus": 1e5}
+    copy.write_text(yaml.safe_dump(described | {"rows": 120, "cols": 160, "gel": stiff}))
+    assert TouchReader(copy, untouched).network == ships  # the same images, but for their pixels
+    copy.write_text(yaml.safe_dump(described | {"gel": described["gel"] | {"thickness": 0.003}, "w": 0.005}))
+    with pytest.raises(InvalidInput, match=f"{ships} was trained for another sensor than {copy} describes: gel, w differ; train one"):
+        TouchReader(copy, untouched)
+    named = shipped_sensor_network("gelsight_mini")
+    assert TouchReader(copy, untouched, named).network == ships
+    shutil.copytree(folder / "my_gel-touch", beside := tmp_path / "gelsight_mini-touch")
+    with pytest.raises(InvalidInput, match=r"gelsight_mini-touch was trained for another sensor .*: calibrated, .*name, .* differ"):
+        TouchReader(copy, untouched)
+    assert TouchReader(copy, untouched, beside).network == str(beside)
+    ended = CliRunner().invoke(app, ["read-touch", "--help"])
+    assert "gelsight_mini ship" in " ".join(ended.output.split())
+
+
+def test_photographs_that_were_turned_from_bgr_are_read(reader: TouchReader) -> None:
+    image = ball(0.001)
+    turned = image[..., ::-1].copy()[..., ::-1]  # steps backwards, as OpenCV's users write it
+    np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
 
 
 def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:

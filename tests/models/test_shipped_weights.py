@@ -15,17 +15,28 @@ from pipeline.cli import app
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import StageError, StoreError
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.predict import chosen_models
+from pipeline.inference.read_touch import TouchReader
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
-from pipeline.models.shipped_weights import card_path, read_card, shipped_models
+from pipeline.models.shipped_weights import (
+    SENSORS,
+    card_path,
+    read_card,
+    read_sensor_card,
+    sensor_card_path,
+    shipped_models,
+    shipped_sensor_network,
+)
 from pipeline.models.touch_model import save_touch_model
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
+from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
-from tools import ship_weights
+from tools import ship_sensor_weights, ship_weights
 
 NETWORK = "implicit-any"
 OBJECTS = spheres.objects(3, ("train", "test"))
@@ -54,6 +65,9 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
     weights = tmp_path / "weights"
     manifest = ship_weights.load_manifest("toy")
     monkeypatch.setattr(ship_weights, "load_manifest", lambda name: manifest)
+    for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
+        (weights / old).parent.mkdir(parents=True, exist_ok=True)
+        (weights / old).write_text("old")
     ship_weights.ship(data, weights, NETWORK)
     for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict"):
         monkeypatch.setattr(f"{module}.SHIPPED", weights)
@@ -70,6 +84,12 @@ def test_what_ships_has_a_card_with_sources_licences_and_errors_by_row_and_class
     assert of_all.objects == 1
     assert of_all.mean == of_all.median > 0
     assert card.not_for
+
+
+def test_shipping_replaces_what_it_ships_and_keeps_the_networks_of_sensors(shipped):
+    assert (shipped / "sensors" / "gelsight.card.yaml").read_text() == "old"
+    assert not (shipped / "implicit" / "old.json").exists()
+    assert (shipped / "unet.json").read_text() != "old"
 
 
 def test_predict_without_models_takes_what_ships(data, shipped, tmp_path):
@@ -102,5 +122,33 @@ def test_weights_that_ship_are_small_and_each_has_a_card():
     """Of those in the repository, if there are any."""
     for name in shipped_weights.trained_models(shipped_weights.SHIPPED):
         assert read_card(name).network
+    for card in (shipped_weights.SHIPPED / SENSORS).glob("*.yaml"):
+        assert read_sensor_card(card.name.removesuffix(".card.yaml")).errors
     files = [path for path in shipped_weights.SHIPPED.rglob("*") if path.is_file()]
     assert sum(path.stat().st_size for path in files) < ship_weights.MAX_BYTES
+
+
+@pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))
+def test_depth_of_simulated_balls_is_read_as_well_as_the_card_of_a_sensors_network_says(name):
+    """Of balls that it was not trained on; the file of the sensor has not changed since, or the reader would refuse it."""
+    sensor = load_sensor(name)
+    balls = ship_sensor_weights.simulated_balls(sensor, ship_sensor_weights.BALLS)
+    reader = TouchReader(name, untouched := untouched_image(sensor))
+    error = ship_sensor_weights.errors_of(reader.model, balls, untouched, 1e3 * sensor.pitch[1])
+    stated = read_sensor_card(name).errors[ship_sensor_weights.SIMULATED]
+    assert error.depth_mm < 1.1 * stated.depth_mm < 0.05
+    assert error.normals_deg < 1.1 * stated.normals_deg < 5
+    assert error.contact_iou > 0.9 * stated.contact_iou > 0.7
+
+
+def test_a_sensors_network_is_shipped_with_a_card(tmp_path):
+    settings = TouchTrainingSettings(epochs=1, width=2, batch_size=2, threads=1)
+    assert shipped_sensor_network("gelsight_mini", tmp_path) is None
+    card = ship_sensor_weights.ship("gelsight_mini", tmp_path, presses=4, settings=settings)
+    assert card == read_sensor_card("gelsight_mini", tmp_path)
+    assert card.presses == 4
+    assert "no photograph" in card.trained_on[0].source
+    assert shipped_sensor_network("gelsight_mini", tmp_path) is not None
+    sensor_card_path("gelsight_mini", tmp_path).write_text("sensor: 3\n")
+    with pytest.raises(StoreError, match="run `make sensor-weights` again"):
+        read_sensor_card("gelsight_mini", tmp_path)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, family_of, load_reconstructor
@@ -64,7 +65,10 @@ def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
     """Choose a grasp, of an object of the test split or of the one where it is clearest, and load what its pictures need."""
     source = ReportSource(data)
     tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them
-    object_id, grasp = clearest_grasp(source, [name for name in source.object_ids if name in tested and object_id in (None, name)])
+    candidates = [name for name in source.object_ids if name in tested]
+    if object_id not in (None, *candidates):
+        raise StageError(f"{object_id} is no object of the test split; these are {', '.join(candidates)}")
+    object_id, grasp = clearest_grasp(source, [object_id] if object_id else candidates)
     scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
     with Renderer(scene, PIXELS) as renderer:

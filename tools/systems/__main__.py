@@ -162,6 +162,7 @@ def try_wheel(arguments: argparse.Namespace) -> Row:
     install = f"{venv} && {pip} wheel --no-deps -w . {source} && {pip} install -c {source}/constraints.txt *.whl"
     used = [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.COMMANDS]
     used += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
+    used += [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.LATER]
     used += [f"test -s {name}" for name in wheel.WRITTEN]
     run = partial(run_here, folder=folder)
     steps = [install, " && ".join(used)]

@@ -28,7 +28,13 @@ COMMANDS = (
 WRITTEN = ("data/contact-sheet.png", "data/report/index.html", "duck.obj")
 
 LIBRARY = """
-import numpy, vt_pipeline
+import numpy, PIL.Image, vt_pipeline
 touch = vt_pipeline.touch(vt_pipeline.load_object("duck.obj"), vt_pipeline.load_sensor("gelsight_mini"), numpy.eye(4))
 print(vt_pipeline.__file__, touch)
+x, y = numpy.meshgrid(numpy.linspace(-0.01, 0.01, 320), numpy.linspace(-0.0075, 0.0075, 240))
+ball = vt_pipeline.press(-(x**2 + y**2) / 0.008, touch.sensor, depth=5e-4)
+PIL.Image.fromarray(ball.image).save("ball.png")
+PIL.Image.fromarray(vt_pipeline.untouched_image(touch.sensor)).save("untouched.png")
 """
+LATER = (["read-touch", "ball.png", "--untouched", "untouched.png", "--sensor", "gelsight_mini"],)
+"""Arguments of vt-pipeline for what `LIBRARY` writes."""

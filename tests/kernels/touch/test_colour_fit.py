@@ -11,7 +11,7 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 BALL = 0.002
-SMALL = load_sensor("gelsight").model_copy(update={"rows": 72, "cols": 96, "membrane": 0.0})
+SMALL = load_sensor("gelsight").model_copy(update={"rows": 72, "cols": 96, "membrane": 0.0, "gel": None})
 RADIUS = 9.0 * SMALL.pitch[1]
 
 
@@ -24,12 +24,14 @@ def photographs(sensor: Sensor, count: int = 8) -> list[Photograph]:
 
 
 def of_degree(degree: int) -> Sensor:
-    """Keep the terms of the position up to some degree, and no shadows."""
+    """Keep the terms of the normal, of the position up to some degree, and no shadows."""
     calibration = SMALL.calibrated
     assert calibration is not None
     terms = (degree + 1) * (degree + 2) // 2
     coefficients = tuple(tuple(term[:terms] for term in colour) for colour in calibration.coefficients)
-    return SMALL.model_copy(update={"calibrated": calibration.model_copy(update={"coefficients": coefficients, "shadows": ()})})
+    return SMALL.model_copy(
+        update={"calibrated": calibration.model_copy(update={"coefficients": coefficients, "depth": None, "shadows": ()})}
+    )
 
 
 @pytest.mark.parametrize("degree", [0, 1])

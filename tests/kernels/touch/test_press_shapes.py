@@ -21,7 +21,7 @@ from pipeline.kernels.touch.tactile_image import image_of_gel, tactile_image, un
 from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet
 
-GELSIGHT = load_sensor("gelsight", shape=(60, 80))
+GELSIGHT = load_sensor("gelsight", shape=(60, 80)).model_copy(update={"membrane": 0.0009, "gel": None})
 DIGIT = load_sensor("digit", shape=(90, 60))
 RANGES = PressRanges(size=(0.002, 0.006), depth=(0.0002, 0.001))
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
@@ -20,7 +21,7 @@ from tests.stages.tiny_dataset import manifest, run_stage
 
 ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]
 SMALL = ("simulate-presses.presses=8", "simulate-presses.pixels=48")
-ELASTIC = "simulate-presses.sensor={}"
+SENSOR = "simulate-presses.sensor={}"
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +37,17 @@ def elastic_sensor(folder: Path) -> Path:
     return path
 
 
-def test_rows_follow_from_the_stored_depth(surfaces):
-    run_stage(surfaces, "simulate-presses", manifest(), *SMALL, "simulate-presses.patches=0.5")
+def membrane_sensor(folder: Path) -> Path:
+    described = yaml.safe_load(description_path("sensor", "gelsight").read_text())
+    del described["gel"]
+    path = folder / "drawn_in.yaml"
+    path.write_text(yaml.safe_dump(described | {"name": "drawn_in", "membrane": 0.0009}))
+    return path
+
+
+def test_rows_follow_from_the_stored_depth(surfaces, tmp_path):
+    worn = SENSOR.format(membrane_sensor(tmp_path))
+    run_stage(surfaces, "simulate-presses", manifest(), *SMALL, worn, "simulate-presses.patches=0.5")
     rows = ObjectRows(surfaces, [*ARRAYS, "press_untouched"], None)
     sensor = touch_sensor(rows.attributes("presses"))
     assert sensor.shape == (36, 48)
@@ -61,7 +71,7 @@ def test_rows_follow_from_the_stored_depth(surfaces):
 
 
 def test_an_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
-    soft = ELASTIC.format(elastic_sensor(tmp_path))
+    soft = SENSOR.format(elastic_sensor(tmp_path))
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, soft, "simulate-presses.patches=0")
     rows = ObjectRows(surfaces, [*ARRAYS, "press_pressure", "press_force"], None)
     sensor = touch_sensor(rows.attributes("presses"))
@@ -85,9 +95,9 @@ def test_a_gel_that_is_not_known_well_is_drawn_per_press(surfaces):
 
 
 def test_a_factor_widens_the_membrane_or_thickens_the_elastic_gel(tmp_path):
-    settings = resolve("simulate-presses", "standard", [])
+    settings = resolve("simulate-presses", "standard", [SENSOR.format(membrane_sensor(tmp_path))])
     assert scaled_gel(pressed_sensor(settings), 2.0).membrane == pytest.approx(0.0018)
-    soft = pressed_sensor(resolve("simulate-presses", "standard", [ELASTIC.format(elastic_sensor(tmp_path))]))
+    soft = pressed_sensor(resolve("simulate-presses", "standard", [SENSOR.format(elastic_sensor(tmp_path))]))
     assert scaled_gel(soft, 0.5).gel.thickness == pytest.approx(0.0034)
 
 
@@ -117,5 +127,5 @@ def test_a_press_through_the_gel_is_refused_before_anything_is_made(surfaces):
 
 def test_the_sensor_belongs_to_the_key(tmp_path):
     soft = elastic_sensor(tmp_path)
-    settings = resolve("simulate-presses", "standard", [ELASTIC.format(soft)])
+    settings = resolve("simulate-presses", "standard", [SENSOR.format(soft)])
     assert SimulatePresses().assets(settings) == [soft]
