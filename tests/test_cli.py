@@ -159,6 +159,12 @@ def test_one_object_alone(tmp_path):
     assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
+def test_a_report_of_nothing_speaks_of_no_report(tmp_path):
+    code, output = invoke("report", str(tmp_path / "nowhere"))
+    assert code == 1
+    assert output.startswith(f"error: {tmp_path}/nowhere/surfaces has not been made"), output
+
+
 def test_a_recipe_of_some_of_the_shards_says_which_has_not_been_made(tmp_path):
     command = ["--data", str(tmp_path), "--object", "knife-0000", "--shards", "2", "--set", "points=100", "--executor", "serial"]
     assert invoke(*RUN, *command)[0] == 0

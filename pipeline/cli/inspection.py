@@ -11,7 +11,7 @@ from rich.table import Table
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import console, errors, print_line, show_tables
+from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
@@ -62,7 +62,7 @@ def reshard(
     from pipeline.store.reshard import reshard as split
 
     written = sum(1 for _ in split(DataDirectory(data), shards))
-    print_line(f"{data}: {shards} shards per artifact, {written} groups written")
+    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(written, 'group')} written")
 
 
 def collect_garbage(

@@ -68,7 +68,7 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
                 if exists(data / old):
                     remove(data / old)
         drawn = made
-    return [data / name for name in drawn.files]
+    return [data / name for name in sorted(drawn.files, key=lambda name: (len(name), name))]  # page 2 before page 10
 
 
 def draw_contact_sheet(data: Place, most: int, path: Path) -> list[Path]:
@@ -85,7 +85,7 @@ def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
     directory.check_origins(SHOWN)
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
-        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
+        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
     return collections, spread_evenly(sound, most)
 
 

@@ -13,6 +13,7 @@ from typing import TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.console import pluralise
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import create
@@ -106,7 +107,7 @@ class DataDirectory:
         current = self.shards()
         if current is not None and count not in (None, current):
             raise StoreError(
-                f"{self.root} is split into {current} shards, {count} were asked for; leave --shards (make: SHARDS=) out, "
+                f"{self.root} is split into {pluralise(current, 'shard')}, {count} were asked for; leave --shards (make: SHARDS=) out, "
                 f"or change the number with `vt-pipeline reshard {shlex.quote(str(self.root))} {count}`"
             )
         return current or count or 1

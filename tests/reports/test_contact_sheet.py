@@ -160,6 +160,14 @@ def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(
     assert mine.read_text() == "mine"
 
 
+def test_pages_are_listed_in_their_order(tmp_path, monkeypatch) -> None:
+    ball_dataset.make_data(tmp_path, 1)
+    names = ["contact-sheet.png", *(f"contact-sheet-{page}.png" for page in range(2, 12))]
+    monkeypatch.setattr("pipeline.reports.contact_sheet._draw", lambda *_: None)
+    monkeypatch.setattr("pipeline.reports.contact_sheet.hashes_of", lambda _: dict.fromkeys(reversed(names), "0" * 64))
+    assert [sheet.name for sheet in contact_sheets(tmp_path, 1)] == names
+
+
 def test_image_that_is_not_square_keeps_its_shape():
     shown = np.asarray(_scaled(np.zeros((60, 80, 3), np.uint8), 80))
     assert (shown[10:70] == 0).all()
