@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -251,6 +252,8 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     assert "Do the orderings of Smith et al. 2020 hold?" in said
     report = made / "report"
     assert (report / "figures" / "reconstructions.png").stat().st_size > 10_000
+    with Image.open(report / "figures" / "local-shape.png") as picture:
+        assert (np.asarray(picture.convert("L"))[:, -5:] > 250).all(), "labels at the right are not cut"
     pages = {path.name: path.read_text() for path in report.rglob("*.html")}
     assert {"index.html", "gallery.html", "figures.html", "results.html", "about.html", "duck.html"} < pages.keys()
     links = [(page.parent, link) for page in report.rglob("*.html") for link in re.findall(r'(?:href|src)="([^"]+)"', pages[page.name])]

@@ -93,6 +93,10 @@ def test_files_names_and_a_single_pose_are_taken_as_they_are(tmp_path: Path) -> 
         assert len(repr(shown)) < 100
 
 
+def test_an_untouched_image_is_that_of_a_sensor_its_name_or_its_file() -> None:
+    np.testing.assert_array_equal(vt.untouched_image("gel_16mm"), vt.untouched_image(vt.load_sensor("gel_16mm")))
+
+
 def test_what_is_neither_object_nor_sensor_is_named() -> None:
     with pytest.raises(vt.InvalidInput, match=r"nope\.obj: file not found"):
         vt.load_object("nope.obj")
@@ -115,6 +119,9 @@ def test_what_is_neither_object_nor_sensor_is_named() -> None:
         (lambda: vt.touch_many(BALL, SENSOR, np.zeros((2, 3, 3))), r"poses is \(N, 4, 4\) numbers"),
         (lambda: vt.touch_many(BALL, SENSOR, [[1], [2, 3]]), "poses is .* this is list"),
         (lambda: vt.touch_many(BALL, SENSOR, None), "poses is .* this is NoneType"),
+        (lambda: vt.touch_many(BALL, SENSOR, np.eye(4))[0:1], "slice"),
+        (lambda: vt.untouched_image(3), "a sensor is the name of a shipped one, .* this is int"),
+        (lambda: vt.press(np.zeros(SENSOR.shape), SENSOR, depth="deep"), "depth is a number, m; this is str"),
         (lambda: vt.touch_many(BALL, SENSOR, np.eye(4), workers=0), "workers is a number of processes"),
         (lambda: vt.load_sensor(None), "a sensor is the name of a shipped one .* this is NoneType"),
         (lambda: vt.load_object(("a", "b")), r"vertices \(V, 3\) and faces \(F, 3\) are arrays of numbers"),

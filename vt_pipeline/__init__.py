@@ -17,10 +17,9 @@ from pipeline.errors import InvalidInput  # noqa: E402
 from pipeline.formats.sensor_file import load_sensor  # noqa: E402
 from pipeline.inference.observation_file import RobotObservation  # noqa: E402
 from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
-from pipeline.kernels.touch.tactile_image import untouched_image  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
-from vt_pipeline.pressing import image, press  # noqa: E402
+from vt_pipeline.pressing import image, press, untouched_image  # noqa: E402
 from vt_pipeline.reconstructing import load_observation, reconstruct  # noqa: E402
 from vt_pipeline.touching import Touch, Touches, touch, touch_many  # noqa: E402
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.touch import tactile_image as kernel
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -43,6 +44,11 @@ def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generat
         return tactile_image(depth, sensor, rng)
     except ValueError as error:
         raise InvalidInput(str(error)) from error
+
+
+def untouched_image(sensor: Sensor | str | Path) -> NDArray[np.uint8]:
+    """Compute the tactile image (rows, cols, 3) of a sensor, from `load_sensor` or what that takes, with nothing in its gel."""
+    return kernel.untouched_image(as_sensor(sensor))
 
 
 def press(
@@ -86,6 +92,10 @@ def press(
     >>> touch = press(-(x**2 + y**2) / (2 * 0.005), sensor, depth=0.5e-3)  # a ball of 5 mm radius
     """
     sensor = as_sensor(sensor)
+    try:
+        depth = None if depth is None else float(depth)
+    except (TypeError, ValueError) as error:
+        raise TypeError(f"depth is a number, m; this is {type(depth).__name__}") from error
     if isinstance(object_, np.ndarray):
         if pose is not None or depth is None:
             raise TypeError("a relief lies on the sensor's pixels: give its depth and no pose")

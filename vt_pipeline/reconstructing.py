@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pipeline.errors import InvalidInput
 from pipeline.inference import observation_file
 from pipeline.inference.observation_file import RobotObservation
 
@@ -40,7 +41,7 @@ def reconstruct(
     configuration
         Which of them; by default `occluded-touch`, of the weights that ship `implicit-any`, which takes whatever there is.
     resolution
-        Edges of the closed mesh along the longest side of its box.
+        Edges of the closed mesh along the longest side of its box, 8 to 400.
     training_seed
         Which training of the model, where there are several.
     accelerator
@@ -55,13 +56,17 @@ def reconstruct(
     Raises
     ------
     InvalidInput
-        The observation has faults; the message lists all.
+        The observation has faults, of which the message lists all; or the resolution is beyond its limits.
     StageError, StoreError
         There is no such model, or it cannot be used.
     """
     from pipeline.inference import predict
     from pipeline.store.storage import place
 
+    if not isinstance(observation, str | Path | RobotObservation):
+        raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
+    if not 8 <= resolution <= 400:
+        raise InvalidInput(f"resolution is {resolution}; it must be 8 to 400")
     given = Path(observation) if isinstance(observation, str) else observation
     options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
     folder, network = predict.chosen_models(None if models is None else place(str(models)), None, configuration)

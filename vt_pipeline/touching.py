@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import multiprocessing
+import operator
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -120,6 +121,7 @@ class Touches:
         return f"Touches({len(self)} of {self.sensor.name})"
 
     def __getitem__(self, number: int) -> Touch:
+        number = operator.index(number)  # a slice would make one touch of several
         return Touch(self.sensor, self.poses[number], self.depth[number], self.image[number])
 
 

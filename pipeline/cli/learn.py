@@ -23,7 +23,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_plan
-from pipeline.console import console, errors, print_line, show_tables
+from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
@@ -78,7 +78,7 @@ def sweep(
     if found:
         sweeps.show_sweep(found, console)
     if failed:
-        fail(f"{failed} points failed, see above")
+        fail(f"{pluralise(failed, 'point')} failed, see above")
 
 
 def predict(
@@ -115,6 +115,8 @@ def predict(
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
+    if data is None and (grasps or view):
+        fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
     directory = place(data) if data else None
     folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
     made = prediction.predict(
@@ -211,7 +213,7 @@ def report(
         directory.check_origins([SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
-        if not evaluated:
+        if not (evaluated or scored):
             return
     if evaluated or scored:
         directory.check_origins([*evaluated, *scored])
@@ -229,6 +231,8 @@ def _grid(options: list[str]) -> dict[str, list[Any]]:
         setting, separator, values = option.partition("=")
         if not separator or not values:
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
+        if setting in found or "." in setting:
+            fail(f"--grid {option}: name each setting once, with all its values, and without its stage: SETTING=VALUE,VALUE,…")
         try:
             found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
         except (yaml.YAMLError, ValueError, RecursionError):

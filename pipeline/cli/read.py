@@ -42,6 +42,10 @@ def read_touch(
 
     if (photographs is None) == (camera is None):
         fail("name photographs, or a camera with --camera, one of them")
+    if watch and camera is not None:
+        fail("--watch is of a folder of photographs; leave it out with --camera")
+    if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
+        fail(f"--out {out} is the folder of the photographs, among which what is written would be read; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model)
     print_line(f"read by {reader.network}")
     stream: Iterator[Named]

@@ -56,6 +56,8 @@ def tradeoff(
         fail(unknown("trade", strange[0], TRADED))
     if until not in (None, "evaluate"):
         fail(f"--until {until}: only evaluate ends a pipeline")
+    if until and stages:
+        fail(f"--until {until} measures whole pipelines; leave {' '.join(stages)} out")
     request = make_request(
         load_stage(asked[0]), manifest, preset, data=data, objects=objects, assignments=assignments, seed=None, units=units, up=up
     )

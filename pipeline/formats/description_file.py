@@ -177,5 +177,7 @@ def _describe(kind: str, name: str, message: str, guess: str | None) -> str:
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind == "missing":
         return f"entry {name} is missing"
+    if kind == "tuple_type":
+        return f"{name}: it must be a list, [VALUE, …]"
     message = message.removeprefix("Value error, ") + (f", did you mean {guess}?" if guess else "")
     return f"{name}: {message}" if name else message

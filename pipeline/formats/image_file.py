@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import read_file
@@ -29,7 +29,7 @@ def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour.
+    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour, and an orientation in its EXIF data is applied.
 
     Raises
     ------
@@ -63,6 +63,7 @@ def _opened(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert:
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
             _check(path, image, modes, what, remedy)
+            ImageOps.exif_transpose(image, in_place=True)
             return convert(image)
     except InvalidInput:
         raise

@@ -71,8 +71,9 @@ def check_name(path: Path, untouched_path: Path) -> None:
     """Raise an InvalidInput if the name of a sensor file is not a sensor's name, or its report would replace the untouched photograph."""
     if not SENSOR_NAME.fullmatch(path.stem) or path.suffix not in (".yaml", ".yml"):
         raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
-    if path.with_suffix(".png").resolve() == untouched_path.resolve():
-        raise InvalidInput(f"{untouched_path} would be replaced by the report of {path}; rename one of them")
+    for written in (f"{path.stem}-calibration.png", f"{path.stem}.png"):  # the report, and what `check` draws
+        if path.with_name(written).resolve() == untouched_path.resolve():
+            raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
 
 
 def calibrate(

@@ -109,11 +109,13 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uin
 
 
 def check_output(path: Path) -> None:
-    """Raise an `InvalidInput` if the path is a folder, or its suffix is not a mesh's."""
+    """Raise an `InvalidInput` if the path is a folder or below a file, or its suffix is not a mesh's."""
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no mesh format; use {', '.join(SUFFIXES)}")
     if path.is_dir():
         raise InvalidInput(f"{path} is a folder; name a file to write")
+    if files := [parent for parent in path.parents if parent.is_file()]:
+        raise InvalidInput(f"{path}: {files[0]} is a file; name a folder")
 
 
 def _write(path: Path, parts: Parts, metres_per_unit: float) -> None:

@@ -20,6 +20,9 @@ FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
 SIZE_TOLERANCE = 0.02
 """Relative difference of sensors, and of the sides of tactile images, that is taken for rounding."""
+UNMEASURED = (
+    "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph"
+)
 NEAREST_SHARE = 2.0
 """Percentile of the depths that is the object's front: some depths are wrong."""
 
@@ -90,6 +93,14 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
     return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
 
 
+def _why_not(observation: RobotObservation) -> str:
+    """Say why nothing tells where the object is, and what would."""
+    camera = observation.camera
+    if camera is not None and camera.metres is not None and camera.mask is not None:
+        return f"{UNMEASURED}, or state it, or give two touches"
+    return "state it, or give a depth image with a mask, or two touches"
+
+
 def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], float] | None:
     camera, matrix = observation.camera, observation.projection
     if camera is None or matrix is None or camera.metres is None or camera.mask is None:
@@ -130,7 +141,7 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     box = find_object(observation)
     found = [] if model is None else list(_unfit(observation, model))
     if box is None:
-        return [*found, "object.centre is missing, and cannot be estimated: state it, or give a depth image with a mask, or two touches"]
+        return [*found, f"object.centre is missing, and cannot be estimated: {_why_not(observation)}"]
     return [*found, *_misplaced(observation, box, model)]
 
 
@@ -210,7 +221,7 @@ def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box
         return None
     measured = camera.metres[camera.shown & ~np.isnan(camera.metres)]
     if not len(measured):
-        return "camera.depth is 0 or not finite wherever camera.mask shows the object: register it to the photograph"
+        return UNMEASURED
     seen, away = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
     if abs(seen - away) <= (FARTHEST if box.diagonal is None else box.diagonal):
         return None

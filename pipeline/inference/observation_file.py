@@ -106,7 +106,7 @@ class ObservedCamera(Entries):
             if (mask := getattr(self, name)) is not None:
                 _check_array(name, mask, np.bool_, 2)
         if self.depth is not None:
-            _check_array("depth", self.depth, np.uint16 if self.depth.dtype.kind == "u" else self.depth.dtype, 2)
+            _check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
         for name in ("mask", "hand_mask", "depth"):
             if (other := getattr(self, name)) is not None and other.shape != shape:
                 raise ValueError(f"{name} has {_size(other)} pixels, the image {_size(self.image)}; register them")

@@ -189,7 +189,7 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequ
     Raises
     ------
     StoreError
-        The object is missing or failed, or has no such grasp or viewpoint.
+        The object is missing or failed, has no such grasp or viewpoint, or one of them is chosen twice.
     """
     counted = "joint_angles" if kind == "grasp" else "rendering"  # their number
     rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
@@ -200,6 +200,8 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequ
     available = rows.size(counted, kind)
     if wrong := [number for number in chosen if not 0 <= number < available]:
         raise StoreError(f"{object_id} has no {kind} {wrong[0]}; there are {kind}s 0 to {available - 1}")
+    if len(set(chosen)) < len(chosen):
+        raise StoreError(f"{object_id}: {kind}s {', '.join(map(str, chosen))}; name each once")
     return rows
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,13 @@ Named = tuple[str, NDArray[np.uint8]]
 
 
 def photographs_of(path: Path, leave_out: Path) -> list[Path]:
-    """List a photograph, or those of a folder in the order of their names, without one; an `InvalidInput` where there are none."""
+    """List a photograph, or those of a folder in the order of their names, without one.
+
+    Raises
+    ------
+    InvalidInput
+        There are none, or two with one name, by which what is read in them is called.
+    """
     if path.is_file():
         return [path]
     if not path.is_dir():
@@ -28,6 +35,9 @@ def photographs_of(path: Path, leave_out: Path) -> list[Path]:
     files = image_files(path.iterdir(), leave_out)
     if not files:
         raise InvalidInput(f"{path} holds no photographs besides the untouched one: files that end in {', '.join(SUFFIXES)}")
+    for first, second in pairwise(sorted(files, key=lambda file: file.stem)):
+        if first.stem == second.stem:
+            raise InvalidInput(f"{first} and {second} have one name but for the suffix; rename one of them")
     return files
 
 

@@ -143,8 +143,12 @@ def predict(
                 raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
             made = _of_robot(reader, observation, surface, resolution)
         else:
-            if object_id is None or observation is not None:
+            if observation is not None:
                 raise StageError("give a data directory and an object, or an observation, not both")
+            if object_id is None:
+                raise StageError(f"data directory {data} needs an object; name one of its objects")
+            if view and reader.model.image != "rendering":
+                raise StageError(f"model {configuration} takes no renderings, which view {view} is one of; choose grasps")
             if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
                 DataDirectory(data).check_origins([model_name(configuration, training_seed)])
             made = _of_object(reader, data, object_id, [view] if reader.model.image == "rendering" else grasps, surface, resolution)

@@ -25,7 +25,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import evaluation_name, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
-from stages.evaluate.settings import METHOD_NAME, ScoreSettings, ShippedSettings, SurfaceSettings
+from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, ScoreSettings, ShippedSettings, SurfaceSettings
 from stages.evaluate.shipped import EvaluateShipped, artifacts_of, fitting_rows, shipped_record
 
 
@@ -66,6 +66,8 @@ def score(
     name = folder.resolve().name if name is None else name
     if not re.fullmatch(METHOD_NAME, name):
         raise InvalidInput(f"--name {name}: a method's name has letters, digits, '.', '_' and '-', at most 100 of them")
+    if f"scores/{name}" == SHIPPED_SCORES:
+        raise InvalidInput(f"--name {name}: that is the network that ships, which `report --shipped` measures; choose another name")
     directory = DataDirectory(data)
     written = digest.of_json(hashes_of(folder, [str(path.relative_to(folder)) for path in surface_files(folder) if path.is_file()]))
     reads = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,10 +57,12 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     Raises
     ------
     InvalidInput
-        Its kind is unknown, or entries cannot be used; the message names each of them.
+        Its kind is unknown, or entries cannot be used; the message names each of them. The picture would replace a file that it names.
     """
     path = _path_of(name)
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
+    if _place(picture) in [_place(path.parent / file) for file in (path.name, *_texts(read_yaml(path))) if Path(file).name == picture.name]:
+        raise InvalidInput(f"{picture} is a file that {path} needs, and the picture would replace it; name another one with --picture")
     if meshes is not None and kind != "manifest":
         raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
     if kind == "observation":
@@ -94,9 +97,20 @@ def _kind_of(path: Path) -> str:
         raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
-        known = "; ".join(f"{', '.join(sorted(entries))} ({kind})" for kind, entries in ENTRIES.items())
-        raise InvalidInput(f"{path} has no entries of a description file; looked for {known}")
+        known = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file: {known}")
     return max(matches, key=lambda kind: matches[kind])
+
+
+def _place(file: Path) -> Path:
+    """Tell where a file lies; a link is a file of its own."""
+    return file.parent.resolve() / file.name
+
+
+def _texts(content: Any) -> Iterator[str]:
+    """Yield every text in the content of a YAML file: the names of other files are among them."""
+    for part in content.values() if isinstance(content, dict) else content if isinstance(content, list) else ():
+        yield from [part] if isinstance(part, str) else _texts(part)
 
 
 def check_scene(path: Path, picture: Path) -> list[str]:

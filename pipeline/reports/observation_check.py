@@ -37,7 +37,11 @@ def check_observation(path: Path, picture: Path, model: ModelInputs | None = Non
         drawn[-1].imshow(placed.image)
         drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
     save_figure(figure, picture)
-    said = [] if placed is None or model is None else [f"with model {model.configuration}:", *placed.remarks]
+    said = (
+        []
+        if placed is None or model is None
+        else [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
+    )
     return [f"{path}: observation, no faults", *_described(observation, box), *said, f"picture: {picture}"]
 
 

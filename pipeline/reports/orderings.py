@@ -152,6 +152,8 @@ def _printed(
 
 def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
     """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
+    if not verdicts:
+        return []
     paper = any(verdict.supplement is not None for verdict in verdicts)
     columns = ["claim", "here", f"difference ({100 * LEVEL:.0f} %)", "objects", "verdict", *([PAPER] if paper else [])]
     title = f"Do the orderings of {PAPER} hold? Chamfer distances × {TABLE_3_FACTOR:.0f}, m²; intervals over objects (paired) and trainings"

@@ -181,7 +181,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
-        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.98, 1))  # it does not see how wide labels beside 3D axes are
+        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it does not see how wide labels beside 3D axes are
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
         grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):

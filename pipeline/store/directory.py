@@ -89,7 +89,7 @@ class DataDirectory:
                 raise StoreError(f"{path} is missing; {remedy}") from None
             return recorded[0] if recorded else None
         except NotADirectoryError:
-            raise StoreError(f"{self.root} is a file, not a data directory; name a folder") from None
+            raise StoreError(f"{self.root} is a file, or below one; give a data directory, which `vt-pipeline run` makes") from None
         except (OSError, ValidationError) as error:
             raise StoreError(f"{path} is damaged ({first_line(error)}); {remedy}") from error
         if recorded and shards not in recorded:

@@ -228,7 +228,8 @@ class _Training:
     def failure(self, reason: str, items: Sequence[int]) -> StageError:
         """Make the error that names the step and the items."""
         step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
-        advice = f"lower learning_rate ({self.settings.learning_rate:g}), or look at the items of its batch"
+        learned = self.progress.epoch or self.progress.step  # else no rate is the cause
+        advice = (f"lower learning_rate ({self.settings.learning_rate:g}), or " if learned else "") + "look at the items of its batch"
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 
     def validate_epoch(self) -> None:

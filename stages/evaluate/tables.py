@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import Cell, Row, Table
+from pipeline.console import Cell, Row, Table, pluralise
 from pipeline.dataset.touch_statistics import PAPER, PAPER_DIAGONAL, SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
@@ -72,7 +72,7 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
 def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     for place in scored:
         if problem := difference(folder, place):
-            yield Table(f"{', '.join(read_root(place)['configurations'])} was scored with {problem}: left out; score it again")
+            yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
 
 
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
@@ -87,7 +87,7 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     members, rng = _members(objects["category"]), partial(numpy_rng, root["seed"])
     classes = [f"{name} ({member.sum()})" for name, member in members.items()]
     yield Table(
-        f"Evaluation of {len(objects['floor'])} objects, split {root['split']}, seed {root['seed']}; {settings['points']} points drawn "
+        f"Evaluation of {pluralise(len(objects['floor']))}, split {root['split']}, seed {root['seed']}; {settings['points']} points drawn "
         f"from each surface. In brackets: {100 * LEVEL:.0f} % bootstrap intervals over objects."
     )
     if root["left_out"]:

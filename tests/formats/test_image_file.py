@@ -57,6 +57,20 @@ def test_other_formats_and_bombs_are_refused(tmp_path: Path, content: bytes, wor
         read_image(tmp_path / "image")
 
 
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF"])
+def test_a_turned_photograph_is_read_as_viewers_show_it(tmp_path: Path, kind: str) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turned by 90° clockwise
+    held = Image.new("RGB", (16, 8))
+    held.paste((255, 255, 255), (0, 0, 8, 8))  # its left half
+    held.save(tmp_path / "image", kind, exif=exif)
+    levels = read_image(tmp_path / "image")
+    assert levels.shape == (16, 8, 3)
+    assert (levels[:6] > 200).all(), "what was left is above"
+    assert (levels[-6:] < 50).all()
+    assert read_mask(tmp_path / "image")[:6].all()
+
+
 @pytest.mark.parametrize("mode", ["1", "L", "RGB", "P", "I;16"])
 def test_masks_are_where_files_are_not_0(tmp_path: Path, mode: str) -> None:
     inside = np.array([[True, False, True], [False, False, True]])

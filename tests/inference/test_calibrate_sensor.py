@@ -11,6 +11,7 @@ from pipeline.cli import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.inference.ball_photographs import read_photographs
+from pipeline.inference.calibrate_sensor import check_name
 from pipeline.inference.read_touch import TouchReader
 from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.sensor import Sensor
@@ -98,6 +99,12 @@ def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> Non
     (few / "circles.csv").write_text("name,x\n0.png,1\n")
     with pytest.raises(InvalidInput, match="needs the columns name, x, y, radius"):
         read_photographs(few, folder.parent / "untouched.png")
+
+
+@pytest.mark.parametrize("written", ["my_gel-calibration.png", "my_gel.png"])
+def test_an_untouched_photograph_that_a_picture_would_replace_is_refused(tmp_path: Path, written: str) -> None:
+    with pytest.raises(InvalidInput, match=f"{written} would be replaced by a picture of .*my_gel.yaml; rename"):
+        check_name(tmp_path / "my_gel.yaml", tmp_path / written)
 
 
 @pytest.mark.parametrize(

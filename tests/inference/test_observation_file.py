@@ -188,6 +188,9 @@ def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) 
     np.testing.assert_allclose(box.centre, CENTRE, atol=1e-9)
     entries["touches"] = entries["touches"][:1]
     assert "object.centre is missing, and cannot be estimated: state it, or" in refused(write_observation(tmp_path, entries))
+    np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
+    entries["camera"]["depth"] = "none.npy"
+    assert "cannot be estimated: camera.depth is 0 or not finite wherever" in refused(write_observation(tmp_path, entries))
 
 
 def test_what_a_model_needs_and_is_not_given_is_named(tmp_path: Path) -> None:

@@ -292,7 +292,10 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
         ({"grasps": []}, StageError, "at least"),
         ({"object_id": "z"}, StoreError, "no object z"),
-        ({"object_id": None}, StageError, "give a data directory and an object, or an observation, not both"),
+        ({"out": "taken.txt/ball.ply"}, InvalidInput, "taken.txt is a file; name a folder"),
+        ({"grasps": [1, 0, 1]}, StoreError, "a: grasps 1, 0, 1; name each once"),
+        ({"view": 3}, StageError, "model touch takes no renderings, which view 3 is one of; choose grasps"),
+        ({"object_id": None}, StageError, "data directory .* needs an object; name one"),
         ({"observation": Path("grasp.yaml")}, StageError, "not both"),
         ({"data": None}, StageError, "object a needs a data directory"),
         ({"data": None, "object_id": None}, StageError, "needs touches: give an observation"),
@@ -304,9 +307,10 @@ def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, word
     plain = {"out": "ball.ply", "models": data / "models", "configuration": "touch", "data": data, "object_id": "a", "grasps": [0]} | asked
     out = tmp_path / "out" / plain.pop("out")
     (tmp_path / "out" / "taken.ply").mkdir(parents=True)
+    (tmp_path / "out" / "taken.txt").touch()
     with pytest.raises(error, match=words):
         predict(out, plain.pop("models"), plain.pop("configuration"), **plain)
-    assert [path.name for path in out.parent.iterdir()] == ["taken.ply"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"taken.ply", "taken.txt"}
 
 
 def test_observations_that_do_not_fit_are_errors(data, grasp, tmp_path):

@@ -190,6 +190,10 @@ def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:
         photographs_of(tmp_path / "missing", tmp_path)
     with pytest.raises(InvalidInput, match="holds no photographs besides the untouched one"):
         photographs_of(tmp_path, tmp_path)
+    for suffix in ("png", "bmp"):
+        Image.fromarray(UNTOUCHED).save(tmp_path / f"a.{suffix}")
+    with pytest.raises(InvalidInput, match=r"a.* and .*a.* have one name but for the suffix; rename one"):
+        photographs_of(tmp_path, tmp_path)
     with pytest.raises(InvalidInput, match="holds no network for sensor gel_16mm; train one"):
         TouchReader("gel_16mm", UNTOUCHED)
     save_touch_model(tmp_path, UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
@@ -197,3 +201,9 @@ def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:
         TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path)
     ended = CliRunner().invoke(app, ["read-touch", "--untouched", str(folder / "photographs/untouched.png"), "--sensor", "gelsight"])
     assert ended.exit_code == 1
+    options = ["--untouched", str(folder / "photographs/untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
+    before = sorted((folder / "photographs").iterdir())
+    ended = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--out", str(folder / "photographs")])
+    assert "is the folder of the photographs" in ended.output
+    assert sorted((folder / "photographs").iterdir()) == before
+    assert "leave it out with --camera" in CliRunner().invoke(app, ["read-touch", *options, "--camera", "0", "--watch"]).output

@@ -197,6 +197,22 @@ def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path:
         assert picture.width > 300
 
 
+def test_picture_that_would_replace_a_file_of_the_observation_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_observation(tmp_path, write_files(tmp_path)).rename(tmp_path / "seen.yaml")
+    (tmp_path / "elsewhere").mkdir()
+    photograph = (tmp_path / "seen.png").read_bytes()
+    monkeypatch.chdir(tmp_path)
+    for picture in (None, Path("seen.png"), tmp_path / "index.png"):
+        with pytest.raises(InvalidInput, match=r"(seen|index).png is a file that .*seen.yaml needs, .*name another one with --picture"):
+            check_file("seen.yaml", picture)
+    with pytest.raises(InvalidInput, match=r"seen.yaml is a file that seen.yaml needs"):
+        check_file("seen.yaml", tmp_path / "seen.yaml")
+    assert (tmp_path / "seen.png").read_bytes() == photograph
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    check_file(str(path), None)
+    assert Path("seen.png").is_file()
+
+
 def test_picture_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"a.xyz: the suffix .xyz names no picture format; use .*png"):
         check_file("supplement", tmp_path / "a.xyz")

@@ -317,6 +317,7 @@ def test_without_touch_there_is_no_table_of_grasps(data):
 def test_orderings_of_an_evaluation(evaluation):
     verdicts = orderings([evaluation[0]])
     assert verdicts == orderings([evaluation[0]])
+    assert not orderings_table([]), "no claim makes no table"
     claims = {one.claim: one for one in verdicts}
     assert {"occluded-touch < occluded", "unoccluded < touch", "touch: 2 grasps < 1", "occluded: ring ×5 < ring ×1"} <= set(claims)
     assert claims["unoccluded-touch: 4 grasps < 3"].supplement == (0.695, 0.689)

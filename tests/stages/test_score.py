@@ -237,3 +237,4 @@ def test_what_names_no_method_or_folder_is_refused(data, tmp_path):
     assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
+    assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
