@@ -106,6 +106,10 @@ def test_doctor_finds_everything_here():
         (["sweep", "train-gcn", "--grid", "epochs=[1,"], "--grid epochs=[1,: write SETTING=VALUE,VALUE"),
         ([*RUN, "--objects", "/nonexistent"], "manifest toy names its own objects: leave --objects"),
         (["sweep", "train-implicit"], "the supplement has no grid for train-implicit: name one, --grid"),
+        (
+            ["run", "simulate-grasps", "--set", "grasps=20", "--set", "attempts=4"],
+            "20 grasps need more than 4 attempts, which yield at most 16; ask for fewer grasps, or for at least 5 attempts",
+        ),
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],
 )
@@ -165,6 +169,20 @@ def test_one_object_alone(tmp_path):
     assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
+def test_a_report_of_nothing_speaks_of_no_report(tmp_path):
+    code, output = invoke("report", str(tmp_path / "nowhere"))
+    assert code == 1
+    assert output.startswith(f"error: {tmp_path}/nowhere/surfaces has not been made"), output
+
+
+def test_a_recipe_of_some_of_the_shards_says_which_has_not_been_made(tmp_path):
+    command = ["--data", str(tmp_path), "--object", "knife-0000", "--shards", "2", "--set", "points=100", "--executor", "serial"]
+    assert invoke(*RUN, *command)[0] == 0
+    code, output = invoke("recipe", str(tmp_path))
+    assert code == 1
+    assert "0000-of-0002 has not been made; run sample-surfaces for all shards, then write the recipe" in output
+
+
 def test_one_object_with_other_settings_says_how_it_can_be_looked_at(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
@@ -205,6 +223,9 @@ def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tm
     assert "failed a, b, c, d, e, … (7 objects): ….off" in output
     one = invoke(*command, "--object", "a", "--retry", "--executor", "serial")[1]
     assert "failed a: a.off" in one
+    later = ["run", "sample-distances", *command[2:-1], "queries=10", "--executor", "serial"]
+    assert "; 7 objects failed in an earlier stage" in invoke(*later)[1]
+    assert "failed in" not in invoke(*later)[1]
 
 
 def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_path):

@@ -74,7 +74,7 @@ def export(
     if there and UNFINISHED not in there:  # an export that was killed is begun again
         fail(f"{out} is not empty; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {write_scenes(ReportSource(place(data)), out, objects or [])} scenes")
+        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, objects or []), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")

@@ -218,11 +218,11 @@ def report(
     if evaluated or scored:
         directory.check_origins([*evaluated, *scored])
         show_tables(console, results_tables(directory, evaluated, scored))
-    else:
-        alone = ": the report shows the dataset alone" if pages else ""
-        print_line(f"no network has been evaluated{alone}; `make report`, with the same variables, trains some")
     if pages:
         print_line(f"report: {write_report(directory.root, console, most)}")
+    if not (evaluated or scored):
+        alone = ": the report shows the dataset alone" if pages else ""
+        print_line(f"no network has been evaluated{alone}; `make report`, with the same variables, trains some")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

@@ -166,7 +166,7 @@ def _check_names(found: Sequence[Object]) -> None:
         raise InvalidInput("it names no objects; give its sources some")
     for item in found:
         if not OBJECT_ID.fullmatch(item.object_id):
-            rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.'"
+            rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
         without_controls(item.category)
     for one, other in pairwise(found):

@@ -67,7 +67,8 @@ class GraspedObjects:
     Raises
     ------
     StoreError
-        `simulate-grasps` has not been run, or surfaces are of a version that did not keep how objects were placed.
+        `simulate-grasps` has not been run, or surfaces are of a version that did not keep how objects were placed, or no object has
+        grasps.
     """
 
     def __init__(self, data: Place) -> None:
@@ -78,6 +79,8 @@ class GraspedObjects:
         attributes = {"grasps": self._grasps.first.attributes}
         self.hand, self._sensors = grasping_hand(attributes), grasping_sensors(attributes)
         self.names = [name for name in self._grasps if self._grasps.failure(name) is None]
+        if not self.names:
+            raise StoreError(f"{data}: no object has grasps; `vt-pipeline status {data}` says why")
 
     def __iter__(self) -> Iterator[GraspedObject]:
         with Meter(errors, "export", len(self.names), "objects") as meter:

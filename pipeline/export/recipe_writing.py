@@ -134,8 +134,9 @@ def _check_current(request: Request[ObjectStage]) -> None:
     """Refuse what was made by other code, of other files or in part."""
     for plan in make_plans(request):
         if not plan.up_to_date():
-            record = plan.output.record
-            version = record.versions.get("vt-pipeline") if record else None
+            if (record := plan.output.record) is None:
+                raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")
+            version = record.versions.get("vt-pipeline")
             raise StoreError(
                 f"{plan.path} is not what {request.stage.name} makes here and now: it was made by other code (vt-pipeline {version}), of "
                 "other files or manifest, or in part. Install that version, or run the stage again, then write the recipe"

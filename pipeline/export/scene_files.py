@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.console import Meter, errors
+from pipeline.console import Meter, abbreviate, errors
 from pipeline.errors import InvalidInput
 from pipeline.reports.grasp_scene import GraspScenes
 from pipeline.reports.report_source import ReportSource
@@ -37,9 +37,7 @@ def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int
     """
     chosen = list(objects) or source.object_ids
     if unknown := [name for name in chosen if name not in source.object_ids]:
-        raise InvalidInput(
-            f"{unknown[0]} is not a usable object of {source.directory.root}; there are {', '.join(source.object_ids[:10])}, …"
-        )
+        raise InvalidInput(f"{unknown[0]} is not a usable object of {source.directory.root}; it has {abbreviate(source.object_ids)}")
     one_file = out.suffix.lower() == ".glb"
     if one_file and len(chosen) > 1:
         raise InvalidInput(f"{out} is one file, and there are {len(chosen)} objects; name one with --object, or a folder")

@@ -68,7 +68,7 @@ def contact_sheets(data: Place, most: int) -> list[Place]:
                 if exists(data / old):
                     remove(data / old)
         drawn = made
-    return [data / name for name in drawn.files]
+    return [data / name for name in sorted(drawn.files, key=lambda name: (len(name), name))]  # page 2 before page 10
 
 
 def draw_contact_sheet(data: Place, most: int, path: Path) -> list[Path]:
@@ -85,7 +85,7 @@ def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
     directory.check_origins(SHOWN)
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
-        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status` says why")
+        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
     return collections, spread_evenly(sound, most)
 
 
@@ -143,19 +143,18 @@ class BandMaker:
     def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
         """Make the band of an object's best grasp from its rows of the artifacts `SHOWN`."""
         grasps, touch, vision = rows["grasps"], rows["touch"], rows["vision"]
-        touched, depths, unoccluded = grasps["touch_success"][0], touch["depth"][0], vision["unoccluded"][0]
-        occluded = vision["occluded"][0, 0] if "occluded" in list(vision) else np.full_like(unoccluded, 255)
+        touched, depths = grasps["touch_success"][0], touch["depth"][0]
+        images = {"unoccluded": vision["unoccluded"][0]} | ({"occluded": vision["occluded"][0, 0]} if "occluded" in list(vision) else {})
+        size = len(images["unoccluded"])
         with self.grasp_view(rows, 0) as view:
-            held, felt = second_view(self.renderer, self.scene, len(unoccluded), view)
-            squeezed = squeeze_view(self.renderer, self.scene, len(unoccluded), view)
+            held, felt = second_view(self.renderer, self.scene, size, view)
+            squeezed = squeeze_view(self.renderer, self.scene, size, view)
         masks = vision["segmentation"][:2, 0] > 0
-        (unoccluded, scale), (occluded, _) = (enlarged(image, masks) for image in (unoccluded, occluded))
         return Band(
             title=f"{object_id}, {size_note(rows['surfaces'])}",
             note=grasp_note(grasps, 0),
             pictures=[
-                (f"unoccluded{scale}", unoccluded),
-                (f"occluded{scale}", occluded),
+                *((f"{name}{scale}", shown) for name, image in images.items() for shown, scale in [enlarged(image, masks)]),
                 ("from a second side", held),
                 *([] if squeezed is None else [(f"squeeze, motion × {EXAGGERATED}", squeezed)]),
                 ("touch sites", felt),

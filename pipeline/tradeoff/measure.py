@@ -142,7 +142,9 @@ def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
     """
     own, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
     listed = [own, *presets.values()]
-    listed += [setup.settings(stage, changes) for changes in _declared(stage).candidates]
+    for changes in _declared(stage).candidates:
+        with suppress(PipelineError):  # one that does not fit the user's other settings: more grasps than its attempts yield
+            listed.append(setup.settings(stage, changes))
     found: dict[str, tuple[Settings, Point]] = {}
     for settings in listed:
         if any(settings.results() == other.results() for other, _ in found.values()):

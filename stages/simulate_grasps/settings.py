@@ -8,6 +8,9 @@ from pydantic import model_validator
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
 
+SECOND_CHANCES = 4
+"""Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
+
 
 class GraspSettings(ObjectSettings):
     """How grasps are found (supplement 1.3)."""
@@ -103,4 +106,13 @@ class GraspSettings(ObjectSettings):
     def _distances_are_in_order(self) -> GraspSettings:
         if self.least_distance > self.greatest_distance:
             raise ValueError(f"least_distance {self.least_distance} m is above greatest_distance {self.greatest_distance} m")
+        return self
+
+    @model_validator(mode="after")
+    def _attempts_are_enough(self) -> GraspSettings:
+        if self.grasps > (most := SECOND_CHANCES * self.attempts):
+            raise ValueError(
+                f"{self.grasps} grasps need more than {self.attempts} attempts, which yield at most {most}; ask for fewer grasps, or for "
+                f"at least {-(-self.grasps // SECOND_CHANCES)} attempts"
+            )
         return self

@@ -34,12 +34,9 @@ from schemas.surfaces import SURFACES
 from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, Plan, keep_best
 from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.settings import SECOND_CHANCES, GraspSettings
 from stages.simulate_grasps.size_warnings import opening, size_warnings
 from stages.simulate_grasps.touch_plan import TouchPlanner
-
-SECOND_CHANCES = 4
-"""Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
 
 HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
 """By the setting `hold_test`."""

@@ -7,7 +7,9 @@ import os
 import shutil
 
 import pytest
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.engine.executor import Serial
 from pipeline.errors import StoreError
 from pipeline.store import directory as directory_module
@@ -25,6 +27,9 @@ def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
         run(request(tmp_path, stage=stage, shards=4))
     whole = digest(tmp_path), digest(tmp_path, MEAN)
     with pytest.raises(StoreError, match=r"is split into 4 shards, 2 were asked for; .* reshard .* 2"):
+        run(request(tmp_path, shards=2))
+    assert CliRunner().invoke(app, ["reshard", str(tmp_path), "1"]).output.endswith("1 shard per artifact, 2 groups written\n")
+    with pytest.raises(StoreError, match=r"is split into 1 shard, 2 were asked for"):
         run(request(tmp_path, shards=2))
     for shards in (3, 1, 2):
         assert all(path.exists() for path in list(reshard(DataDirectory(tmp_path), shards)))

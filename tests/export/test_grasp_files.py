@@ -56,6 +56,22 @@ def test_arrays_are_in_the_objects_own_frame_and_unit(data: Path, tmp_path: Path
         np.testing.assert_allclose(facing, -radius, rtol=0.02)  # into the ball
 
 
+@pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])
+def test_nothing_is_written_of_a_dataset_without_grasps(tmp_path: Path, form: str) -> None:
+    ball_dataset.make_data(tmp_path / "data", 1, ungrasped="a")
+    done = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", form])
+    assert done.exit_code == 1
+    assert f"vt-pipeline status {tmp_path / 'data'}`" in "".join(done.output.split("\n"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unknown_object_is_named_beside_those_that_are_there(data: Path, tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "zebra"])
+    assert "".join(done.output.split("\n")).endswith("it has a"), done.output
+    done = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "a"])
+    assert done.output.endswith("b.glb: 1 scene\n"), done.output
+
+
 def test_dexgraspbench_finds_hand_and_object_where_they_were(data: Path, tmp_path: Path) -> None:
     rows = ObjectRows(data, ["hand_pose", "joint_angles", "points"], split=None)
     out = exported(data, tmp_path / "out", "dexgraspbench")

@@ -89,9 +89,8 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         "touch": {name: value[None] for name, value in touch.items()},
     }
     band = maker.band("ball", rows)
-    assert [text for text, _ in band.pictures] == ["unoccluded", "occluded", "from a second side", "touch sites"]
-    assert (band.pictures[1][1] == 255).all()  # a dataset without occluded images
-    held, felt = band.pictures[2][1], band.pictures[3][1]
+    assert [text for text, _ in band.pictures] == ["unoccluded", "from a second side", "touch sites"]  # it has no occluded images
+    held, felt = band.pictures[1][1], band.pictures[2][1]
     assert held.shape == felt.shape == (256, 256, 3)
     background = held[0, 0].astype(int)
     for shown in (held, felt):
@@ -101,15 +100,17 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         assert max(near) < 60  # every finger's colour is there
     curled = np.clip(angles + 0.05, maker.hand.lower, maker.hand.upper)
     driven = maker.band("ball", {**rows, "grasps": {**rows["grasps"], "squeeze_angles": curled[None]}}).pictures
-    assert [text for text, _ in driven] == ["unoccluded", "occluded", "from a second side", "squeeze, motion × 12", "touch sites"]
-    assert (driven[2][1] == held).all()
-    changed = np.abs(driven[3][1].astype(int) - held).max(axis=-1) > 20
+    assert [text for text, _ in driven] == ["unoccluded", "from a second side", "squeeze, motion × 12", "touch sites"]
+    assert (driven[1][1] == held).all()
+    changed = np.abs(driven[2][1].astype(int) - held).max(axis=-1) > 20
     assert 0.005 < changed.mean() < 0.3  # fingers, squares and arrows; not the palm or the ball
     small = np.zeros((1, 1, 256, 256), np.uint8)
     small[0, 0, 100:120, 100:120] = 1
-    again = maker.band("ball", {**rows, "vision": {**rows["vision"], "segmentation": small}})
-    assert again.pictures[0][0] == "unoccluded, enlarged 10.7 ×"
+    occluded = np.full((1, 1, 256, 256, 3), 7, np.uint8)
+    again = maker.band("ball", {**rows, "vision": {**rows["vision"], "segmentation": small, "occluded": occluded}})
+    assert [text for text, _ in again.pictures[:2]] == ["unoccluded, enlarged 10.7 ×", "occluded, enlarged 10.7 ×"]
     assert again.pictures[0][1].shape == (24, 24, 3)
+    assert (again.pictures[1][1] == 7).all()
     assert (again.pictures[2][1] == held).all()
 
 
@@ -157,6 +158,14 @@ def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(
         (data / name).unlink()
         (data / name).write_bytes(written)
     assert mine.read_text() == "mine"
+
+
+def test_pages_are_listed_in_their_order(tmp_path, monkeypatch) -> None:
+    ball_dataset.make_data(tmp_path, 1)
+    names = ["contact-sheet.png", *(f"contact-sheet-{page}.png" for page in range(2, 12))]
+    monkeypatch.setattr("pipeline.reports.contact_sheet._draw", lambda *_: None)
+    monkeypatch.setattr("pipeline.reports.contact_sheet.hashes_of", lambda _: dict.fromkeys(reversed(names), "0" * 64))
+    assert [sheet.name for sheet in contact_sheets(tmp_path, 1)] == names
 
 
 def test_image_that_is_not_square_keeps_its_shape():

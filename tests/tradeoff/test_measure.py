@@ -103,6 +103,12 @@ def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     assert not left_out
 
 
+def test_candidates_that_do_not_fit_the_user_s_settings_are_left_out(tmp_path):
+    labels = candidates("simulate-grasps", setup(tmp_path, assignments=("simulate-grasps.grasps=50",)))
+    assert "ik_samples=256" in labels
+    assert "attempts=10" not in labels  # they yield 40 grasps at most
+
+
 def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
     one = setup(tmp_path)
     assert stages_before("sample-surfaces", one) == []
