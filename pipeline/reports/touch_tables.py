@@ -34,7 +34,7 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
     rows = []
     for name, entry in [*tallies.items(), ("all", everything)]:
         *counts, kept, tried = entry.row()
-        theirs = (SUPPLEMENT_SUCCESS | {"all": 62.7}).get(name)
+        theirs = SUPPLEMENT_SUCCESS.get(name)
         rows.append(Row([name, *counts, f"{kept:.1f}", *([theirs] if paper else []), f"{tried:.1f}"]))
     columns = ["class", "objects", "grasps", "touches", "% successful", *([f"% in {PAPER}"] if paper else []), "% of all attempts"]
     made = [Table("Touches", columns, rows), *_contacts(tallies, everything), *hold_tables(tallies)]

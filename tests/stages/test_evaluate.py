@@ -211,6 +211,7 @@ def test_every_table_is_there(evaluation):
     assert {"Table 1", "Table 2", "Table 3", "Modalities"} <= tables.keys()
     assert tables["Modalities"]["columns"] == ["model", "bottle (2)", "knife (1)", "all (3)", "all, m²"]
     assert [row[4] for row in tables["Table 1"]["rows"]] == pytest.approx([75.0] * 3)
+    assert tables["Table 1"]["rows"][-1][5] == 62.7  # of all classes too
     rows = {row[0]: row[1:] for row in tables["Table 3"]["rows"] if not row[0].startswith("  Smith")}
     smallest = rows.pop("smallest value that sampling allows")
     assert smallest[0] == pytest.approx(9000 * read_table(folder, "objects")["floor"].mean())
