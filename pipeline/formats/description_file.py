@@ -125,12 +125,12 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML without aliases, which a few hundred bytes of can stand for gigabytes.
+    """Parse YAML without aliases, which a few hundred bytes of can stand for gigabytes, and without tags such as `!!float`.
 
     Raises
     ------
     ValueError, yaml.YAMLError
-        It is too large or too deep, has aliases, or is not YAML.
+        It is too large or too deep, has aliases or tags, or is not YAML.
     """
     if len(text) > MAX_BYTES:
         raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")
@@ -138,6 +138,8 @@ def parse_yaml(text: str) -> Any:
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent):
             raise ValueError(f"it has an alias, *{event.anchor}; write out what it stands for")
+        if tag := getattr(event, "tag", None):
+            raise ValueError(f"it has a tag, {tag}; write the value alone")
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > MAX_DEPTH:
             raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")

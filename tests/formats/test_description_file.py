@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import description_path
+from pipeline.formats.description_file import description_path, parse_yaml
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.sensor import ray_origins
@@ -92,3 +92,9 @@ def test_missing_description_lists_the_shipped_ones() -> None:
         load_sensor("nope")
     with pytest.raises(InvalidInput, match=r"there is no scene 'gone\.yaml'; built in are supplement"):
         load_scene("gone.yaml")
+
+
+@pytest.mark.parametrize(("text", "message"), [('a: !!float ""', "has a tag"), ("a: &x [1]\nb: *x", "has an alias"), ("[" * 99, "nested")])
+def test_aliases_tags_and_deep_nests_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        parse_yaml(text)
