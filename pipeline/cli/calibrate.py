@@ -87,9 +87,9 @@ def calibrate_sensor(
     for line in fitted_range(fit.calibration):
         print_line(line)
     for line in fit.at_end:
-        errors.print(f"[yellow]at the end of its range[/] {line}")
+        errors.print(f"[yellow]at the end of its range:[/] {line}")
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in found.photographs]):
-        errors.print(f"[yellow]missing[/] {line}")
+        errors.print(f"[yellow]missing:[/] {line}")
     shown = [render_contact(half.sensor, half.calibration, one, image, radius) for one in found.tested]
     draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

@@ -75,7 +75,7 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     mine = load_sensor(out)
     assert [path.name for path in sensor_files([str(out)])] == ["mine.yaml", "mine-untouched.png"]
     assert (background(mine, mine.calibrated) == untouched_image(TRUE)).all()
-    assert "missing no contact in the upper left, " in " ".join(result.output.split())
+    assert "missing: no contact in the upper left, " in " ".join(result.output.split())
     assert mine.calibrated.within is not None
     assert -0.0095 < mine.calibrated.within[0] < mine.calibrated.within[2] < 0.0095
     assert 0.0003 < mine.calibrated.deepest < 0.004
