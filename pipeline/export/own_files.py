@@ -18,7 +18,7 @@ import yaml
 from pipeline.console import NAMED, pluralise
 from pipeline.dataset.recipe import MAX_TEXTS, TEXT_SUFFIXES, Recipe, check_file_name
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files
+from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.file_content import read_file
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_companions import MAX_BYTES
@@ -44,12 +44,12 @@ def own_names(settings: Mapping[str, Any]) -> Iterator[tuple[Kind, str]]:
 
 
 def own_path(kind: Kind, name: str) -> Path:
-    """Find a description file of one's own, links followed, as hand files are read."""
+    """Find a description file of the user's own, links followed, as hand files are read."""
     return description_path(kind, name).resolve()
 
 
 def find_files(settings: Iterable[Mapping[str, Any]]) -> dict[str, Path]:
-    """Find the files of one's own that stages with these settings read, by their paths below the folder that holds all of them."""
+    """Find the files of the user's own that stages with these settings read, by their paths below the folder that holds all of them."""
     found = {path.resolve() for one in settings for kind, name in own_names(one) for path in _files(kind, name, one)}
     if not found:
         return {}
@@ -142,7 +142,7 @@ def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
     if not isinstance(content, dict):
         return
     folder = "/".join(parts[:-1])
-    for text in _texts(content):
+    for text in texts_in(content):
         if text.startswith(("/", "~")) or os.path.normpath(f"{folder or '.'}/{text}").split("/")[0] == "..":
             yield text
     urdf = content.get("urdf")
@@ -158,11 +158,3 @@ def _meshes_outside(urdf: Path, root: Path) -> Iterator[str]:
             with suppress(InvalidInput, OSError):
                 if not mesh_path(name, urdf.parent).resolve().is_relative_to(root):
                     yield name
-
-
-def _texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
-            yield from _texts(one)

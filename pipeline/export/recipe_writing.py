@@ -61,7 +61,7 @@ def recipe_of(
     objects
         The folder of meshes; by default what the records say.
     files_url
-        The web address of those files of one's own hand, sensor and scene of which the recipe has the SHA-256 alone.
+        The web address of the user's own hand, sensor and scene files of which the recipe has only the SHA-256.
     whole
         Give the whole digest of every row.
 
@@ -159,7 +159,7 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
 
 
 def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
-    """Name description files of one's own as the recipe does."""
+    """Name the user's own description files as the recipe does."""
     new = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
     portable = dict(settings)
     for setting in DESCRIBED.keys() & settings.keys():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from importlib import resources
 from itertools import islice
 from pathlib import Path
@@ -144,6 +144,15 @@ def parse_yaml(text: str) -> Any:
         if depth > MAX_DEPTH:
             raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
     return yaml.load(text, Loader=yaml.CSafeLoader)
+
+
+def texts_in(content: Any) -> Iterator[str]:
+    """Yield every text in the content of a YAML file: the names of other files are among them."""
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict | list):
+        for part in content.values() if isinstance(content, dict) else content:
+            yield from texts_in(part)
 
 
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:

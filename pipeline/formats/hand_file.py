@@ -59,7 +59,7 @@ class _FingerEntry(_Entry):
 
 
 class _PalmEntry(_Entry):
-    """The palm. All in its link's frame."""
+    """The palm; points and directions are in its link's frame."""
 
     link: str = Field(description="Link of the URDF that the fingers grow from; an arm or a floating base above it is left out.")
     facing: Vector = Field(description="The palm's outward normal, towards where objects are grasped.")
@@ -83,7 +83,7 @@ class HandFile(_Entry):
     )
     convex_parts: dict[str, Annotated[int, Field(ge=1, le=32)]] = Field(
         {},
-        description="Hollow or bent links whose collision meshes are cut into so many slabs; else each mesh is taken as one convex hull.",
+        description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
     )
     torque: float = Field(0.7, gt=0, le=1e6, description="Of the motors at most, N m (N where a joint slides).")
     friction: float = Field(0.5, ge=0, le=100, description="Of the hand's surfaces.")

@@ -147,18 +147,28 @@ def predict(
                 raise StageError("give a data directory and an object, or an observation, not both")
             if object_id is None:
                 raise StageError(f"data directory {data} needs an object; name one of its objects")
-            if view and reader.model.image != "rendering":
-                raise StageError(f"model {configuration} takes no renderings, which view {view} is one of; choose grasps")
-            if grasps and reader.model.image == "rendering":
-                raise StageError(f"model {configuration} takes no grasps, which {grasps[0]} is one of; choose a view")
+            chosen = _views(configuration, view, grasps) if reader.model.image == "rendering" else _grasps(configuration, view, grasps)
             if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
                 DataDirectory(data).check_origins([model_name(configuration, training_seed)])
-            chosen = [view] if reader.model.image == "rendering" else [0] if grasps is None else grasps
             made = _of_object(reader, data, object_id, chosen, surface, resolution)
         meter.advance("the surface is made")
         made = replace(made, files=_write(out, made, surface))
         meter.advance("and written")
     return made
+
+
+def _views(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequence[int]:
+    """Choose the viewpoint of the rendering that a model is given."""
+    if grasps:
+        raise StageError(f"model {configuration} takes no grasps, which {grasps[0]} is one of; choose a view")
+    return [view]
+
+
+def _grasps(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequence[int]:
+    """Choose the grasps that a model is given."""
+    if view:
+        raise StageError(f"model {configuration} takes no renderings, which view {view} is one of; choose grasps")
+    return [0] if grasps is None else grasps
 
 
 def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:
@@ -206,13 +216,13 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     model = reader.model
     if given is None:
         if model.image == "any":
-            reader = replace(reader, model=(model := model.given(WAYS["none"])))
+            model = model.given(WAYS["none"])
         if model.image or model.touch:
             wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
         closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None
-        return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
+        return Prediction(made, nothing.touched, closed, remarks=[error_note(replace(reader, model=model))])
     if isinstance(given, RobotObservation):
         observed = given
         if lines := faults(observed, reader.suited_to(observed).inputs):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ import yaml
 from matplotlib.figure import Figure
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files
+from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
@@ -61,7 +60,8 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     """
     path = _path_of(name)
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
-    if _place(picture) in [_place(path.parent / file) for file in (path.name, *_texts(read_yaml(path))) if Path(file).name == picture.name]:
+    namesakes = [path.parent / file for file in (path.name, *texts_in(read_yaml(path))) if Path(file).name == picture.name]
+    if _place(picture) in map(_place, namesakes):
         raise InvalidInput(f"{picture} is a file that {path} needs, and the picture would replace it; name another one with --picture")
     if meshes is not None and kind != "manifest":
         raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
@@ -103,14 +103,8 @@ def _kind_of(path: Path) -> str:
 
 
 def _place(file: Path) -> Path:
-    """Tell where a file lies; a link is a file of its own."""
+    """Resolve the folder of a file; a link is a file of its own."""
     return file.parent.resolve() / file.name
-
-
-def _texts(content: Any) -> Iterator[str]:
-    """Yield every text in the content of a YAML file: the names of other files are among them."""
-    for part in content.values() if isinstance(content, dict) else content if isinstance(content, list) else ():
-        yield from [part] if isinstance(part, str) else _texts(part)
 
 
 def check_scene(path: Path, picture: Path) -> list[str]:
