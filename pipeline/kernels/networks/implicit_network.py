@@ -18,7 +18,7 @@ from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder,
 from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
-from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, split_touches
+from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, touches_by_item
 from pipeline.kernels.tensor_checks import COLOURS
 
 POOLED_SIDE = 4
@@ -84,14 +84,14 @@ class Encoding:
     overall
         (B, G) global features.
     touches
-        Touched points of each item; None without touch.
+        What the items' sensors felt; None without touch.
     """
 
     maps: list[Tensor]
     cameras: Tensor | None
     seen: Tensor
     overall: Tensor
-    touches: list[TouchPoints] | None
+    touches: TouchPoints | None
 
 
 class ImplicitNetwork(nn.Module):
@@ -206,9 +206,9 @@ class ImplicitNetwork(nn.Module):
         if self.config.touch:
             if not bool(torch.isfinite(touch_vertices).all()):
                 raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
-            touches = split_touches(self._unit(touch_vertices), touched, counts)
-            nothing = self.last.weight.new_zeros(1, self.config.features // 2)
-            overall.append(torch.stack([torch.cat([nothing, self.felt(points.point_features)]).amax(dim=0) for points in touches]))
+            touches = touches_by_item(self._unit(touch_vertices), touched, counts)
+            felt = self.felt(touches.point_features) * touches.present[..., None]
+            overall.append(torch.cat([felt.new_zeros(len(counts), 1, felt.shape[2]), felt], dim=1).amax(dim=1))
         return Encoding(maps, cameras, seen, torch.cat(overall, dim=1), touches)
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
@@ -230,7 +230,7 @@ class ImplicitNetwork(nn.Module):
                 pooled = _placed(features, code.seen, pooled)
             parts.append(pooled)
         if code.touches is not None:
-            felt = torch.stack([points.features_at(query) for points, query in zip(code.touches, unit, strict=True)])
+            felt = code.touches.features_at(unit)
             parts.append(felt)
         hidden: Tensor = self.first(torch.cat(parts, dim=2))
         for block in self.blocks:
@@ -253,9 +253,9 @@ class ImplicitNetwork(nn.Module):
 
     def touched_points(self, code: Encoding) -> NDArray[np.float64]:
         """List the points, (M, 3) world, m, that were touched of the items: distances change fast around them."""
-        touched = [item.points[item.touched] for item in code.touches or ()]
-        places = torch.cat([self.last.weight.new_zeros(0, 3), *touched]).double().cpu().numpy()
-        return np.asarray(self.config.radius * places + np.array(self.config.centre))
+        felt = code.touches
+        touched = self.last.weight.new_zeros(0, 3) if felt is None else felt.points[felt.touched]
+        return np.asarray(self.config.radius * touched.double().cpu().numpy() + np.array(self.config.centre))
 
     def _unit(self, points: Tensor) -> Tensor:
         """Radii from the centre, from world, m."""

@@ -23,46 +23,91 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """The vertices of an item's touch charts: P points with normals.
+    """The vertices of the touch charts of B items: P points with normals, as many as the item with the most has.
 
     Attributes
     ----------
     points
-        (P, 3) in radii from the centre.
+        (B, P, 3) in radii from the centre.
     normals
-        (P, 3) unit normals, away from the object.
+        (B, P, 3) unit normals, away from the object.
     touched
-        (P,) bool: the others are of sensors that touched nothing, so that they lie outside.
+        (B, P) bool: points that were touched.
+    outside
+        (B, P) bool: points of sensors that touched nothing. An item with fewer points has neither in the places that are left.
     """
 
     points: Tensor
     normals: Tensor
     touched: Tensor
+    outside: Tensor
+
+    @property
+    def present(self) -> Tensor:
+        """(B, P) bool: the places that hold a point."""
+        return self.touched | self.outside
 
     @property
     def point_features(self) -> Tensor:
-        """Describe each point: (P, `POINT_FEATURES`)."""
-        return torch.cat([self.points, self.normals, self.touched.to(self.points)[:, None]], dim=1)
+        """Describe each point: (B, P, `POINT_FEATURES`)."""
+        return torch.cat([self.points, self.normals, self.touched.to(self.points)[..., None]], dim=2)
 
     def features_at(self, queries: Tensor) -> Tensor:
-        """Compute features (N, `TOUCH_FEATURES`) of queries (N, 3), radii from the centre; zeros where there is no such point."""
-        return torch.cat([_nearest(queries, *side) for side in self._sides], dim=1)
+        """Compute features (B, N, `TOUCH_FEATURES`) of queries (B, N, 3), radii from the centre; zeros where there is no such point."""
+        return torch.cat([self._nearest_features(queries, side) for side in self._sides], dim=2)
 
     @cached_property
-    def _sides(self) -> tuple[tuple[SearchCloud | None, Tensor], ...]:
-        """The touched points, and those that are known to be outside: searchable, with their normals; None where there is none."""
-        masks = (self.touched, ~self.touched)
-        return tuple((SearchCloud(self.points[mask]) if bool(mask.any()) else None, self.normals[mask]) for mask in masks)
+    def _sides(self) -> tuple[NearestPoints, NearestPoints]:
+        return NearestPoints(self.points, self.touched), NearestPoints(self.points, self.outside)
+
+    def _nearest_features(self, queries: Tensor, side: NearestPoints) -> Tensor:
+        if not self.points.shape[1]:
+            return queries.new_zeros(*queries.shape[:2], NEAREST_POINT_FEATURES)
+        nearest = side.find(queries)[..., None].expand(-1, -1, 3)
+        offset, normal = queries - self.points.gather(1, nearest), self.normals.gather(1, nearest)
+        height = (offset * normal).sum(dim=2, keepdim=True)
+        distance = offset.norm(dim=2, keepdim=True)
+        features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=2)
+        return features * side.among.any(dim=1)[:, None, None]
 
 
-def _nearest(queries: Tensor, target: SearchCloud | None, normals: Tensor) -> Tensor:
-    if target is None:
-        return queries.new_zeros(len(queries), NEAREST_POINT_FEATURES)
-    nearest = target.nearest(queries)
-    offset, normal = queries - target.points[nearest], normals[nearest]
-    height = (offset * normal).sum(dim=1, keepdim=True)
-    distance = offset.norm(dim=1, keepdim=True)
-    return torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=1)
+class NearestPoints:
+    """Finds the nearest of some of each item's points: in a k-d tree per item on a CPU, by comparing all pairs of the batch on a GPU.
+
+    Parameters
+    ----------
+    points
+        (B, P, 3) finite.
+    among
+        (B, P) bool: the points that count.
+    """
+
+    def __init__(self, points: Tensor, among: Tensor) -> None:
+        self.points, self.among = points, among
+
+    def find(self, queries: Tensor) -> Tensor:
+        """Find the nearest to each of the queries (B, N, 3): (B, N) int64 numbers of points; any number for an item without points."""
+        return self.find_in_trees(queries) if queries.device.type == "cpu" else self.find_among_pairs(queries)
+
+    def find_in_trees(self, queries: Tensor) -> Tensor:
+        """Find as `find`, one item after the other."""
+        found = torch.zeros(queries.shape[:2], dtype=torch.int64)
+        for item, (numbers, cloud) in enumerate(self._trees):
+            if cloud is not None:
+                found[item] = numbers[cloud.nearest(queries[item])]
+        return found
+
+    def find_among_pairs(self, queries: Tensor) -> Tensor:
+        """Find as `find`, all items at once."""
+        with torch.no_grad():  # differences, coordinate by coordinate: products of coordinates would lose digits
+            apart = torch.cdist(queries, self.points, compute_mode="donot_use_mm_for_euclid_dist")
+            return apart.masked_fill_(~self.among[:, None], torch.inf).argmin(dim=2)
+
+    @cached_property
+    def _trees(self) -> list[tuple[Tensor, SearchCloud | None]]:
+        chosen = [torch.nonzero(among)[:, 0] for among in self.among]
+        clouds = zip(self.points, chosen, strict=True)
+        return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
 
 
 def heights_above_touches(felt: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
@@ -107,8 +152,8 @@ def chart_normals(vertices: Tensor) -> Tensor:
     return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
 
 
-def split_touches(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> list[TouchPoints]:
-    """Split the touch charts of a batch by item.
+def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:
+    """Sort the touch charts of a batch by item.
 
     Parameters
     ----------
@@ -121,10 +166,16 @@ def split_touches(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> l
 
     Returns
     -------
-    The points of each item.
+    The points of the items: P is S times the most charts.
     """
-    normals, flags = chart_normals(vertices), touched[:, None].expand(vertices.shape[:2])
-    split = (torch.split(part, list(counts)) for part in (vertices, normals, flags))
-    return [
-        TouchPoints(points.reshape(-1, 3), normal.reshape(-1, 3), flag.reshape(-1)) for points, normal, flag in zip(*split, strict=True)
-    ]
+    item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
+    place = torch.cat([torch.arange(0), *map(torch.arange, counts)])
+    where = torch.stack([item, place]).to(vertices.device)
+
+    def placed(charts: Tensor) -> Tensor:
+        """(T, S, ...) among those of all items, zeros elsewhere: (B, P, ...)."""
+        padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
+        return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
+
+    flags = touched[:, None].expand(vertices.shape[:2])
+    return TouchPoints(placed(vertices), placed(chart_normals(vertices)), placed(flags), placed(~flags))

@@ -7,7 +7,14 @@ import pytest
 import torch
 
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.networks.touch_features import NEAREST_POINT_FEATURES, SCALES, TOUCH_FEATURES, chart_normals, split_touches
+from pipeline.kernels.networks.touch_features import (
+    NEAREST_POINT_FEATURES,
+    SCALES,
+    TOUCH_FEATURES,
+    NearestPoints,
+    chart_normals,
+    touches_by_item,
+)
 
 RADIUS = 0.5
 
@@ -29,10 +36,10 @@ def test_normals_point_away_from_the_object():
 
 def test_query_features_hold_the_height_above_the_nearest_touch():
     charts = torch.stack([chart_on_ball(), chart_on_ball() + torch.tensor([0.3, 0, 0])])
-    (item,) = split_touches(charts, torch.tensor([True, False]), [2])
+    item = touches_by_item(charts, torch.tensor([True, False]), [2])
     heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
     queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
-    found = item.features_at(queries)
+    found = item.features_at(queries[None])[0]
     assert found.shape == (4, TOUCH_FEATURES)
     touched, outside = found[:, :NEAREST_POINT_FEATURES], found[:, NEAREST_POINT_FEATURES:]
     torch.testing.assert_close(touched[:, 6], heights)
@@ -43,16 +50,38 @@ def test_query_features_hold_the_height_above_the_nearest_touch():
 
 def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
-    first, none, second = split_touches(charts, torch.tensor([True, True]), [1, 0, 1])
+    items = touches_by_item(charts, torch.tensor([True, True]), [1, 0, 1])
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
-    assert not none.features_at(queries).any()
-    assert none.point_features.shape == (0, 7)
-    assert not first.features_at(queries)[:, NEAREST_POINT_FEATURES:].any()
-    torch.testing.assert_close(2 * first.features_at(queries)[:, :3], second.features_at(2 * queries)[:, :3])
+    first, none, second = items.features_at(torch.stack([queries, queries, 2 * queries]))
+    assert items.present.tolist() == [[True] * 25, [False] * 25, [True] * 25]
+    assert not none.any()
+    assert not first[:, NEAREST_POINT_FEATURES:].any()
+    torch.testing.assert_close(2 * first[:, :3], second[:, :3])
+
+
+def test_items_that_felt_nothing_have_zeros():
+    items = touches_by_item(torch.zeros(0, 25, 3), torch.zeros(0, dtype=torch.bool), [0, 0])
+    assert items.point_features.shape == (2, 0, 7)
+    assert not items.features_at(torch.ones(2, 4, 3)).any()
+
+
+def test_trees_and_pairs_find_points_that_are_equally_near():
+    draw = np.random.default_rng(1)
+    points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))
+    among = torch.from_numpy(draw.random((3, 40)) < 0.5)
+    among[1] = False
+    search = NearestPoints(points, among)
+    for item in (0, 2):
+        apart = [
+            (queries[item] - points[item][found[item]]).norm(dim=1)
+            for found in (search.find_in_trees(queries), search.find_among_pairs(queries))
+        ]
+        torch.testing.assert_close(*apart)
+        assert among[item][search.find_among_pairs(queries)[item]].all()
 
 
 @pytest.mark.parametrize("flag", [True, False])
 def test_point_features_hold_position_normal_and_touch(flag):
-    (item,) = split_touches(chart_on_ball()[None], torch.tensor([flag]), [1])
-    torch.testing.assert_close(item.point_features[:, :3], chart_on_ball())
-    assert (item.point_features[:, 6] == float(flag)).all()
+    (points,) = touches_by_item(chart_on_ball()[None], torch.tensor([flag]), [1]).point_features
+    torch.testing.assert_close(points[:, :3], chart_on_ball())
+    assert (points[:, 6] == float(flag)).all()
