@@ -21,7 +21,7 @@ from pipeline.store.storage import Place, on_disk, place
 from schemas.base import CHOSEN, Artifact
 from schemas.catalogue import artifact_of
 
-CACHE_BYTES = 256 * 2**20
+CACHE_MEGABYTES = 256.0
 """Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
 
 POINTS = ("local_points", "local_count")
@@ -49,8 +49,8 @@ class ObjectRows:
         Names of arrays; shapes, units and frames are the schemas'.
     split
         train, valid or test; None for all objects.
-    cache_bytes
-        Limit of the cache of arrays, bytes.
+    cache_megabytes
+        Limit of the cache of arrays.
 
     Attributes
     ----------
@@ -65,7 +65,9 @@ class ObjectRows:
         No such array; an artifact has not been made, or from something else than is there now; no usable object.
     """
 
-    def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_bytes: int = CACHE_BYTES) -> None:
+    def __init__(
+        self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_megabytes: float = CACHE_MEGABYTES
+    ) -> None:
         self.data, self.arrays, self.split = place(data), tuple(arrays), split
         if (folder := on_disk(self.data)) and not folder.is_dir():
             raise StoreError(
@@ -77,7 +79,7 @@ class ObjectRows:
         for collection in self._collections.values():
             self._refuse_unmade(collection)
         directory.check_origins(self._collections)
-        self._cache = _Cache(cache_bytes)
+        self._cache = _Cache(int(cache_megabytes * 1e6))
         first = next(iter(self._collections.values()))
         members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
         artifacts = self._collections.values()

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from pydantic import BaseModel
 
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import WAYS, ImageKind, NetworkInputs
@@ -33,10 +33,21 @@ class Items:
         Items per object, each beginning with another grasp.
     learned
         Arrays that the loss needs.
+    cache_megabytes
+        Limit of what is kept in memory.
     """
 
-    def __init__(self, data: Place, split: str, config: NetworkInputs, each: int, *, learned: tuple[str, ...] = ("points",)) -> None:
-        self.rows = ObjectRows(data, arrays_of(config, learned), split)
+    def __init__(
+        self,
+        data: Place,
+        split: str,
+        config: NetworkInputs,
+        each: int,
+        *,
+        learned: tuple[str, ...] = ("points",),
+        cache_megabytes: float = CACHE_MEGABYTES,
+    ) -> None:
+        self.rows = ObjectRows(data, arrays_of(config, learned), split, cache_megabytes=cache_megabytes)
         self.config, self.each = config, each
         self._targets: dict[str, SearchCloud] = {}
 

@@ -174,7 +174,10 @@ class ReconstructionTraining(DatasetStage):
         """Train, and save the best epoch's weights with the description of the model."""
         settings = job.settings
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
-        learning, validation = (Items(job.data, split, settings.named, each, learned=self.learner.arrays) for split, each in splits)
+        kept = settings.cache_megabytes
+        learning, validation = (
+            Items(job.data, split, settings.named, each, learned=self.learner.arrays, cache_megabytes=kept) for split, each in splits
+        )
         name = f"{self.name} {settings.configuration}{settings.label}"
         diagonals = {**_diagonals(job.data, learning), **_diagonals(job.data, validation)}
         config = settings.network(learning.side, max(diagonals.values()) / 2)

@@ -50,6 +50,12 @@ class TrainingSettings(Settings):
         1, "of torch on a CPU: trainings side by side use cores better than threads; sums differ in their last bit", ge=1
     )
     accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one; the same to the last bits", changes="speed")
+    cache_megabytes: float = setting(
+        256.0,
+        "of decoded data that each split keeps in memory; where all of it fits, a GPU need not wait for what is read again in each epoch",
+        ge=0,
+        changes="speed",
+    )
     checkpoint_seconds: float = setting(
         120.0, "between checkpoints within an epoch: what a killed run loses at most", ge=0, changes="speed"
     )

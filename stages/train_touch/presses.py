@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
@@ -53,8 +53,8 @@ class Presses(Protocol):
 class StoredPresses:
     """The presses of a split of a data directory."""
 
-    def __init__(self, data: Place, split: str) -> None:
-        self.rows = ObjectRows(data, ARRAYS, split)
+    def __init__(self, data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> None:
+        self.rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
         self.sensor = touch_sensor(self.rows.attributes("presses"))
         self.untouched = self.rows.read("press_untouched", self.rows.object_ids[0])
         self.each = self.rows.size("press_image", "press")

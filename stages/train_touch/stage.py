@@ -42,7 +42,7 @@ class TrainTouch(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the last epoch's weights with the sensor and its untouched image."""
         settings: TouchTrainingSettings = job.settings
-        presses, valid = (StoredPresses(job.data, split) for split in ("train", "valid"))
+        presses, valid = (StoredPresses(job.data, split, cache_megabytes=job.settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
         save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)
         checkpoint.discard(job.folder)

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
@@ -59,8 +59,8 @@ class Touches:
         return images, depths
 
 
-def load_touches(data: Place, split: str) -> Touches:
-    """Find the touches among a split's sensors.
+def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
+    """Find the touches among a split's sensors; keep as much of their images in memory.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def load_touches(data: Place, split: str) -> Touches:
     StoreError
         As `ObjectRows`.
     """
-    rows = ObjectRows(data, ARRAYS, split)
+    rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
         raise StageError(

@@ -50,7 +50,7 @@ class TrainUnet(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the best epoch's weights with their description: width, sensor, threshold, untouched tactile image."""
         settings: UnetSettings = job.settings
-        touches, valid = (load_touches(job.data, split) for split in ("train", "valid"))
+        touches, valid = (load_touches(job.data, split, cache_megabytes=job.settings.cache_megabytes) for split in ("train", "valid"))
         if min(touches.sensor.shape) < MIN_SIDE:
             rows, cols = touches.sensor.shape
             raise StageError(f"sensor {touches.sensor.name} has {rows} x {cols} pixels, the U-Net takes {MIN_SIDE} x {MIN_SIDE} or more")

@@ -65,7 +65,7 @@ replaced = pytest.mark.parametrize("replace", [split_otherwise, make_again])
 
 @replaced
 def test_rows_of_a_replaced_group_are_an_error_that_names_object_file_and_remedy(data, replace: Callable[[Path], None]):
-    rows, dataset = ObjectRows(data, ARRAYS, None, cache_bytes=0), GraspDataset(data, ARRAYS, None)
+    rows, dataset = ObjectRows(data, ARRAYS, None, cache_megabytes=0), GraspDataset(data, ARRAYS, None)
     first = dataset[0]
     for name in ARRAYS:
         rows.read(name, "a", 1)

@@ -178,7 +178,7 @@ Values = Iterator[tuple[object, np.ndarray]]
 
 
 def _rows(data: Path, array: str) -> Values:
-    rows = ObjectRows(data, [array], None, cache_bytes=0)
+    rows = ObjectRows(data, [array], None, cache_megabytes=0)
     yield from ((name, rows.read(array, name)) for name in rows.object_ids)
 
 

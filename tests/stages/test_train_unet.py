@@ -16,7 +16,6 @@ import torch
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
 from pipeline.console import console_on
-from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput, StoreError
@@ -160,9 +159,10 @@ def test_a_training_whose_inputs_are_collected_ends_in_words_and_goes_on(
 ) -> None:
     """Zarr reads zeros where a group is gone."""
     data = Path(shutil.copytree(trained[0], tmp_path / "data", ignore=shutil.ignore_patterns("models")))
-    settings = UnetSettings.model_validate(SETTINGS | {"checkpoint_seconds": 0})
+    settings = UnetSettings.model_validate(
+        SETTINGS | {"checkpoint_seconds": 0, "cache_megabytes": 0}
+    )  # as if the dataset were larger than what is kept
     asked = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
-    monkeypatch.setitem(ObjectRows.__init__.__kwdefaults__, "cache_bytes", 0)  # as if the dataset were larger than what is kept
     read, reads = UnetLearner.read, itertools.count()
 
     def read_and_replace(self: UnetLearner, *given: Any) -> Any:
