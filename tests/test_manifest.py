@@ -138,6 +138,15 @@ def test_a_missing_class_names_where_it_was_looked_for(tmp_path):
         load_manifest("warehouse").objects(warehouse(tmp_path, knife=1))
 
 
+def test_a_source_that_states_its_split_is_left_out_of_the_drawing():
+    drawn = {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 4}}
+    stated = {"kind": "pybullet", "licence": "x", "split": "test", "files": {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj"}}}
+    alone, both = ({item.object_id: item.split for item in manifest(*sources).objects()} for sources in ((drawn,), (drawn, stated)))
+    assert both == alone | {"duck": "test", "bunny": "test"}
+    counts = {"train": 2, "valid": 1, "test": 1}
+    assert Counter(item.split for item in manifest(drawn, stated, splits=counts).objects()) == {"train": 2, "valid": 1, "test": 3}
+
+
 def test_splits_that_count_must_count_right(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):

@@ -75,7 +75,7 @@ class Manifest(BaseModel):
     seed: int = Field(ge=0)
     """From which the splits are drawn, and all that is drawn for an object; `--seed` replaces the latter."""
     splits: Splits
-    """How many objects are for what."""
+    """How many objects are for what, without those whose source states its split."""
     sources: tuple[Annotated[Procedural | Pybullet | Directory | Catalogue | ShapeNet, Field(discriminator="kind")], ...] = Field(
         min_length=1
     )
@@ -98,12 +98,13 @@ class Manifest(BaseModel):
                 "folder, such as directory"
             )
         try:
-            found = sorted((item for source in self.sources for item in source.find(root)), key=lambda item: item.object_id)
+            listed = (replace(item, split=source.split or "") for source in self.sources for item in source.find(root))
+            found = sorted(listed, key=lambda item: item.object_id)
             _check_names(found)
-            splits = self._draw_splits(found)
+            splits = self._draw_splits([item for item in found if not item.split])
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
-        return [replace(item, split=splits[item.object_id]) for item in found]
+        return [item if item.split else replace(item, split=splits[item.object_id]) for item in found]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
         """Return the manifest with other units, of `METRES`, or another up-axis for all its mesh files."""
@@ -131,7 +132,7 @@ class Manifest(BaseModel):
         return [line for source in self.sources if isinstance(source, MeshSource) for line in source.remarks(root)]
 
     def _draw_splits(self, items: Sequence[Object]) -> dict[str, str]:
-        """Draw the split of every object: by seed and id, each category spread evenly over the splits."""
+        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits."""
         wanted = (self.splits.train, self.splits.valid, self.splits.test)
         if self.splits.are_counts and sum(wanted) != len(items):
             counts = " + ".join(f"{number:g}" for number in wanted)

@@ -30,6 +30,8 @@ class Source(BaseModel):
     """Of the meshes; recorded with every object."""
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
     """Checksum of all mesh files together, where they are known beforehand; if theirs is another, the error states it."""
+    split: Literal["train", "valid", "test"] | None = None
+    """Of all its objects, instead of one that is drawn for each: `test` for a source that no network is to learn from."""
     url: str | None = Field(None, pattern="^https?://[!-~]{1,1000}$")
     """Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page."""
 
