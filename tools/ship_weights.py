@@ -49,7 +49,9 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
         network=network,
         manifest=manifest.name,
         objects=len(learned),
-        trained_on=tuple(TrainedOn(source=source.kind, licence=source.licence) for source in manifest.sources),
+        trained_on=tuple(
+            TrainedOn(source=source.kind, licence=source.licence) for source in manifest.sources if source.split in (None, "train")
+        ),
         commit=sources,
         command=f"make weights; settings: {_settings(record_of_network.settings)}",
         errors=_errors(directory.whole_folder(evaluation_name()), network),

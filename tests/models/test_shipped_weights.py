@@ -63,7 +63,9 @@ def data(tmp_path_factory) -> Path:
 def shipped(data, tmp_path, monkeypatch) -> Path:
     """Ship the weights to a folder of their own, with a manifest in place of the balls', which have none."""
     weights = tmp_path / "weights"
-    manifest = ship_weights.load_manifest("toy")
+    toy = ship_weights.load_manifest("toy")
+    tested = toy.sources[0].model_copy(update={"split": "test", "licence": "of objects to test on"})
+    manifest = toy.model_copy(update={"sources": (*toy.sources, tested)})
     monkeypatch.setattr(ship_weights, "load_manifest", lambda name: manifest)
     for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
         (weights / old).parent.mkdir(parents=True, exist_ok=True)
@@ -77,8 +79,7 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
 def test_what_ships_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
     card = read_card(NETWORK, shipped)
     assert card.objects == 2
-    assert card.trained_on
-    assert all(source.licence for source in card.trained_on)
+    assert [source.licence for source in card.trained_on] == [source.licence for source in ship_weights.load_manifest("toy").sources[:-1]]
     assert {f"{NETWORK}-none", f"{NETWORK}-occluded-touch"} <= card.errors.keys()
     of_all = card.errors[f"{NETWORK}-touch"]["all"]
     assert of_all.objects == 1
