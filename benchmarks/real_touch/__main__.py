@@ -17,7 +17,7 @@ from benchmarks.real_touch.baselines import Slopes, depth_of, look_up_table, per
 from benchmarks.real_touch.ours import calibrated_sensor
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, distances, read_sets
 from benchmarks.real_touch.pictures import draw_presses
-from benchmarks.real_touch.scores import Reading, Scores, ball_radius, mean_scores, score
+from benchmarks.real_touch.scores import Reading, Scores, ball_footprint, ball_radius, mean_scores, score
 from benchmarks.timing import Table
 from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
@@ -137,7 +137,7 @@ def radii(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) ->
     table = Table(f"{photographs.name}: radius of the balls", ["true, mm", "median, mm", "within 10 %", "within 25 %"])
     for name, readings in found:
         pairs = zip(readings, photographs.presses, strict=True)
-        read = np.array([ball_radius(reading.depth, press.footprint, photographs.mm_per_pixel) for reading, press in pairs])
+        read = np.array([ball_radius(one.depth, ball_footprint(one, press), photographs.mm_per_pixel) for one, press in pairs])
         off = np.abs(read / photographs.tested_radius - 1)
         shares = [f"{100 * float((off < limit).mean()):.0f} %" for limit in (0.1, 0.25)]
         table.add(name, number(photographs.tested_radius), number(float(np.median(read)), 2), *shares)
@@ -217,7 +217,9 @@ def main() -> None:
             )
         if not any(press.absolute for press in photographs.presses):
             tables.append(radii(photographs, found))
-            notes.append("Of the sphere nearest to the depth that is read in 0.85 of each contact.")
+            notes.append(
+                "Of the sphere nearest to the depth in 0.85 of the contact: of that which a method reads itself, where it reads one."
+            )
         for table, note in zip(tables, notes, strict=True):
             pages.append(table.markdown(note))
             print(pages[-1], flush=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-from benchmarks.real_touch.photograph_sets import Press
+from benchmarks.real_touch.photograph_sets import ANNOTATED, Press, distances
 
 WALL = 0.3
 """mm from the rim of a flat face in which normals are not compared: the gel cannot follow a wall."""
@@ -67,6 +67,15 @@ def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float)
     one, other = (np.stack([*np.gradient(surface, scale), np.ones_like(surface)]) for surface in (depth, truth))
     product = (one * other).sum(axis=0) / np.linalg.norm(one, axis=0) / np.linalg.norm(other, axis=0)
     return np.arccos(np.clip(product, -1, 1))
+
+
+def ball_footprint(reading: Reading, press: Press) -> NDArray[np.bool_]:
+    """Choose the pixels in which a ball's radius is read: a disc in the contact that the method reads, else the press's own footprint."""
+    if reading.contact is None or not reading.contact.any():
+        return press.footprint
+    row, col = np.nonzero(reading.contact)
+    reach = ANNOTATED * np.sqrt(len(row) / np.pi)
+    return np.asarray(reading.contact & (distances(reading.contact.shape, col.mean(), row.mean()) < reach))
 
 
 def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale: float) -> float:
