@@ -9,7 +9,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics.chamfer import SearchCloud
+from pipeline.kernels.metrics.chamfer import SearchCloud, squared_differences
 
 NEAREST_POINT_FEATURES = 9
 """Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
@@ -99,8 +99,8 @@ class NearestPoints:
 
     def find_among_pairs(self, queries: Tensor) -> Tensor:
         """Find as `find`, all items at once."""
-        with torch.no_grad():  # differences, coordinate by coordinate: products of coordinates would lose digits
-            apart = torch.cdist(queries, self.points, compute_mode="donot_use_mm_for_euclid_dist")
+        with torch.no_grad():
+            apart = squared_differences(queries, self.points)
             return apart.masked_fill_(~self.among[:, None], torch.inf).argmin(dim=2)
 
     @cached_property
