@@ -99,7 +99,7 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     chosen = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in (*(artifact.name for artifact in stage.inputs(chosen)), *stage.models(chosen)))
+    reads = ", ".join(f"`{name}`" for name in stage.reads(chosen))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
     yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(chosen)}`.\n"

@@ -47,6 +47,10 @@ class Stage(ABC):
         """Name the folders below the data directory that are read, such as `models/unet`; by default none."""
         return ()
 
+    def reads(self, settings: Any) -> list[str]:
+        """Name the artifacts and folders that are read."""
+        return [*(artifact.name for artifact in self.inputs(settings)), *self.models(settings)]
+
     def assets(self, settings: Any) -> list[Path]:
         """List data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
         return []

@@ -106,8 +106,7 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     waiting = [stage]
     while waiting:
         loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
-        read = [*(artifact.name for artifact in loaded.inputs(settings)), *loaded.models(settings)]
-        found = {makers[output] for output in read} - needed
+        found = {makers[output] for output in loaded.reads(settings)} - needed
         needed |= found
         waiting += found
     return [name for name in makers.values() if name in needed]
