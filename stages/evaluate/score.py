@@ -12,7 +12,6 @@ from rich.markup import escape
 from pipeline.config.manifest import SPLITS
 from pipeline.console import pluralise
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.engine.versions import library_versions
 from pipeline.errors import InvalidInput, StageError
@@ -90,7 +89,7 @@ class Score(DatasetStage):
     ----------
     folder
         Holds the files, as `find_files` takes them.
-    reads
+    looked_at
         The artifacts beside `surfaces` and `grasps` that the baselines look at, of those that were made.
     """
 
@@ -98,12 +97,12 @@ class Score(DatasetStage):
     summary = "Another method's reconstructions on the test objects, from files: the tables of `evaluate`."
     settings_type = ScoreSettings
 
-    def __init__(self, folder: Path, reads: Sequence[Artifact]) -> None:
-        self.folder, self.reads = folder, tuple(reads)
+    def __init__(self, folder: Path, looked_at: Sequence[Artifact]) -> None:
+        self.folder, self.looked_at = folder, tuple(looked_at)
 
     def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects, of the touch sites, and of the baselines."""
-        return (SURFACES, GRASPS, *self.reads)
+        return (SURFACES, GRASPS, *self.looked_at)
 
     def splits(self, settings: ScoreSettings) -> tuple[str, ...]:
         """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
@@ -120,7 +119,7 @@ class Score(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Check all files, measure them and the baselines, and write the tables."""
         settings: ScoreSettings = job.settings
-        method = Method("occluded" if VISION in self.reads else None, TOUCH in self.reads)
+        method = Method("occluded" if VISION in self.looked_at else None, TOUCH in self.looked_at)
         protocol = ScoreProtocol(job, method, self.folder)
         files = protocol.refuse_faults()
         if files.unused:
@@ -129,17 +128,9 @@ class Score(DatasetStage):
             rows, _ = measure(settings.method, method, protocol, job)
         except InvalidInput as error:  # each file was readable a moment ago
             raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
-        object_rows = protocol.objects.rows
-        attributes = {
-            "settings": settings.results(),
-            "seed": job.seed,
-            "split": object_rows.split,
-            "configurations": {settings.method: {"image": None, "touch": True}},
-            "left_out": object_rows.left_out,
-            "paper_sizes": has_paper_sizes(job.data),
-            "vt_pipeline": library_versions()["vt-pipeline"],
-        }
-        figures = {settings.method: Figures(object_rows.object_ids, rows)}
-        write_measured(job, protocol, figures, {"objects": protocol.objects.table(), **protocol.extra([method])}, attributes)
-        given = sorted({number for number, _ in files.paths})
-        return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": given}
+        figures = {settings.method: Figures(protocol.objects.rows.object_ids, rows)}
+        groups = {"objects": protocol.objects.table(), **protocol.extra([method])}
+        given, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}
+        write_measured(job, protocol, figures, groups, given, version)
+        grasps = sorted({number for number, _ in files.paths})
+        return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": grasps}
