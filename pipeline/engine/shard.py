@@ -16,7 +16,7 @@ from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
 from pipeline.engine.session import Work
-from pipeline.engine.stage import ObjectStage
+from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import BugFound, InvalidInput, StoreError
 from pipeline.store import digest
@@ -48,7 +48,7 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
         there = {request.only, *(output.shard.position if output.shard else ())}
         plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
         items = [item for item in items if item.object_id in there]
-    directory.check_origins(stage.reads(plan.settings), {item.object_id for item in items})
+    directory.check_origins(names_read(stage, plan.settings), {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
         roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in plan.inputs}

@@ -47,10 +47,6 @@ class Stage(ABC):
         """Name the folders below the data directory that are read, such as `models/unet`; by default none."""
         return ()
 
-    def reads(self, settings: Any) -> list[str]:
-        """Name the artifacts and folders that are read."""
-        return [*(artifact.name for artifact in self.inputs(settings)), *self.models(settings)]
-
     def assets(self, settings: Any) -> list[Path]:
         """List data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
         return []
@@ -62,6 +58,11 @@ class Stage(ABC):
     @abstractmethod
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
         """Of these objects, how many are looked at, and what that takes altogether on one core."""
+
+
+def names_read(stage: Stage, settings: Any) -> list[str]:
+    """Name the artifacts and folders that a stage reads."""
+    return [*(artifact.name for artifact in stage.inputs(settings)), *stage.models(settings)]
 
 
 class ObjectStage(Stage):

@@ -89,7 +89,7 @@ class Score(DatasetStage):
     ----------
     folder
         Holds the files, as `find_files` takes them.
-    looked_at
+    reads
         The artifacts beside `surfaces` and `grasps` that the baselines look at, of those that were made.
     """
 
@@ -97,12 +97,12 @@ class Score(DatasetStage):
     summary = "Another method's reconstructions on the test objects, from files: the tables of `evaluate`."
     settings_type = ScoreSettings
 
-    def __init__(self, folder: Path, looked_at: Sequence[Artifact]) -> None:
-        self.folder, self.looked_at = folder, tuple(looked_at)
+    def __init__(self, folder: Path, reads: Sequence[Artifact]) -> None:
+        self.folder, self.reads = folder, tuple(reads)
 
     def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects, of the touch sites, and of the baselines."""
-        return (SURFACES, GRASPS, *self.looked_at)
+        return (SURFACES, GRASPS, *self.reads)
 
     def splits(self, settings: ScoreSettings) -> tuple[str, ...]:
         """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
@@ -119,7 +119,7 @@ class Score(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Check all files, measure them and the baselines, and write the tables."""
         settings: ScoreSettings = job.settings
-        method = Method("occluded" if VISION in self.looked_at else None, TOUCH in self.looked_at)
+        method = Method("occluded" if VISION in self.reads else None, TOUCH in self.reads)
         protocol = ScoreProtocol(job, method, self.folder)
         files = protocol.refuse_faults()
         if files.unused:
