@@ -38,17 +38,7 @@ def meant(name: object, known: Collection[str]) -> str | None:
 
 
 def unknown(kind: str, name: object, known: Collection[str]) -> str:
-    """Say that there is no such thing, which one was probably meant, and which there are.
-
-    Parameters
-    ----------
-    kind
-        What it should be: a stage, a preset.
-    name
-        What was given.
-    known
-        The names of all there are.
-    """
+    """Say that there is no such thing, for example no such stage, which one was probably meant, and which there are."""
     guess = meant(name, known)
     return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(known)}"
 

@@ -24,21 +24,7 @@ COMPRESSION = {".png": {"optimize": True}, ".webp": {"quality": 80, "method": 6}
 def draw_row(
     panels: Sequence[tuple[str, Panel]], path: Path, columns: int | None = None, projection: str | None = None, inches: float = INCHES
 ) -> None:
-    """Draw titled panels in a row, or in rows of `columns`.
-
-    Parameters
-    ----------
-    panels
-        Titles with images or drawing functions.
-    path
-        The PNG or WebP file to write.
-    columns
-        Panels per row; by default all of them.
-    projection
-        Of the axes, such as "3d".
-    inches
-        A panel's side.
-    """
+    """Draw titled images, or what functions draw into axes, in a row or in rows of `columns`, as a PNG or WebP file."""
     columns = columns or len(panels)
     rows = -(-len(panels) // columns)
     lines = 1 + max(title.count("\n") for title, _ in panels)

@@ -18,7 +18,7 @@ from pipeline.config.manifest import Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.config.sources import MeshSource, Source
-from pipeline.engine.stage import ObjectStage
+from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.touch.sensor import Sensor
@@ -99,7 +99,7 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     chosen = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in (*(artifact.name for artifact in stage.inputs(chosen)), *stage.models(chosen)))
+    reads = ", ".join(f"`{name}`" for name in names_read(stage, chosen))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
     yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(chosen)}`.\n"

@@ -40,16 +40,7 @@ LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
 
 
 def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
-    """Write all objects of a data directory that have a surface.
-
-    Parameters
-    ----------
-    data
-        A data directory.
-    folder
-        Gets `ShapeNetCore.v1` and `ShapeNetRendering`.
-    seed
-        Of the viewpoints.
+    """Write all objects of a data directory that have a surface, as `ShapeNetCore.v1` and `ShapeNetRendering` in a folder.
 
     Returns
     -------

@@ -18,9 +18,9 @@ from pipeline.errors import StoreError
 from pipeline.formats.hand_file import load_hand
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
+from stages.registry import DATASET
 
 HERE = Path(__file__).parent
-STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 ENOUGH, HANDS = 60.0, 5
 """Per cent of successful touches, and how many hands must reach it."""
 
@@ -62,7 +62,7 @@ def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, in
     """Check a hand, run the stages with it, and print the summary; add up its categories, and find the largest process, MB."""
     pipeline = [sys.executable, "-m", "pipeline"]
     peak = _peak([*pipeline, "check", str(hand)], cwd=data.parent)
-    for stage in STAGES:
+    for stage in DATASET:
         settings = [f"{stage}.hand={hand}"] if stage in ("simulate-grasps", "render-vision") else []
         settings += [text for text in options.set if text.startswith(stage)]
         command = ["run", stage, "--manifest", options.manifest, "--data", str(data), "--workers", options.workers]

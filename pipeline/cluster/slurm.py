@@ -11,12 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import one_writer, write_at_once
 from pipeline.store.directory import DataDirectory
+from pipeline.store.record import Stored
 from pipeline.store.storage import Place, on_disk, read_bytes
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
@@ -27,10 +28,8 @@ SECONDS = 60
 """How long a scheduler under load may take to answer."""
 
 
-class SubmittedJob(BaseModel):
+class SubmittedJob(Stored):
     """A job that was submitted: its number, and how many tasks it has; None where it is no array."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     stage: str
     output: str
@@ -48,10 +47,8 @@ class SubmittedJob(BaseModel):
         return folder / f"{self.name}-{task}.log"
 
 
-class _SubmittedJobs(BaseModel):
+class _SubmittedJobs(Stored):
     """The file that lists them, the last job per output."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     jobs: tuple[SubmittedJob, ...] = ()
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllocation
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import DatasetStage, Stage
+from pipeline.engine.stage import DatasetStage, Stage, names_read
 from pipeline.errors import InvalidInput
 
 
@@ -74,11 +74,7 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
         variants = [job for folder in read if (job := _job_for(stage, settings, folder))]
         jobs += variants or [Job(stage, settings)]
     made = {job.output for job in jobs}
-    return [Job(job.stage, job.settings, job.assignments, tuple(name for name in _reads(job) if name in made)) for job in jobs]
-
-
-def _reads(job: Job) -> list[str]:
-    return [*(artifact.name for artifact in job.stage.inputs(job.settings)), *job.stage.models(job.settings)]
+    return [replace(job, waits_for=tuple(name for name in names_read(job.stage, job.settings) if name in made)) for job in jobs]
 
 
 def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:

@@ -13,14 +13,7 @@ Arrays = list[np.ndarray]
 
 
 def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, Arrays, Arrays]]:
-    """Read arrays of the objects that failed in neither of two data directories.
-
-    Parameters
-    ----------
-    first, second
-        Data directories.
-    arrays
-        Names of arrays.
+    """Read arrays, given by name, of the objects that failed in neither of two data directories.
 
     Yields
     ------

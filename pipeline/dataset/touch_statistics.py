@@ -39,7 +39,6 @@ class Tally:
     """(grasp, sensor) bool of every object: which touches of the kept grasps succeed."""
     tried: list[np.ndarray] = field(default_factory=list)
     """(sensor,) of every object: the share of all attempts in which a sensor touched."""
-    attempts: int = 0
     held: list[np.ndarray] = field(default_factory=list)
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
     lifted: list[np.ndarray] = field(default_factory=list)
@@ -56,11 +55,10 @@ class Tally:
         for part in tallies:
             for name in LISTS:
                 getattr(joined, name).extend(getattr(part, name))
-            joined.attempts += part.attempts
         return joined
 
     def part(self, numbers: Iterable[int]) -> Tally:
-        """Take some of the objects, without their attempts."""
+        """Take some of the objects."""
         chosen, taken = list(numbers), Tally()
         for name in LISTS:
             if own := getattr(self, name):
@@ -78,14 +76,13 @@ def tally(data: Place) -> dict[str, Tally]:
     shard = first_shard(data, GRASPS)
     judged = HELD if shard.has("closure") else ()  # older datasets have none
     lifted = tuple(name for name in ("held", "held_directions") if shard.has(name))
-    arrays = ["touch_success", "attempt_success", "attempts", *judged, *lifted]
+    arrays = ["touch_success", "attempt_success", *judged, *lifted]
     rows, surfaces = ObjectRows(data, arrays, split=None), DataDirectory(data).collection(SURFACES)
     tallies: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = tallies[category]
         entry.touched.append(rows.read("touch_success", object_id))
         entry.tried.append(rows.read("attempt_success", object_id))
-        entry.attempts += int(rows.read("attempts", object_id))
         if judged:
             area, angle, margin = (rows.read(name, object_id) for name in HELD)
             entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from pipeline.console import Meter
 from pipeline.engine.plan import Forecast, Plan, Request, Summary
-from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.engine.stage import DatasetJob, DatasetStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -44,7 +44,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     for collection in plan.inputs:
         for object_id in objects:
             collection.shard(object_id)  # an error where it has not been made yet
-    directory.check_origins([*(collection.artifact.name for collection in plan.inputs), *plan.models])
+    directory.check_origins(names_read(stage, plan.settings))
     inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
     plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
     plan.units = [Unit(name, plan.key, inputs, request.seed)]

@@ -83,7 +83,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: the objects it made, those of them that failed, the seconds these took, and those that publishing took.
+    """What a run did: the objects it made, those of them that failed, and the seconds these took.
 
     The made rows are `held_back` where published rows of the shard have to be made again first.
     """
@@ -91,7 +91,6 @@ class Summary:
     made: int = 0
     failed: int = 0
     seconds: float = 0.0
-    publishing: float = 0.0
     held_back: bool = False
 
 

@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, cast
 
-import numpy as np
 from rich.console import Console
 
 from pipeline.config.manifest import Object
@@ -17,13 +16,13 @@ from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
 from pipeline.engine.session import Work
-from pipeline.engine.stage import ObjectStage
+from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import BugFound, InvalidInput, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import ShardOutput
+from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.row_files import Result
@@ -49,7 +48,7 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
         there = {request.only, *(output.shard.position if output.shard else ())}
         plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
         items = [item for item in items if item.object_id in there]
-    directory.check_origins([*(collection.artifact.name for collection in plan.inputs), *plan.models], {item.object_id for item in items})
+    directory.check_origins(names_read(stage, plan.settings), {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
         roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in plan.inputs}
@@ -122,14 +121,6 @@ def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
     return failed
 
 
-def read_row(plan: Plan[ShardOutput], unit: Unit) -> Mapping[str, np.ndarray] | None:
-    """Read the row of a unit, published or not; None where there is none."""
-    if result := finished(plan, unit):
-        return None if result.failure else plan.output.rows.load(result)
-    row = published(plan, unit)
-    return None if row is None or row.failure or plan.output.shard is None else plan.output.shard.view(unit.name)
-
-
 def published_before(plan: Plan[ShardOutput]) -> Collection:
     """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
     try:
@@ -160,7 +151,7 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     plan.directory.set_shard_count(plan.output.shards)
     _check_same_manifest(plan)
     if not plan.units:  # the objects that it had are gone
-        plan.output.withdraw()
+        withdraw(plan.output.record_path)
         return Summary()
     results: dict[str, Result] = {}
     for unit in plan.units:
@@ -177,9 +168,8 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     summary = Summary(made, failed, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
-    began = time.perf_counter()
     _publish(plan, [results[unit.name] for unit in plan.units])
-    return replace(summary, publishing=time.perf_counter() - began)
+    return summary
 
 
 def _loses_rows(plan: Plan[ShardOutput], results: Mapping[str, Result]) -> bool:
@@ -283,7 +273,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
     try:  # where the objects were split otherwise meanwhile, nobody finds this shard; its rows are kept for the next run
         plan.directory.check_shard_count(output.shards)
     except StoreError:
-        output.withdraw()
+        withdraw(output.record_path)
         raise
     output.rows.discard_all({unit.name: unit.key for unit in plan.units})
 

@@ -60,6 +60,11 @@ class Stage(ABC):
         """Of these objects, how many are looked at, and what that takes altogether on one core."""
 
 
+def names_read(stage: Stage, settings: Any) -> list[str]:
+    """Name the artifacts and folders that a stage reads."""
+    return [*(artifact.name for artifact in stage.inputs(settings)), *stage.models(settings)]
+
+
 class ObjectStage(Stage):
     """A stage that turns one object's row of its inputs into one row of its output."""
 

@@ -73,8 +73,9 @@ def recipe_of(
         A source, or a file of a hand, sensor or scene, cannot be published.
     """
     directory = DataDirectory(data)
-    made = {name: directory.collection(artifact) for name in DATASET if (artifact := _artifact_of(name)).name in directory.artifact_names()}
-    made = {name: collection for name, collection in made.items() if collection.shards}
+    made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
+    there = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
+    made = {name: collection for name in there if (collection := directory.collection(made_by[name])).shards}
     if DATASET[0] not in made:
         raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
     first = made[DATASET[0]].first.record
@@ -115,10 +116,6 @@ def _readable_hash(item: Object) -> str:
         return source_hash(item.source)
     except (OSError, InvalidInput) as error:
         raise InvalidInput(f"{item.object_id} cannot be published: {error}; remove its file, and run the stages again") from error
-
-
-def _artifact_of(stage: str) -> Any:
-    return next(artifact for artifact in ARTIFACTS.values() if artifact.stage == stage)
 
 
 def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:

@@ -88,16 +88,7 @@ def calibrate(
 ) -> CalibrationResult:
     """Fit a sensor to every second photograph and test it on the others; then fit it to all.
 
-    Parameters
-    ----------
-    sensor
-        Gives the geometry.
-    photographs, untouched, left_out
-        From `read_photographs`.
-    ball_radius
-        m.
-    options
-        Size of the model.
+    The sensor gives the geometry, `read_photographs` the photographs; the radius is in m.
 
     Returns
     -------
@@ -130,18 +121,7 @@ def calibrate(
 def image_errors(
     sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
 ) -> ImageErrors:
-    """Compare a photograph with the model's image of the same contact.
-
-    Parameters
-    ----------
-    sensor, calibration
-        From `calibrate`.
-    photograph
-        The photograph and its contact.
-    untouched
-        (rows, cols, 3) uint8.
-    ball_radius
-        m.
+    """Compare a photograph with the image of the same contact by a sensor and calibration from `calibrate`; the radius is in m.
 
     Returns
     -------
@@ -158,23 +138,7 @@ def image_errors(
 def render_contact(
     sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
 ) -> NDArray[np.uint8]:
-    """Render the contact of a photograph over the untouched photograph.
-
-    Parameters
-    ----------
-    sensor, calibration
-        From `calibrate`.
-    photograph
-        Gives the contact.
-    untouched
-        (rows, cols, 3) uint8.
-    ball_radius
-        m.
-
-    Returns
-    -------
-    (rows, cols, 3) uint8.
-    """
+    """Render the contact of a photograph over the untouched one, (rows, cols, 3) uint8; parameters as `image_errors`."""
     change = calibrated_change(ball_impression(sensor, photograph.contact, ball_radius), sensor, calibration)
     return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
 

@@ -68,12 +68,7 @@ class Demo:
 def demo(folder: Path, console: Console) -> Demo:
     """Simulate a grasp of a bottle, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
 
-    Parameters
-    ----------
-    folder
-        Gets the mesh, the pictures and, below `data`, the simulated grasp.
-    console
-        Shows progress.
+    The folder gets the mesh, the pictures and, below `data`, the simulated grasp.
 
     Raises
     ------

@@ -62,18 +62,7 @@ def write_closed(
 ) -> None:
     """Write one closed mesh, called closed; frames as `write_charts`.
 
-    Parameters
-    ----------
-    path
-        The mesh file.
-    vertices, faces
-        (V, 3), and (F, 3).
-    colors
-        (V, 3) sRGB.
-    seen
-        (V,) bool: which vertices have a colour; the others are grey.
-    metres_per_unit
-        Of the vertices.
+    Vertices have their sRGB colours (V, 3), or are grey where they were not `seen`.
     """
     painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
     _write(path, [("closed", _mesh(vertices, faces, painted))], metres_per_unit)

@@ -125,15 +125,7 @@ def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
 
 
 def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
-    """Find what is wrong with an observation whose entries are sound by themselves.
-
-    Parameters
-    ----------
-    observation
-        What the robot saw and felt.
-    model
-        The model that it is given to; None checks the observation alone.
-    """
+    """Find what is wrong with an observation whose entries are sound by themselves, or with giving it to a model."""
     if model is not None:
         model = replace(model, config=used_inputs(model.config, observation))
     if far := list(_far(observation)):

@@ -168,10 +168,8 @@ class RobotObservation(Entries):
             raise ValueError("touches need the entry sensor: a shipped sensor's name, or a sensor file")
         if not any(self.up):
             raise ValueError("up is the zero vector; it must point against gravity")
-        for name, image in [
-            ("untouched", self.untouched),
-            *((self.name_of(number), touch.tactile_image) for number, touch in self._numbered),
-        ]:
+        images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
+        for name, image in [("untouched", self.untouched), *images]:
             if image is None:
                 continue
             _check_array(name, image, np.uint8, 3)
@@ -180,10 +178,6 @@ class RobotObservation(Entries):
                     f"{name} has {_size(image)} pixels, {self.name_of(0)} {_size(first)}; give photographs by one kind of sensor"
                 )
         return self
-
-    @property
-    def _numbered(self) -> list[tuple[int, ObservedTouch]]:
-        return list(enumerate(self.touches))
 
     @property
     def metres_per_unit(self) -> float:

@@ -17,7 +17,6 @@ from pipeline.kernels.geometry.transforms import compose, invert_pose, transform
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
-from pipeline.models.reconstruction import Reconstruction
 
 SMALL, ROUGH, FAR_VIEW, LITTLE = 0.5, 1.2, 10.0, 0.9
 """Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
@@ -64,20 +63,9 @@ class Placement:
         """Transform points (V, 3) of the network's world, m, to the observation's frame and unit."""
         return transform_points(invert_pose(self.to_network), points) / self.observation.metres_per_unit
 
-    def returned_surface(self, made: Reconstruction) -> Reconstruction:
-        """Transform a reconstruction to the observation's frame and unit."""
-        return replace(made, vertices=self.returned(made.vertices))
-
 
 def place_observation(observation: RobotObservation, model: ModelInputs) -> Placement:
-    """Move an observation to where a network expects it.
-
-    Parameters
-    ----------
-    observation
-        Without `faults` for the model.
-    model
-        What the network was given in its training.
+    """Move an observation, without `faults` for the model, to where its network expects it.
 
     Notes
     -----
@@ -113,14 +101,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
 
 
 def network_tactile_images(observation: RobotObservation, sensor: Sensor, untouched: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Resample tactile images to the pixels of a network's sensor.
-
-    Parameters
-    ----------
-    observation
-        Has touches.
-    sensor, untouched
-        The network's sensor, and its image without contact.
+    """Resample an observation's tactile images to the pixels of a network's sensor, whose image without contact is `untouched`.
 
     Returns
     -------

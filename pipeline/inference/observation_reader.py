@@ -61,16 +61,7 @@ class ObservationReader:
     training_seed: int = 0
 
     def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
-        """Read an object of a data directory.
-
-        Parameters
-        ----------
-        data
-            The data directory.
-        object_id
-            The object.
-        grasps
-            Its grasps, from 0; for a model of renderings, one viewpoint.
+        """Read an object of a data directory with some of its grasps, from 0; for a model of renderings, with one viewpoint.
 
         Raises
         ------
@@ -171,20 +162,7 @@ class ObservationReader:
 
 
 def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequence[int], kind: str = "grasp") -> ObjectRows:
-    """Open arrays of a data directory, and check that an object with the chosen grasps or viewpoints is there.
-
-    Parameters
-    ----------
-    data
-        The data directory.
-    arrays
-        Names of the arrays.
-    object_id
-        The object.
-    chosen
-        Numbers of grasps or viewpoints, from 0.
-    kind
-        "grasp" or "viewpoint".
+    """Open arrays of a data directory, and check that an object with these grasps or viewpoints, from 0, is there.
 
     Raises
     ------
@@ -206,16 +184,9 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequ
 
 
 def object_mask(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
-    """Read the (rows, cols) mask of the object in a stored image; None if the model takes no such image.
+    """Read the (rows, cols) mask of the object in the image of a stored array; None if the model takes no such image.
 
-    Parameters
-    ----------
-    data, object_id
-        A data directory, and its object.
-    image
-        The array of the image.
-    grasps
-        The occluded image is the first one's.
+    The occluded image is that of the first grasp.
     """
     if image not in ("occluded", "unoccluded"):
         return None

@@ -235,7 +235,7 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     seen = reader.of_robot(placed)
     made = model.reconstruct([seen])[0]
     whole = Prediction(
-        placed.returned_surface(made),
+        replace(made, vertices=placed.returned(made.vertices)),
         seen.touched[: len(observed.touches)],
         None,
         observed.metres_per_unit,

@@ -130,16 +130,7 @@ def _differing(one: Sensor, other: Sensor) -> list[str]:
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
-    """Write a reading: PNG files, a point cloud, and arrays of `ZARR`.
-
-    Parameters
-    ----------
-    reading
-        What to write.
-    folder
-        Made where it is missing.
-    name
-        Of the files and of the group.
+    """Write a reading into a folder, which is made where it is missing: PNG files, a point cloud, and arrays of `ZARR`.
 
     Returns
     -------

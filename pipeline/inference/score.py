@@ -26,7 +26,7 @@ from stages.evaluate.evaluation_files import evaluation_name, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
 from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, ScoreSettings, ShippedSettings, SurfaceSettings
-from stages.evaluate.shipped import EvaluateShipped, artifacts_of, fitting_rows, shipped_record
+from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_record
 
 
 def score(
@@ -78,13 +78,6 @@ def score(
 def score_shipped(data: Place, console: Console) -> list[str]:
     """Measure the network that ships on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
 
-    Parameters
-    ----------
-    data
-        A data directory, as `score` takes it.
-    console
-        Shows progress.
-
     Returns
     -------
     What it was not given, and why.
@@ -101,7 +94,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
     if rows:
         weights = hashlib.sha256(shipped_record().read_bytes()).hexdigest()
         settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=weights)
-        _measured(directory, EvaluateShipped(artifacts_of(rows)), settings, console)
+        _measured(directory, EvaluateShipped(), settings, console)
     return reasons
 
 

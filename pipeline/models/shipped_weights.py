@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -120,9 +119,6 @@ class ModelCard(_Entry):
     not_for: str
 
 
-Card = TypeVar("Card", ModelCard, SensorCard)
-
-
 def shipped_models() -> Path:
     """Find the folder of the networks that ship; a `StageError` if this version has none."""
     if not trained_models(SHIPPED):
@@ -146,23 +142,15 @@ def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
 
 def read_card(configuration: str, models: Path = SHIPPED) -> ModelCard:
     """Read the card of a shipped network; a `StoreError` if there is none, or it cannot be used."""
-    return _read_card(card_path(models, configuration), ModelCard, "make weights")
-
-
-def read_sensor_card(sensor: str, weights: Path = SHIPPED) -> SensorCard:
-    """Read the card of the network that ships for a sensor; a `StoreError` if there is none, or it cannot be used."""
-    return _read_card(sensor_card_path(sensor, weights), SensorCard, "make sensor-weights")
+    path = card_path(models, configuration)
+    try:
+        return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
+    except ValidationError as error:
+        raise StoreError(f"{path}: {invalid_entries(error)}; run `make weights` again") from error
+    except (InvalidInput, OSError, yaml.YAMLError) as error:
+        raise StoreError(f"{path} cannot be read as a card ({error}); run `make weights` again") from error
 
 
 def sensor_card_path(sensor: str, weights: Path = SHIPPED) -> Path:
     """Return the path of the card of a sensor's network."""
     return weights / SENSORS / CARD.format(sensor)
-
-
-def _read_card(path: Path, kind: type[Card], command: str) -> Card:
-    try:
-        return kind.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
-    except ValidationError as error:
-        raise StoreError(f"{path}: {invalid_entries(error)}; run `{command}` again") from error
-    except (InvalidInput, OSError, yaml.YAMLError) as error:
-        raise StoreError(f"{path} cannot be read as a card ({error}); run `{command}` again") from error

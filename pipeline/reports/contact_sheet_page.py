@@ -74,18 +74,9 @@ def finger_colors(count: int) -> list[Color]:
 
 
 def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
-    """Draw the bands on as many pages as it takes, and return the PNG files written.
+    """Draw the bands on as many pages as it takes, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
 
-    Parameters
-    ----------
-    bands
-        One per object.
-    path
-        The first page's file; later pages are called NAME-2.png, NAME-3.png, ….
-    sensors
-        Of the fingers; thickness of gel and range give the depth maps' colours.
-    title, note
-        The page's head: what this is, and a line of statistics.
+    Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps' colours.
 
     Raises
     ------

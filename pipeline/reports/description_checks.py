@@ -13,7 +13,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
-from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
+from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
+from pipeline.kernels.vision.scene import NamedCamera
 from pipeline.reports.hand_check import check_hand
 from pipeline.reports.manifest_check import MeshFiles, check_manifest
 from pipeline.reports.plots import save_figure
@@ -123,7 +124,7 @@ def check_scene(path: Path, picture: Path) -> list[str]:
         axes.set(xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
         axes.legend()
     save_figure(figure, picture)
-    lines = [_camera(camera.name, camera) for camera in scene.cameras]
+    lines = [_camera_line(camera) for camera in scene.cameras]
     return [
         f"{path}: scene {scene.name}, {'no faults' if not any('fault' in line for line in lines) else 'faults below'}",
         *lines,
@@ -131,12 +132,13 @@ def check_scene(path: Path, picture: Path) -> list[str]:
     ]
 
 
-def _camera(name: str, camera: Camera) -> str:
+def _camera_line(camera: NamedCamera) -> str:
     rows, columns = camera.shape
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))
     inside = np.all((pixels >= 0) & (pixels < [columns, rows]), axis=1)  # NaN, behind the camera, is not
-    summary = f"{name}: {columns} x {rows} pixels, {np.linalg.norm(np.subtract(camera.position, POSITION)):.2f} m from the object's middle"
+    away = np.linalg.norm(np.subtract(camera.position, POSITION))
+    summary = f"{camera.name}: {columns} x {rows} pixels, {away:.2f} m from the object's middle"
     if not inside[0]:
         return f"fault: {summary}, which it does not see; turn it"
     return summary + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")

@@ -128,18 +128,9 @@ class GraspScenes:
                 self.add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
 
     def add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
-        """Add a mesh to a scene; a mesh of the same name is shared.
+        """Add a mesh to a scene, below the node `group`, which is made if missing; a mesh of the same name is shared.
 
-        Parameters
-        ----------
-        scene
-            Changed in place.
-        name, mesh
-            The mesh.
-        group
-            The node above it, made if missing.
-        pose
-            (4, 4) mesh to group, m; by default the identity.
+        The pose (4, 4), from mesh to group, m, is by default the identity.
         """
         if group not in scene.graph.nodes:
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)

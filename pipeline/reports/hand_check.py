@@ -177,19 +177,7 @@ def _notes(hand: Hand) -> list[str]:
 
 
 def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
-    """Draw a hand at rest: every joint at 0, or at its limit nearest to 0.
-
-    Parameters
-    ----------
-    hand
-        Its collision shapes are drawn.
-    sensors
-        S, whose gels are drawn.
-    overlaps
-        Pairs of links that are drawn in red.
-    path
-        PNG file.
-    """
+    """Draw a hand at rest as a PNG, pairs of links that overlap in red: every joint at 0, or at its limit nearest to 0."""
     rest = np.clip(0.0, hand.lower, hand.upper)
     frames = forward_kinematics(hand, np.eye(4), rest)
     poses, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
@@ -236,12 +224,7 @@ def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
 
 
 def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute how far each sensor goes along its normal, by its finger's joints together.
-
-    Parameters
-    ----------
-    hand, joint_angles
-        (J,) rad: the posture to close from.
+    """Compute how far each sensor goes along its normal from a posture (J,), by its finger's joints together.
 
     Returns
     -------

@@ -36,12 +36,7 @@ REMEDIES = {
 
 
 def trial_grasps(path: Path) -> list[str]:
-    """Attempt to grasp a ball with a hand as `simulate-grasps` does.
-
-    Parameters
-    ----------
-    path
-        The hand file, without faults.
+    """Attempt to grasp a ball with the hand of a file without faults, as `simulate-grasps` does.
 
     Returns
     -------

@@ -19,13 +19,7 @@ DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
 
 
 def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
-    """Make the tables, beside the touches; none for a dataset whose grasps were not tested.
-
-    Parameters
-    ----------
-    tallies
-        By class.
-    """
+    """Make the tables, beside the touches, of the tallies by class; none for a dataset whose grasps were not tested."""
     everything = Tally.joined(tallies.values())
     if not everything.lifted:
         return []
@@ -36,12 +30,7 @@ def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
 
 
 def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
-    """Sort objects into bins of size whose ends are the data's.
-
-    Parameters
-    ----------
-    diagonals
-        (N,) m.
+    """Sort objects by their diagonals, (N,) m, into bins of size whose ends are the data's.
 
     Returns
     -------

@@ -56,14 +56,7 @@ CARDS = 8
 def write_report(data: Place, console: Console, most: int = 10) -> Place:
     """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
 
-    Parameters
-    ----------
-    data
-        A data directory.
-    console
-        Shows progress.
-    most
-        Reconstructions in the figure of reconstructions.
+    A figure shows at most `most` reconstructions.
 
     Returns
     -------
@@ -109,25 +102,9 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
 
 
 def _write_objects(source: ReportSource, folder: Path, console: Console, written: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
-    """Write the pages of objects that are not up to date.
-
-    Parameters
-    ----------
-    source
-        The dataset.
-    folder
-        Where the report is written.
-    console
-        Shows progress.
-    written, changed
-        The pages of the last report, and the names of its files that differ from what was written.
-
-    Returns
-    -------
-    The cards of all objects.
-    """
+    """Write the pages of objects that changed since the last report, or whose files there did; return the cards of all objects."""
     template = _environment().get_template("object.html.j2")
-    common = {"up": "../", "current": "", **_frame(source)}
+    common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
     whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = [source.directory.folder(name).files for name in source.measured]
     ids = source.object_ids
@@ -162,13 +139,8 @@ def _shown(value: Any) -> Any:
     return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
 
-def _frame(source: ReportSource) -> dict[str, Any]:
-    """Collect the content that all pages share."""
-    return {"name": source.name, "pages": PAGES}
-
-
 def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> None:
-    page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], **_frame(source), **content)
+    page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], name=source.name, pages=PAGES, **content)
     (folder / name).write_text(page, encoding="utf-8")
 
 

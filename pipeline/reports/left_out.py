@@ -18,11 +18,6 @@ OBJECTS = 4
 def left_out_table(source: ReportSource) -> Table:
     """Count faces, sensors, attempts, materials and texels of a few objects, and how many of them were left out.
 
-    Parameters
-    ----------
-    source
-        A dataset.
-
     Returns
     -------
     A row for each kind of thing: how many there are, how many were left out, in %, and why.

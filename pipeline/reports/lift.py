@@ -48,16 +48,7 @@ class Lift:
 
 
 def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str, np.ndarray], sensors: Sequence[Sensor]) -> list[Lift]:
-    """Repeat the lift of an object's grasps.
-
-    Parameters
-    ----------
-    test
-        Where they are repeated.
-    surface, grasps
-        The object's rows.
-    sensors
-        Those that the hand wears.
+    """Repeat the lift of an object's grasps, given by its rows, with the sensors that the hand wears.
 
     Returns
     -------

@@ -113,16 +113,9 @@ def likely_units(diagonal: float) -> list[str]:
 
 
 def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
-    """Read each object of a manifest, describe them all, and draw categories and splits.
+    """Read each object of a manifest, describe them all, and draw categories, splits and some of the meshes as a PNG.
 
-    Parameters
-    ----------
-    path
-        The manifest.
-    picture
-        PNG to write, with the meshes of some objects.
-    meshes
-        The mesh files, as far as the manifest does not state them.
+    `meshes` states what the manifest does not.
 
     Returns
     -------
@@ -162,14 +155,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
 
 
 def read_object(item: Object, stated_by: str) -> CheckedObject:
-    """Read an object as `sample-surfaces` does.
-
-    Parameters
-    ----------
-    item
-        The object.
-    stated_by
-        Who states its unit, if not its file.
+    """Read an object as `sample-surfaces` does; `stated_by` says who states its unit, if not its file.
 
     Raises
     ------
@@ -249,16 +235,9 @@ def _categories(objects: Sequence[Object]) -> list[str]:
 
 
 def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
-    """Draw how many objects of each category are in each split (the largest categories, where there are many), and some objects' meshes.
+    """Draw how many objects of each category are in each split, and the meshes of those that are `shown`, by caption, as a PNG.
 
-    Parameters
-    ----------
-    objects
-        All.
-    shown
-        The sources of those that are drawn, by caption.
-    picture
-        PNG to write.
+    Where there are many categories, the largest are drawn.
     """
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))

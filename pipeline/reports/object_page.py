@@ -79,21 +79,7 @@ class ObjectPages:
         return self._opened.enter_context(Renderer(self.scene, 2 * THUMBNAIL))
 
     def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
-        """Write an object's page and its files.
-
-        Parameters
-        ----------
-        object_id
-            The object.
-        before, after
-            The objects of the previous and the next page.
-        common
-            Entries of the template that all pages share.
-
-        Returns
-        -------
-        Its `ObjectCard`, without the key.
-        """
+        """Write an object's page, with links to the pages before and after it, and its files; return its `ObjectCard`, without the key."""
         rows = self.source.rows(object_id)
         played = lifts(self._hold_test, rows["surfaces"], rows["grasps"], self.sensors) if "squeeze_angles" in list(rows["grasps"]) else []
         clips = [self.scenes.clip(rows, number, lift) for number, lift in enumerate(played)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,20 +29,21 @@ def check_observation(path: Path, picture: Path, model: ModelInputs | None = Non
     box = find_object(observation)
     assert box is not None  # else a fault
     placed = None if model is None else place_observation(observation, model)
-    panels = [_draw_photograph, *(_draw_from(right, up) for right, up in ((0, 1), (0, 2)))][observation.camera is None :]
-    figure = Figure((5 * (len(panels) + (placed is not None and placed.image is not None)), 5), layout="constrained")
-    drawn = figure.subplots(1, len(panels) + (placed is not None and placed.image is not None)).tolist()
+    given = None if placed is None else placed.image
+    panels: list[Callable[[Axes, RobotObservation, ObjectBox], None]] = [] if observation.camera is None else [_draw_photograph]
+    panels += [partial(_draw_from, right=0, up=1), partial(_draw_from, right=0, up=2)]
+    count = len(panels) + (given is not None)
+    figure = Figure((5 * count, 5), layout="constrained")
+    drawn = figure.subplots(1, count).tolist()
     for axes, draw in zip(drawn, panels, strict=False):
         draw(axes, observation, box)
-    if model is not None and placed is not None and placed.image is not None:
-        drawn[-1].imshow(placed.image)
-        drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
+    said = []
+    if model is not None and placed is not None:
+        said = [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
+        if given is not None:
+            drawn[-1].imshow(given)
+            drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
     save_figure(figure, picture)
-    said = (
-        []
-        if placed is None or model is None
-        else [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
-    )
     return [f"{path}: observation, no faults", *_described(observation, box), *said, f"picture: {picture}"]
 
 
@@ -85,24 +87,20 @@ def _outlines(observation: RobotObservation) -> np.ndarray:
     return transform_points(observation.sensor_poses, np.insert(SQUARE * [sensor.width, sensor.height], 2, sensor.w, axis=1))
 
 
-def _draw_from(right: int, up: int):  # type: ignore[no-untyped-def]
-    """Make a function that draws the scene along an axis of the file's frame."""
-
-    def draw(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
-        unit = observation.metres_per_unit
-        column, row = box.centre[[right, up]] / unit
-        axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
-        axes.plot(column, row, "+", color="C3", markersize=12, label="object")
-        for number, outline in enumerate(_outlines(observation) / unit):
-            axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
-        if observation.projection is not None:
-            eye, ahead = optical_centre(observation.projection), split_projection(observation.projection)[1][2]
-            tip = (eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead) / unit
-            eye = eye / unit
-            axes.annotate("", xy=(tip[right], tip[up]), xytext=(eye[right], eye[up]), arrowprops={"arrowstyle": "->"})
-            axes.plot(eye[right], eye[up], "o", color="black", label="camera")
-        x, y, along = ("xyz"[axis] for axis in (right, up, 3 - right - up))
-        axes.set(xlabel=f"{x}, {observation.unit}", ylabel=f"{y}, {observation.unit}", aspect="equal", title=f"seen along {along}")
-        axes.legend(fontsize=8)
-
-    return draw
+def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, *, right: int, up: int) -> None:
+    """Draw the scene along an axis of the file's frame; the numbers of two others say which go right and up."""
+    unit = observation.metres_per_unit
+    column, row = box.centre[[right, up]] / unit
+    axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))
+    axes.plot(column, row, "+", color="C3", markersize=12, label="object")
+    for number, outline in enumerate(_outlines(observation) / unit):
+        axes.plot(*outline[:, [right, up]].T, color="C0", label=None if number else "gels")
+    if observation.projection is not None:
+        eye, ahead = optical_centre(observation.projection), split_projection(observation.projection)[1][2]
+        tip = (eye + 0.3 * np.linalg.norm(eye - box.centre) * ahead) / unit
+        eye = eye / unit
+        axes.annotate("", xy=(tip[right], tip[up]), xytext=(eye[right], eye[up]), arrowprops={"arrowstyle": "->"})
+        axes.plot(eye[right], eye[up], "o", color="black", label="camera")
+    x, y, along = ("xyz"[axis] for axis in (right, up, 3 - right - up))
+    axes.set(xlabel=f"{x}, {observation.unit}", ylabel=f"{y}, {observation.unit}", aspect="equal", title=f"seen along {along}")
+    axes.legend(fontsize=8)

@@ -73,12 +73,7 @@ class Claim(NamedTuple):
 
 
 def orderings(folders: Sequence[Path]) -> list[Verdict]:
-    """Test the claims that the models of evaluations allow, one verdict each.
-
-    Parameters
-    ----------
-    folders
-        The evaluation of each training seed.
+    """Test the claims that the models of evaluations, one per training seed, allow: one verdict each.
 
     Raises
     ------

@@ -23,14 +23,7 @@ GAP = 4
 def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
     """Render an object, a grasp of it and its reconstruction; then the way there: tactile images, depth maps, touched surface.
 
-    The reconstruction is the best of those that are given touches, else the best of all.
-
-    Parameters
-    ----------
-    source
-        The dataset.
-    object_id, grasp
-        The object, and the grasp, from 0.
+    Grasps are counted from 0. The reconstruction is the best of those that are given touches, else the best of all.
 
     Returns
     -------

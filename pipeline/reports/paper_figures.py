@@ -51,16 +51,7 @@ RADIUS = 0.15
 
 
 def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str, Any]]:
-    """Draw the figures that the dataset has data for as PNG files.
-
-    Parameters
-    ----------
-    source
-        The dataset.
-    folder
-        Where the files go.
-    most
-        Reconstructions shown at most.
+    """Draw the figures that the dataset has data for as PNG files into a folder, with at most `most` reconstructions.
 
     Returns
     -------
@@ -96,14 +87,7 @@ def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: 
 def clearest_grasp(source: ReportSource, ids: Sequence[str], most: int | None = None) -> tuple[str, int]:
     """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large.
 
-    Parameters
-    ----------
-    source
-        The dataset.
-    ids
-        The objects.
-    most
-        Grasps of each, the first ones, that are looked at; None for all.
+    Only the first `most` grasps of each are looked at; None for all.
 
     Returns
     -------
@@ -133,16 +117,7 @@ def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: P
 def procedure_steps(
     source: ReportSource, renderer: Renderer, scene: Scene, object_id: str, grasp: int
 ) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render the steps of a grasp: hand, fingers drawn back, fingers closed, touched surface.
-
-    Parameters
-    ----------
-    source
-        The data directory.
-    renderer, scene
-        For the images.
-    object_id, grasp
-        The grasp, from 0.
+    """Render the steps of a grasp, given by its number from 0: hand, fingers drawn back, fingers closed, touched surface.
 
     Returns
     -------

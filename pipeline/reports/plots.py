@@ -37,14 +37,7 @@ PHOTOGRAPHS, GAIN = 3, 4
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
     """Write a figure in the format of the suffix, its texts as they are: a `$` does not begin a formula.
 
-    Parameters
-    ----------
-    figure
-        The figure.
-    path
-        The file, which is replaced at once.
-    options
-        Of `Figure.savefig`.
+    The file is replaced at once; options are those of `Figure.savefig`.
 
     Raises
     ------
@@ -67,14 +60,7 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
 def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: int = 9) -> Iterator[Figure]:
     """Open a figure, and write it at the end as an SVG that follows the page's light or dark theme.
 
-    Parameters
-    ----------
-    path
-        The file.
-    size
-        Width and height, inches.
-    font_size
-        Points.
+    Width and height are in inches, the font size in points.
     """
     inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
     style: Any = dict.fromkeys(inks, INK) | {
@@ -97,19 +83,7 @@ def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: in
 
 
 def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object], *, x: str, y: str) -> None:
-    """Draw bars in groups as an SVG.
-
-    Parameters
-    ----------
-    path
-        The SVG file.
-    bars
-        Heights by series, one per label.
-    labels
-        Of the groups.
-    x, y
-        Labels of the axes.
-    """
+    """Draw bars in groups as an SVG; each series has a height per label."""
     with themed_svg(path) as figure:
         axes, width = figure.subplots(), 0.8 / len(bars)
         for number, (name, values) in enumerate(bars.items()):
@@ -120,17 +94,7 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
 
 
 def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str) -> None:
-    """Draw distributions as lines over common bins, as an SVG.
-
-    Parameters
-    ----------
-    path
-        The SVG file.
-    values
-        (N,) by series.
-    x, y
-        Labels of the axes.
-    """
+    """Draw the distributions of series (N,) as lines over common bins, as an SVG."""
     with themed_svg(path) as figure:
         axes = figure.subplots()
         highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
@@ -156,20 +120,9 @@ def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> N
 def draw_errors(
     path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
 ) -> None:
-    """Draw errors with their intervals by series, and what they are compared with as a line, as an SVG.
+    """Draw errors with their intervals by series and place, and what they are compared with as a line by place, as an SVG.
 
-    Parameters
-    ----------
-    path
-        The SVG file.
-    errors
-        By series and place.
-    line
-        By place.
-    labels
-        Of the places, in their order; those without errors are left out.
-    y
-        Label of the axis.
+    Places are in the order of their `labels`; those without errors are left out.
     """
     places = [place for place in labels if any(place in series for series in errors.values())]
     with themed_svg(path, (4.8, 3.2), font_size=10) as figure:
@@ -196,15 +149,7 @@ def _color(number: int) -> tuple[float, ...]:
 
 
 def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
-    """Draw a row per photograph: the photograph, the model, and their difference × `GAIN` around grey, as a PNG.
-
-    Parameters
-    ----------
-    photographs, models
-        Photographs, and the model's image of each, (rows, cols, 3) uint8.
-    path
-        The PNG.
-    """
+    """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
     chosen = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
     figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
     panels = figure.subplots(len(chosen), 3, squeeze=False)

@@ -38,24 +38,9 @@ FILL = 0.8
 
 
 def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, most: int, names: Sequence[str]) -> list[str]:
-    """Draw reconstructions of test objects, each above its mean distance; the camera is the dataset's, turned and zoomed to the object.
+    """Draw these models' reconstructions of at most `most` test objects, each above its mean distance; return the objects' names.
 
-    Parameters
-    ----------
-    directory
-        The dataset.
-    evaluation
-        Its evaluation; each model is shown with the fewest and the most grasps that it was given there.
-    path
-        The PNG file.
-    most
-        Objects at most, spread evenly.
-    names
-        The models.
-
-    Returns
-    -------
-    Names of the objects.
+    Each model is shown with the fewest and the most grasps that it was given. The camera is the dataset's, turned and zoomed to the object.
     """
     predictions, objects = evaluation.tables, evaluation.object_ids
     shown = spread_evenly(objects, most)
@@ -114,32 +99,14 @@ def predicted_mesh(fitted: Collection | None, object_id: str, table: Arrays, cas
 
 
 def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], grey: int) -> Mesh:
-    """Make a mesh in grey, with touch charts in orange.
-
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) m, and (F, 3).
-    grey
-        Number of grey faces; the others are of touch charts.
-    """
+    """Make a mesh of vertices (V, 3), m, and faces (F, 3), of which the first are grey and the others, of touch charts, orange."""
     return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 
 def painted_mesh(
     vertices: NDArray[np.floating], faces: NDArray[np.integer], material: NDArray[Any], colors: Sequence[tuple[int, ...]]
 ) -> Mesh:
-    """Make a mesh of plain colours.
-
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) m, and (F, 3).
-    material
-        (F,) number of the colour of each face.
-    colors
-        RGBA, 0 to 255.
-    """
+    """Make a mesh of vertices (V, 3), m, and faces (F, 3) in plain colours: RGBA from 0 to 255, of which `material` (F,) are numbers."""
     look = Look(
         uv=np.zeros((len(vertices), 2), np.float32),
         face_material=material.astype(np.int32),

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Container
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store.directory import changed_files
-from pipeline.store.record import Name, RelativePath, Sha256
+from pipeline.store.record import Name, RelativePath, Sha256, Stored
 from pipeline.store.storage import Place, exists, names_in, read_bytes
 
 WRITTEN = "pages.json"
 
 
-class WrittenFiles(BaseModel):
+class WrittenFiles(Stored):
     """Files that were written under a key.
 
     Attributes
@@ -25,8 +25,6 @@ class WrittenFiles(BaseModel):
     files
         The SHA-256 of each, by its path.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     key: Sha256
     files: dict[RelativePath, Sha256]
@@ -45,13 +43,11 @@ class ObjectCard(WrittenFiles):
     areas: tuple[FiniteFloat, ...]
 
 
-class Pages(BaseModel):
+class Pages(Stored):
     """The pages of objects, and the SHA-256 of every other file."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    objects: dict[Name, ObjectCard] = {}
-    files: dict[RelativePath, Sha256] = {}
+    objects: dict[Name, ObjectCard] = Field(default={})
+    files: dict[RelativePath, Sha256] = Field(default={})
 
     def every_file(self) -> dict[str, str]:
         """Collect the SHA-256 of every file, by its path below the report's folder."""

@@ -52,16 +52,7 @@ class Summary:
 
 
 def summarise(folder: Path, scored: Sequence[Path], other: Sequence[Path] = ()) -> Summary | None:
-    """Summarise what was measured with one grasp.
-
-    Parameters
-    ----------
-    folder
-        Of an evaluation, or a score.
-    scored
-        Scores that are shown beside it.
-    other
-        Evaluations of further trainings of the same networks.
+    """Summarise what an evaluation, or a score, and further trainings of its networks measured with one grasp, beside scores.
 
     Returns
     -------

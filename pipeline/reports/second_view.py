@@ -92,18 +92,7 @@ class GraspView:
 
 
 def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
-    """Choose the cameras of a second view of a grasp.
-
-    Parameters
-    ----------
-    renderer
-        Renders the trials.
-    scene
-        Gives the first camera.
-    resolution
-        Rows and columns.
-    grasp
-        Hand, object and touches.
+    """Choose the cameras of a second view of a grasp by rendering trials; the scene gives the first camera.
 
     Returns
     -------
@@ -124,7 +113,7 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
 
 
 def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Render a grasp from another side, with the lamp moved along with the camera; parameters as `grasp_cameras`.
+    """Render a grasp from another side, with the lamp moved along with the camera.
 
     Returns
     -------
@@ -142,11 +131,6 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
 
 def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
     """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its way.
-
-    Parameters
-    ----------
-    renderer, scene, resolution, grasp
-        As for `grasp_cameras`.
 
     Returns
     -------

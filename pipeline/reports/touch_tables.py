@@ -19,16 +19,9 @@ OPPOSED = 90
 
 
 def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) -> list[Table]:
-    """Make the tables.
+    """Make the tables of touches by class, for sensors of these names.
 
-    Parameters
-    ----------
-    tallies
-        Touches by class.
-    sensors
-        Their names.
-    paper
-        Whether the paper's figures are beside ours; those of touches per grasp only if the number of sensors is the same.
+    `paper` puts the paper's figures beside ours, those of touches per grasp only if the number of sensors is the same.
     """
     everything = Tally.joined(tallies.values())
     rows = []

@@ -22,16 +22,9 @@ PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
-    """Draw error over seconds per object, logarithmic, as an SVG.
+    """Draw error over seconds per object, logarithmic, as an SVG, with the point `used` marked.
 
-    Parameters
-    ----------
-    trade
-        Its front is a line, its presets are labelled; an error of 0 is drawn at half the least other one, and labelled so.
-    path
-        The SVG file.
-    used
-        The point to mark.
+    The front is a line, presets are labelled; an error of 0 is drawn at half the least other one, and labelled so.
     """
     with themed_svg(path, size=(5.6, 3.4), font_size=8) as figure:
         axes = figure.subplots()
@@ -88,31 +81,14 @@ def trade_table(trade: MeasuredTrade) -> Table:
 
 
 def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
-    """Find the point with the settings that an output was made with; None where they were not measured.
-
-    Parameters
-    ----------
-    trade
-        Of the output's stage.
-    settings
-        As the output's record has them.
-    """
+    """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
     own = resolve(trade.stage, trade.preset, trade.assignments).results()
     varied = {name for point in trade.points for name in point.changes}
     return next((point for point in trade.points if all({**own, **point.changes}[name] == settings.get(name) for name in varied)), None)
 
 
 def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:
-    """Draw the trades of a data directory, with the place of the settings that were used, for a report.
-
-    Parameters
-    ----------
-    data
-        A data directory.
-    settings
-        Those that its outputs were made with, by stage.
-    folder
-        Where the SVG files are written, `trade-STAGE.svg`.
+    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder, with the place of the settings, by stage, of its outputs.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.console import pluralise
 from pipeline.errors import StoreError, first_line
@@ -19,7 +19,7 @@ from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
-from pipeline.store.record import FolderRecord, ShardRecord, read_record
+from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
 from schemas.base import Artifact
@@ -37,10 +37,8 @@ _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 T = TypeVar("T")
 
 
-class DatasetDescription(BaseModel):
+class DatasetDescription(Stored):
     """The content of `dataset.json`: the number of shards that the objects are split into."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     shards: int = Field(ge=1, le=9999)
 

@@ -41,18 +41,9 @@ def unnamed(folder: Place) -> Iterator[Place]:
 
 
 def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
-    """Remove what no record of a folder names.
+    """Remove what no record of a folder names, if it was replaced or written `older_than` seconds ago or earlier.
 
     If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
-
-    Parameters
-    ----------
-    directory
-        The data directory.
-    folder
-        The folder in it.
-    older_than
-        Seconds since it was replaced or written.
 
     Returns
     -------

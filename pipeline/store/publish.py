@@ -91,10 +91,6 @@ class ShardOutput:
         self.refresh()
         return path
 
-    def withdraw(self) -> None:
-        """Remove the record, so that nobody finds what it names."""
-        withdraw(self.record_path)
-
 
 class FolderOutput:
     """A folder that a dataset stage fills: where it lies, and what is published of it.

@@ -34,18 +34,20 @@ Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*
 ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]
 
 
-class _Model(BaseModel):
+class Stored(BaseModel):
+    """The content of a JSON file that this project writes, or a part of it: an entry that it does not know is an error."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Failure(_Model):
+class Failure(Stored):
     """Why an object has no row: the stage in which it failed, and the reason."""
 
     stage: str
     reason: str
 
 
-class Provenance(_Model):
+class Provenance(Stored):
     """What was made, by which stage, from what.
 
     Attributes
@@ -82,7 +84,7 @@ class Provenance(_Model):
     processor: dict[str, Any]
 
 
-class RowRecord(_Model):
+class RowRecord(Stored):
     """One object of a shard.
 
     Attributes
@@ -174,16 +176,7 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 
 
 def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record.
-
-    Parameters
-    ----------
-    path
-        Of the JSON file.
-    kind
-        The type of record.
-    maker
-        What to run where there is none, for the message.
+    """Read a record of some type; `maker` is what to run where there is none, for the message.
 
     Raises
     ------

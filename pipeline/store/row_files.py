@@ -10,13 +10,13 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 from pipeline.store.encode import decode_array, encode_array, with_checksum, without_checksum
-from pipeline.store.record import Failure
+from pipeline.store.record import Failure, Stored
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files
 from schemas.base import Artifact
@@ -28,11 +28,7 @@ Chunks = Mapping[str, list[bytes]]
 """The encoded chunks of a row, by array."""
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class EncodedArray(_Model):
+class EncodedArray(Stored):
     """An array in a row file: its shape, its numpy dtype, and the sizes of its chunks, which follow one another."""
 
     shape: tuple[int, ...]
@@ -40,7 +36,7 @@ class EncodedArray(_Model):
     sizes: tuple[int, ...]
 
 
-class Result(_Model):
+class Result(Stored):
     """A unit that is finished: its row is in a file, or there is none because of a `failure`, or of a `bug`, a traceback.
 
     Attributes
@@ -62,7 +58,7 @@ class Result(_Model):
     processor: str = ""
     failure: Failure | None = None
     bug: str | None = None
-    arrays: dict[str, EncodedArray] = {}
+    arrays: dict[str, EncodedArray] = Field(default={})
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -142,7 +138,11 @@ class RowFiles:
 
     def load(self, result: Result) -> Row:
         """Read the row of a result; errors are those of `chunks`."""
-        return decode_row(self.artifact, result.arrays, self.chunks(result))
+        chunks = self.chunks(result)
+        return {
+            name: decode_array(self.artifact.of(name) if self.artifact else None, array.shape, array.dtype, chunks[name])
+            for name, array in result.arrays.items()
+        }
 
     def discard(self, name: str, key: str) -> None:
         """Remove the file of a unit."""
@@ -164,14 +164,6 @@ class RowFiles:
 def encode_row(artifact: Artifact | None, row: Row) -> Chunks:
     """Encode a row, array by array."""
     return {name: encode_array(artifact.of(name) if artifact else None, value) for name, value in row.items()}
-
-
-def decode_row(artifact: Artifact | None, arrays: Mapping[str, EncodedArray], chunks: Chunks) -> Row:
-    """Decode a row, array by array."""
-    return {
-        name: decode_array(artifact.of(name) if artifact else None, array.shape, array.dtype, chunks[name])
-        for name, array in arrays.items()
-    }
 
 
 def _footer(path: Place) -> bytes:

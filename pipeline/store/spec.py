@@ -94,16 +94,7 @@ def planar_order(array: Array) -> tuple[int, ...]:
 
 
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """Specify a whole shard.
-
-    Parameters
-    ----------
-    artifact
-        The schema.
-    shapes
-        Every array's shape, by its path below the root.
-    attributes
-        Of the root group.
+    """Specify a whole shard by the shape of every array, by its path below the root, and the root's attributes.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from pipeline.config.settings import Settings
 from pipeline.engine import keys
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.stage import DatasetStage, ObjectStage, names_read
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown
@@ -106,8 +106,7 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     waiting = [stage]
     while waiting:
         loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
-        read = [*(artifact.name for artifact in loaded.inputs(settings)), *loaded.models(settings)]
-        found = {makers[output] for output in read} - needed
+        found = {makers[output] for output in names_read(loaded, settings)} - needed
         needed |= found
         waiting += found
     return [name for name in makers.values() if name in needed]

@@ -15,16 +15,7 @@ FEWEST, MOST = 4, 32
 
 
 def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]:
-    """Choose objects evenly over splits, categories and sizes of mesh files.
-
-    Parameters
-    ----------
-    objects
-        Of a manifest.
-    count
-        How many, at least one of each split.
-    seed
-        Another one chooses other objects.
+    """Choose a number of objects, at least one of each split, evenly over splits, categories and sizes of mesh files.
 
     Returns
     -------

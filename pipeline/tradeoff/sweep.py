@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 from rich.console import Console
-from rich.table import Table
 
+from pipeline.console import print_table
 from pipeline.store.record import FolderRecord
 
 
@@ -51,9 +51,11 @@ def file_name(label: str) -> str:
 def show_sweep(found: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
     """Print the points in order of the validation loss of their best epoch."""
     ranked = sorted(found, key=lambda entry: entry[1].facts["best"]["loss"])
-    table = Table(*ranked[0][0], "best loss", "epoch", "parameters", "training s", box=None, padding=(0, 2))
+    rows = []
     for point, record in ranked:
         facts = record.facts
-        numbers = (f"{facts['best']['loss']:.4g}", f"{facts['best_epoch'] + 1} of {facts['epochs']}", f"{facts['parameters']:,}")
-        table.add_row(*map(str, point.values()), *numbers, f"{facts['training_seconds']:.0f}")
-    console.print(table)
+        epoch = f"{facts['best_epoch'] + 1} of {facts['epochs']}"
+        rows.append(
+            [*point.values(), f"{facts['best']['loss']:.4g}", epoch, f"{facts['parameters']:,}", f"{facts['training_seconds']:.0f}"]
+        )
+    print_table(console, [*ranked[0][0], "best loss", "epoch", "parameters", "training s"], rows)

@@ -28,12 +28,7 @@ def difference(folder: Path, other: Path) -> str | None:
 def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
     """Read what an evaluation measured, and beside it the scores that may be compared with it.
 
-    Parameters
-    ----------
-    folder
-        Of the evaluation.
-    scored
-        Scores; one with another setting, seed or other objects is left out.
+    Scores with another setting, seed or other objects are left out.
 
     Returns
     -------

@@ -130,16 +130,7 @@ def evaluation_name(training_seed: int = 0) -> str:
 
 
 def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
-    """Write `tables.zarr`.
-
-    Parameters
-    ----------
-    folder
-        Of the evaluation.
-    groups
-        The arrays of each group (`objects`, `predictions/touch`, …), by name.
-    attributes
-        Of the root.
+    """Write `tables.zarr`: the arrays of each group (`objects`, `predictions/touch`, …), by name, and the root's attributes.
 
     Raises
     ------
@@ -240,14 +231,7 @@ def read_surfaces(folder: Path, configuration: str) -> Arrays:
 
 
 def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np.ndarray]:
-    """Take one surface.
-
-    Parameters
-    ----------
-    surfaces
-        Read by `read_surfaces`.
-    number, case
-        Of the object, and of the choice of grasps.
+    """Take one of the surfaces that `read_surfaces` read, by the numbers of its object and of its choice of grasps.
 
     Returns
     -------

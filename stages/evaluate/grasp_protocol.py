@@ -134,13 +134,6 @@ class GraspProtocol(Protocol):
     def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
         """Measure the inside that a reconstruction shares with the object: its own, or that of a closed mesh if the settings ask for one.
 
-        Parameters
-        ----------
-        model
-            The model.
-        measured
-            Its reconstruction of an object in a case.
-
         Returns
         -------
         `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed.

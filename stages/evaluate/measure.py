@@ -94,24 +94,11 @@ class Protocol(ABC):
 
     @abstractmethod
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
-        """Name the draw of points from a reconstruction, for the random generator: the same for every model, whatever it is called.
-
-        Parameters
-        ----------
-        object_id, case
-            The reconstruction's.
-        """
+        """Name the draw of points from a reconstruction, for the random generator: the same for every model, whatever it is called."""
 
     @abstractmethod
     def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
-        """Measure a reconstruction.
-
-        Parameters
-        ----------
-        name, model
-            The model.
-        measured
-            Its reconstruction of an object in a case.
+        """Measure a model's reconstruction of an object in a case.
 
         Returns
         -------
@@ -127,17 +114,7 @@ class Protocol(ABC):
         """Make further groups of the schema."""
 
     def observe(self, model: Reconstructor, row: int, case: Case) -> Observation:
-        """Read a model's input.
-
-        Parameters
-        ----------
-        model
-            The model.
-        row
-            The object's number.
-        case
-            Its grasps or view.
-        """
+        """Read a model's input: the object with that number, in a case."""
         return stored_observation(self.objects.rows, self.objects.rows.object_ids[row], case.grasps or (case.first,), model.config)
 
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
@@ -174,16 +151,7 @@ def draw(made: Reconstruction, count: int, rng: np.random.Generator) -> tuple[ND
 
 
 def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Measure a model on the test objects.
-
-    Parameters
-    ----------
-    name, model
-        The model, or whatever the protocol reconstructs with.
-    protocol
-        Gives the objects, cases and figures.
-    job
-        Gives batch size, seed and console.
+    """Measure a model, or whatever the protocol reconstructs with, on the test objects, with the job's batch size and seed.
 
     Returns
     -------

@@ -12,7 +12,6 @@ from rich.markup import escape
 from pipeline.config.manifest import SPLITS
 from pipeline.console import pluralise
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.engine.versions import library_versions
 from pipeline.errors import InvalidInput, StageError
@@ -129,17 +128,9 @@ class Score(DatasetStage):
             rows, _ = measure(settings.method, method, protocol, job)
         except InvalidInput as error:  # each file was readable a moment ago
             raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
-        object_rows = protocol.objects.rows
-        attributes = {
-            "settings": settings.results(),
-            "seed": job.seed,
-            "split": object_rows.split,
-            "configurations": {settings.method: {"image": None, "touch": True}},
-            "left_out": object_rows.left_out,
-            "paper_sizes": has_paper_sizes(job.data),
-            "vt_pipeline": library_versions()["vt-pipeline"],
-        }
-        figures = {settings.method: Figures(object_rows.object_ids, rows)}
-        write_measured(job, protocol, figures, {"objects": protocol.objects.table(), **protocol.extra([method])}, attributes)
-        given = sorted({number for number, _ in files.paths})
-        return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": given}
+        figures = {settings.method: Figures(protocol.objects.rows.object_ids, rows)}
+        groups = {"objects": protocol.objects.table(), **protocol.extra([method])}
+        given, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}
+        write_measured(job, protocol, figures, groups, given, version)
+        grasps = sorted({number for number, _ in files.paths})
+        return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": grasps}

@@ -5,28 +5,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from pipeline.config.manifest import SPLITS
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.kernels.geometry.normalise import bounding_diagonal
-from pipeline.models.families import ROWS, inputs_of, load_reconstructor, model_name
+from pipeline.models.families import ROWS, load_reconstructor, model_name
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
 from pipeline.training.device import device_of
-from schemas.base import Artifact
 from schemas.charts import CHARTS
-from schemas.grasps import GRASPS
-from schemas.surfaces import SURFACES
-from schemas.touch import TOUCH
 from schemas.vision import VISION
 from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Case
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
-from stages.evaluate.stage import NetworkEvaluation
+from stages.evaluate.stage import Evaluate
 
 TOLERANCE = 1.02
 """Objects may be as many times as large as those that the network knows."""
@@ -40,28 +36,15 @@ class FirstGraspProtocol(GraspProtocol):
         return [replace(case, firsts=(0,)) for case in super().cases(model) if case.first == 0]
 
 
-class EvaluateShipped(NetworkEvaluation):
-    """Measure the network that ships as `evaluate` measures the networks of a data directory, and keep its meshes.
-
-    Parameters
-    ----------
-    reads
-        The artifacts beside `surfaces` and `grasps` that it is given, of those that were made.
-    """
+class EvaluateShipped(Evaluate):
+    """Measure the network that ships as `evaluate` measures the networks of a data directory, and keep its meshes."""
 
     name = "evaluate-shipped"
     summary = "The network that ships on the test objects: the tables of `evaluate`."
     settings_type = ShippedSettings
     protocol = FirstGraspProtocol
 
-    def __init__(self, reads: Sequence[Artifact]) -> None:
-        self.reads = tuple(reads)
-
-    def inputs(self, settings: ShippedSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts of the objects, of the touch sites, and of what it is given."""
-        return (SURFACES, GRASPS, *self.reads)
-
-    def rows(self, settings: ShippedSettings) -> dict[str, str]:
+    def rows(self, settings: Any) -> dict[str, str]:
         """Name no model of the data directory."""
         return {}
 
@@ -71,15 +54,11 @@ class EvaluateShipped(NetworkEvaluation):
         rows: Sequence[str] = job.settings.configurations
         return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): load_reconstructor(name, folder, device) for name in rows}
 
-    def splits(self, settings: ShippedSettings) -> tuple[str, ...]:
-        """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
-        return SPLITS
-
-    def writes(self, settings: ShippedSettings) -> str:
+    def writes(self, settings: Any) -> str:
         """Name the folder."""
         return SHIPPED_SCORES
 
-    def cost(self, settings: ShippedSettings, objects: int) -> Cost:
+    def cost(self, settings: Any, objects: int) -> Cost:
         """Estimate five reconstructions of a fifth of the objects, a second and 200 kB each."""
         return Cost(seconds=objects, kilobytes=200 * objects)
 
@@ -96,11 +75,6 @@ def shipped_record() -> Path:
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     """Choose what the network that ships can be given of a dataset.
-
-    Parameters
-    ----------
-    directory
-        The dataset.
 
     Returns
     -------
@@ -133,10 +107,3 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
         yield "touch", "fit-charts has not been run"
     elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
         yield "touch", f"charts have {vertices} vertices, it takes {model.config.side**2}"
-
-
-def artifacts_of(rows: Sequence[str]) -> list[Artifact]:
-    """List the artifacts that rows need."""
-    given = [inputs_of(name) for name in rows]
-    touch, vision = any(one.touch for one in given), any(one.image for one in given)
-    return [*([VISION] if vision else []), *([TOUCH, CHARTS] if touch else [])]

@@ -50,14 +50,7 @@ def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
 
 
 def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """Average figures over the views of an object, over the objects of a class, and over classes.
-
-    Parameters
-    ----------
-    figures
-        (object, view, figure).
-    categories
-        Of the objects.
+    """Average figures (object, view, figure) over the views of an object, over the objects of a class, and over classes.
 
     Returns
     -------

@@ -32,7 +32,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Protocol, measure, surfaces_group
-from stages.evaluate.settings import EvaluationSettings, SingleImageEvaluationSettings
+from stages.evaluate.settings import EvaluationSettings, SingleImageEvaluationSettings, SurfaceSettings
 from stages.evaluate.single_image_protocol import SingleImageProtocol
 from stages.evaluate.tables import evaluation_tables
 
@@ -53,28 +53,9 @@ class NetworkEvaluation(DatasetStage):
         """Name the models, of which one may have several rows."""
         return tuple(dict.fromkeys(self.rows(settings).values()))
 
-    def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
-        """Describe the evaluation, for the root of its group.
-
-        Parameters
-        ----------
-        job
-            Gives settings and seed.
-        protocol
-            Gives the objects.
-        models
-            The models, by name.
-        """
-        rows = protocol.objects.rows
-        given = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
-        return {
-            "settings": job.settings.results(),
-            "seed": job.seed,
-            "split": rows.split,
-            "configurations": given,
-            "left_out": rows.left_out,
-            "paper_sizes": has_paper_sizes(job.data),
-        }
+    def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
+        """Return further attributes of the evaluation's root; by default none."""
+        return {}
 
     def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
         """Load the model of each row."""
@@ -92,7 +73,8 @@ class NetworkEvaluation(DatasetStage):
                 rows, surfaces = _measured(name, model, protocol, job)
                 figures[name] = Figures(protocol.objects.rows.object_ids, rows)
                 groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
-        write_measured(job, protocol, figures, groups, self.attributes(job, protocol, models))
+        given = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
+        write_measured(job, protocol, figures, groups, given, self.attributes(job, protocol))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if job.models:
             job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
@@ -105,23 +87,32 @@ def write_measured(
     protocol: Protocol,
     figures: Mapping[str, Figures],
     groups: Mapping[str, Mapping[str, Any]],
-    attributes: Mapping[str, Any],
+    given: Mapping[str, Mapping[str, Any]],
+    further: Mapping[str, Any],
 ) -> None:
     """Measure the baselines, and write all figures and their tables.
 
     Parameters
     ----------
-    job
-        Has the folder.
-    protocol
-        Measures the baselines.
-    figures
-        Of the networks, by name.
+    job, protocol
+        What is measured, and how.
+    figures, given
+        The figures of the networks, and what each is given, by name.
     groups
         The other groups of the schema.
-    attributes
-        Of the root.
+    further
+        Attributes of the root beside those that all have.
     """
+    rows = protocol.objects.rows
+    attributes = {
+        "settings": job.settings.results(),
+        "seed": job.seed,
+        "split": rows.split,
+        "configurations": given,
+        "left_out": rows.left_out,
+        "paper_sizes": has_paper_sizes(job.data),
+        **further,
+    }
     figures = {**figures, **protocol.baselines()}
     write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
     content = {**attributes, "tables": [table.as_json() for table in evaluation_tables(job.folder)]}
@@ -146,7 +137,7 @@ class Evaluate(NetworkEvaluation):
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
-    settings_type = EvaluationSettings
+    settings_type: ClassVar[type[SurfaceSettings]] = EvaluationSettings
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
@@ -200,8 +191,8 @@ class EvaluateSingleImage(NetworkEvaluation):
         """Estimate a fifth of the objects, 0.3 s per view."""
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
-    def attributes(self, job: DatasetJob, protocol: Any, models: Mapping[str, Reconstructor]) -> dict[str, Any]:
-        """Add the manifest, the number of views and of training objects, which Table 4 names."""
+    def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
+        """Return the manifest, the number of views and of training objects, which Table 4 names."""
         manifest = DataDirectory(job.data).folder(model_name("single-image")).manifest
         learned_from = len(ObjectRows(job.data, ["rendering"], "train"))
-        return super().attributes(job, protocol, models) | {"manifest": manifest, "views": protocol.views, "training_objects": learned_from}
+        return {"manifest": manifest, "views": protocol.views, "training_objects": learned_from}

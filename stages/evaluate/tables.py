@@ -54,12 +54,7 @@ SMALLEST = "smallest value that sampling allows"
 def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
     """Make the tables of an evaluation folder of any protocol.
 
-    Parameters
-    ----------
-    folder
-        Of the evaluation.
-    scored
-        Scores of other methods, which get rows beside the networks'.
+    Scores of other methods get rows beside the networks'.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from pipeline.reports.touch_tables import Tally, touch_tables
 
 def test_a_hand_of_other_fingers_is_told_by_its_names():
     touched = np.array([[True, False, True], [True, False, False]])
-    entry = Tally([touched], [np.array([1.0, 0.25, 0.5])], attempts=4)
+    entry = Tally([touched], [np.array([1.0, 0.25, 0.5])])
     written = io.StringIO()
     show_tables(Console(file=written, width=120), touch_tables({"mug": entry}, ["left", "right [1]", "tail"], paper=True))
     lines = [line.split() for line in written.getvalue().splitlines()]
@@ -31,7 +31,6 @@ def objects_of(held: list[list[bool]], diagonals: list[float], directions: list[
     return Tally(
         [np.ones((each, 2), bool)] * count,
         [np.ones(2)] * count,
-        attempts=each * count,
         held=[np.array([[50.0, 120.0, 0.3]] * each)] * count,
         lifted=[np.array(own) for own in held],
         directions=[np.array(own) for own in directions or []],
@@ -50,7 +49,7 @@ def test_share_that_holds_is_told_by_class_and_size_where_it_was_objects_of():
     ]
     assert [by_size.text(row) for row in by_size.rows] == [["10 cm", "2", "4", "2.00", "75.0"], ["30 cm", "1", "2", "2.00", "0.0"]]
     assert [table for table in touch_tables(tallies, ["left", "right"], paper=False) if "hold" in table.title] == [by_class]
-    untested = {"mug": Tally([np.ones((2, 2), bool)], [np.ones(2)], attempts=2)}
+    untested = {"mug": Tally([np.ones((2, 2), bool)], [np.ones(2)])}
     assert not hold_tables(untested)
 
 
@@ -76,7 +75,7 @@ def test_bins_of_size_hold_every_object_once_and_differ(seed: int):
 
 
 def test_columns_of_the_paper_are_left_out_where_sizes_differ():
-    entry = Tally([np.ones((2, 4), bool)], [np.ones(4)], attempts=2)
+    entry = Tally([np.ones((2, 4), bool)], [np.ones(4)])
     for paper in (True, False):
         tables = touch_tables({"bottle": entry}, list("abcd"), paper=paper)
         assert ("% in Smith et al. 2020" in tables[0].columns) == paper

@@ -24,8 +24,9 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet import BandMaker
+from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.grasp_scene import GraspScenes
-from pipeline.reports.report_source import SCENE, ReportSource
+from pipeline.reports.report_source import SCENE, ReportSource, dataset_scene
 from pipeline.reports.second_view import grasp_cameras
 from pipeline.store.storage import place
 from stages.render_vision.renderer import Renderer
@@ -47,8 +48,7 @@ def main() -> None:
     given = parser.parse_args()
     source, out = ReportSource(place(given.data)), given.out.resolve()
     (out / "scenes").mkdir(parents=True, exist_ok=True)
-    ids = source.object_ids
-    chosen = [ids[at] for at in np.linspace(0, len(ids) - 1, min(given.grasps, len(ids))).astype(int)]
+    chosen = spread_evenly(source.object_ids, given.grasps)
     jobs, ours = _grasps(source, chosen, out, given.pixels)
     jobs += _turntable(jobs[0], out)
     jobs += _strip(source, out, given.pixels // 2)
@@ -70,8 +70,7 @@ def main() -> None:
 def _grasps(source: ReportSource, chosen: Iterable[str], out: Path, pixels: int) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Write the scene of each object's best grasp; returns what Blender renders, and our masks with their seconds."""
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
-    vision = source.collections.get("vision")
-    scene = load_scene(str(vision.first.attributes["settings"]["scene"]) if vision else SCENE)
+    scene = dataset_scene(source.directory)
     jobs, masks = [], []
     ours: dict[str, Any] = {}
     for object_id in chosen:

@@ -46,19 +46,7 @@ class Debian:
     binds: tuple[Path, ...] = ()
 
     def run(self, command: str, *, log: IO[str], user: str = "root", folder: str = "/") -> int:
-        """Run a shell command, and return its exit status.
-
-        Parameters
-        ----------
-        command
-            As a shell takes it.
-        log
-            Gets what it prints.
-        user
-            Who runs it: root or `USER`.
-        folder
-            Where, as seen inside.
-        """
+        """Run a shell command as root or `USER` in a folder inside, log what it prints, and return its exit status."""
         environment = {"PATH": PATH, "HOME": f"/home/{user}" if user != "root" else "/root", "LANG": "C.UTF-8", "USER": user}
         namespaces = ["unshare", "--mount", "--pid", "--uts", "--fork", "--kill-child"]
         enter = ["sh", "-euc", ENTER, "sh", str(self.root), user, folder, command, *map(str, self.binds)]
