@@ -39,8 +39,8 @@ def test_a_file_and_arrays_give_the_same_surface(made: tuple[Path, Path]) -> Non
 def test_what_is_no_observation_and_a_resolution_beyond_its_limits_are_named(made: tuple[Path, Path]) -> None:
     with pytest.raises(TypeError, match="observation is a RobotObservation or the path of an observation file; this is NoneType"):
         vt.reconstruct(None, made[1])
-    for resolution in (0, 7, 401):
-        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution}; it must be 8 to 400"):
+    for resolution in (0, 7, 401, 16.5, "x"):
+        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 8 to 400"):
             vt.reconstruct(made[0], made[1], resolution=resolution)
 
 
