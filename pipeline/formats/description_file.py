@@ -195,7 +195,6 @@ def _describe(kind: str, name: str, message: str, guess: str | None, value: str)
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind == "missing":
         return f"entry {name} is missing"
-    if kind == "tuple_type":
-        return f"{name}: it must be a list, [VALUE, …]"
-    message = message.removeprefix("Value error, ") + (f", did you mean {guess}?" if guess else value)
+    wanted = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
+    message = wanted.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
     return f"{name}: {message}" if name else message

@@ -41,6 +41,7 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"noise": "some"}, r"noise.* \(it is 'some'\)"),
         ({"name": "a" * 200}, r"name: .* characters\. Its entries"),
         ({"lights": {}}, "lights"),
+        ({"lights": "red"}, r"lights: it must be a mapping, {NAME: VALUE, …} \(it is 'red'\)"),
         ({"w": float("nan")}, r"w: .* \(it is nan\)"),
         ({"rows": 2**31}, "rows"),
         ({"width": 1e300}, "width"),
