@@ -90,7 +90,8 @@ class ObjectRows:
         if not self.object_ids:
             failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
             where = "" if split is None else f" in split {split}"
-            remedy = "" if split is None or failed else "; the manifest's `splits` define their numbers"
+            splits = ", ".join(sorted({first.row(name).split for name in first}))
+            remedy = "" if split is None or failed else f", but in {splits}; the manifest's `splits` define their numbers"
             raise StoreError(f"{self.data.resolve()} has no usable object{where}{failed}{remedy}")
 
     def __len__(self) -> int:

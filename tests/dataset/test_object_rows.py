@@ -116,7 +116,7 @@ def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
     [
         (["taste"], "test", "no artifact has an array taste"),
         (["tactile_imge"], "test", "no artifact has an array tactile_imge, did you mean tactile_image?"),
-        (["points"], "train", "no usable object in split train"),
+        (["points"], "train", "no usable object in split train, but in test; the manifest"),
         (["local_count", "smell"], "test", "no artifact has an array smell"),
     ],
 )
