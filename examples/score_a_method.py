@@ -11,6 +11,8 @@ import trimesh
 
 from pipeline.dataset.object_rows import ObjectRows
 
+if len(sys.argv) != 3:
+    sys.exit(__doc__)
 data, folder = sys.argv[1], Path(sys.argv[2])
 folder.mkdir(parents=True, exist_ok=True)
 objects = ObjectRows(data, ["local_points", "local_count", "sensor_pose"], split="test")

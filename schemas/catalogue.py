@@ -7,7 +7,7 @@ from pkgutil import iter_modules
 
 import schemas
 from pipeline import plugins
-from pipeline.errors import StoreError
+from pipeline.errors import StoreError, meant
 from schemas.base import Artifact
 
 
@@ -40,4 +40,5 @@ def artifact_of(array: str) -> Artifact:
         if array in artifact.arrays:
             return artifact
     known = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
-    raise KeyError(f"no artifact has an array {array}; there are {', '.join(known)}")
+    guess = meant(array, known)
+    raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(known)}")

@@ -97,6 +97,10 @@ def test_an_untouched_image_is_that_of_a_sensor_its_name_or_its_file() -> None:
     np.testing.assert_array_equal(vt.untouched_image("gel_16mm"), vt.untouched_image(vt.load_sensor("gel_16mm")))
 
 
+def test_a_sensor_is_shown_in_a_line() -> None:
+    assert str(vt.load_sensor("gelsight_mini")) == "Sensor(gelsight_mini, (240, 320) pixels, 20.3 mm wide)"
+
+
 def test_what_is_neither_object_nor_sensor_is_named() -> None:
     with pytest.raises(vt.InvalidInput, match=r"nope\.obj: file not found"):
         vt.load_object("nope.obj")
@@ -116,6 +120,8 @@ def test_what_is_neither_object_nor_sensor_is_named() -> None:
         (lambda: vt.touch(BALL, SENSOR, "here"), "pose is .* this is str"),
         (lambda: vt.touch(BALL, SENSOR, np.eye(4), object_pose=np.eye(3)), r"object_pose is .* an array \(3, 3\)"),
         (lambda: vt.touch(BALL, SENSOR, np.eye(4), rng=3), "rng is a numpy.random.Generator"),
+        (lambda: vt.image(np.zeros(SENSOR.shape), SENSOR, 3), "rng is a numpy.random.Generator"),
+        (lambda: vt.press(np.zeros(SENSOR.shape), SENSOR, depth=1e-3, rng=3), "rng is a numpy.random.Generator"),
         (lambda: vt.touch_many(BALL, SENSOR, np.zeros((2, 3, 3))), r"poses is \(N, 4, 4\) numbers"),
         (lambda: vt.touch_many(BALL, SENSOR, [[1], [2, 3]]), "poses is .* this is list"),
         (lambda: vt.touch_many(BALL, SENSOR, None), "poses is .* this is NoneType"),
@@ -141,6 +147,9 @@ def test_what_is_of_a_wrong_type_is_named(wrong, message) -> None:
         (lambda: vt.load_object((MESH.vertices, MESH.faces + 10**6)), "these are int64 from 1000000"),
         (lambda: vt.load_object((MESH.vertices[:, :2], MESH.faces)), r"they must be \(V, 3\) and \(F, 3\)"),
         (lambda: vt.load_object((MESH.vertices, MESH.faces), scale=0), "scale is 0; it must be above 0"),
+        (lambda: vt.touch(BALL, SENSOR, np.eye(4), object_pose=np.diag([1, 1, -1, 1])), "^object_pose is not a rigid motion: it mirrors"),
+        (lambda: vt.touch_many(BALL, SENSOR, [np.eye(4), 2 * np.eye(4)]), r"^poses\[1\] is not a rigid motion: its axes are 3 from"),
+        (lambda: vt.load_sensor("gelsight", shape=(240,)), r"the shape of a sensor's image is \(rows, cols\); this is \(240,\)"),
         (lambda: vt.grasp(BALL, hand="alegro_right"), "there is no hand 'alegro_right', did you mean allegro_right?"),
         (lambda: vt.grasp(BALL, atempts=3), "there is no entry atempts, did you mean attempts?"),
     ],

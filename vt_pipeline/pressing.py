@@ -15,7 +15,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
 from vt_pipeline.objects import Source, TouchObject, as_object
-from vt_pipeline.touching import Touch, as_pose, as_sensor, touch
+from vt_pipeline.touching import Touch, as_pose, as_rng, as_sensor, touch
 
 
 def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
@@ -39,7 +39,7 @@ def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generat
     InvalidInput
         The depth map has not the sensor's shape, or holds NaN or negative values.
     """
-    sensor, depth = as_sensor(sensor), _as_map("depth", depth)
+    sensor, depth, rng = as_sensor(sensor), _as_map("depth", depth), as_rng(rng)
     try:
         return tactile_image(depth, sensor, rng)
     except ValueError as error:
@@ -91,7 +91,7 @@ def press(
     >>> x, y = np.meshgrid(np.linspace(-9e-3, 9e-3, 320), np.linspace(-7e-3, 7e-3, 240))
     >>> touch = press(-(x**2 + y**2) / (2 * 0.005), sensor, depth=0.5e-3)  # a ball of 5 mm radius
     """
-    sensor = as_sensor(sensor)
+    sensor, rng = as_sensor(sensor), as_rng(rng)
     try:
         depth = None if depth is None else float(depth)
     except (TypeError, ValueError) as error:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pipeline.errors import InvalidInput
 from pipeline.inference import observation_file
 from pipeline.inference.observation_file import RobotObservation
@@ -65,8 +67,8 @@ def reconstruct(
 
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
-    if not 8 <= resolution <= 400:
-        raise InvalidInput(f"resolution is {resolution}; it must be 8 to 400")
+    if not isinstance(resolution, int | np.integer) or not 8 <= resolution <= 400:
+        raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 8 to 400")
     given = Path(observation) if isinstance(observation, str) else observation
     options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
     folder, network = predict.chosen_models(None if models is None else place(str(models)), None, configuration)

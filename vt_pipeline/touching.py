@@ -159,10 +159,8 @@ def touch(
     """
     object_, sensor, pose = as_object(object_), as_sensor(sensor), as_pose("pose", pose)
     seen_from = pose if object_pose is None else invert_pose(as_pose("object_pose", object_pose)) @ pose
-    if not isinstance(rng, np.random.Generator | None):
-        raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(rng).__name__}")
     depth = ray_depth(object_.faces, seen_from, sensor).astype(np.float32)
-    return Touch(sensor, pose, depth, tactile_image(depth, sensor, rng))
+    return Touch(sensor, pose, depth, tactile_image(depth, sensor, as_rng(rng)))
 
 
 def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses: np.ndarray, *, workers: int | None = None) -> Touches:
@@ -220,9 +218,16 @@ def _as_poses(name: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float
         several = "; touch_many takes several" if poses.ndim == 3 and len(shape) == 2 else ""
         what = f"an array {np.shape(given)}" if isinstance(given, np.ndarray) else type(given).__name__
         raise TypeError(f"{name} is {wanted} numbers, a frame as a matrix; this is {what}{several}")
-    for pose in poses.reshape(-1, 4, 4):
-        check_pose(pose)
+    for number, pose in enumerate(poses.reshape(-1, 4, 4)):
+        check_pose(pose, name if len(shape) == 2 else f"{name}[{number}]")
     return poses
+
+
+def as_rng(given: np.random.Generator | None) -> np.random.Generator | None:
+    """Return a generator, or None; a `TypeError` for anything else, which a sensor without noise would ignore."""
+    if not isinstance(given, np.random.Generator | None):
+        raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(given).__name__}")
+    return given
 
 
 def as_sensor(given: Sensor | str | Path) -> Sensor:

@@ -71,8 +71,9 @@ def export(
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
     there = names_in(out)
-    if there and UNFINISHED not in there:  # an export that was killed is begun again
-        fail(f"{out} is not empty; name a folder that is not there yet")
+    taken = out.is_file() and (to != "mesh" or out.suffix.lower() != ".glb")
+    if taken or (there and UNFINISHED not in there):  # an export that was killed is begun again
+        fail(f"{out} is {'a file' if taken else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
         print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, objects or []), 'scene')}")
         return

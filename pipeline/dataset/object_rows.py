@@ -90,7 +90,8 @@ class ObjectRows:
         if not self.object_ids:
             failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
             where = "" if split is None else f" in split {split}"
-            remedy = "" if split is None or failed else "; the manifest's `splits` define their numbers"
+            splits = ", ".join(sorted({first.row(name).split for name in first}))
+            remedy = "" if split is None or failed else f", but in {splits}; the manifest's `splits` define their numbers"
             raise StoreError(f"{self.data.resolve()} has no usable object{where}{failed}{remedy}")
 
     def __len__(self) -> int:
@@ -150,10 +151,12 @@ class ObjectRows:
         Raises
         ------
         StoreError
-            A part of the array is missing or damaged.
+            The array was not opened, there is no such grasp or camera, or a part of the array is missing or damaged.
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)
+        if array not in self._owner:
+            raise StoreError(f"array {array} was not opened, only {', '.join(self._owner)}; name it when the rows are opened")
         artifact = self._owner[array]
         shard = self._collections[artifact.name].shard(object_id)
         if array in DERIVED and not shard.has(array):
@@ -163,11 +166,15 @@ class ObjectRows:
             return self._cache.get((array,), lambda: shard.read(array))
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
-        chunks, position = shard.array(array).chunks, shard.position[object_id]
+        stored, position = shard.array(array), shard.position[object_id]
+        for dim, count in zip(dims, stored.shape, strict=True):
+            if (number := {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}.get(dim)) is not None and not -count <= number < count:
+                raise StoreError(f"{object_id} has no {dim} {number}; there are {count}, numbered from 0")
+        chunks = stored.chunks
         if chunks[0] > 1:  # a chunk holds several objects
             first = position - position % chunks[0]
             rows = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))
-            row = rows[position - first][part]
+            row = rows[(position - first, *part)]  # a text too is an array
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
             return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
         else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp

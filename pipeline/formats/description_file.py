@@ -156,7 +156,7 @@ def texts_in(content: Any) -> Iterator[str]:
 
 
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
-    """Name every entry that cannot be used, with the reason; of `names`, those of the entries there are, the one that was meant."""
+    """Name every entry that cannot be used, with the reason and a short value; of `names`, all entries, the one that was meant."""
     found: list[Any] = error.errors()
     places = [item["loc"] for item in found]
     guesses = {  # an entry of another part of the file is not what was meant
@@ -171,8 +171,15 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         inside = any(other[: len(place)] == place and other != place for other in places)
         if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
             continue
-        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place)))
+        value = "" if item["type"] == "value_error" else _shown(item["input"])  # ours say what they want
+        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place), value))
     return "; ".join(lines)
+
+
+def _shown(value: object) -> str:
+    """Quote a number or a text, if it is short."""
+    short = len(value) <= 60 if isinstance(value, str) else abs(value) < 10**60 if isinstance(value, int) else isinstance(value, float)
+    return f" (it is {value!r})" if short else ""
 
 
 def entry_names(model: type[BaseModel]) -> set[str]:
@@ -181,14 +188,13 @@ def entry_names(model: type[BaseModel]) -> set[str]:
     return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
 
 
-def _describe(kind: str, name: str, message: str, guess: str | None) -> str:
+def _describe(kind: str, name: str, message: str, guess: str | None, value: str) -> str:
     if kind == "extra_forbidden":
         if (name, guess) == ("camera", "cameras"):  # of files that were written when scenes had one
             return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind == "missing":
         return f"entry {name} is missing"
-    if kind == "tuple_type":
-        return f"{name}: it must be a list, [VALUE, …]"
-    message = message.removeprefix("Value error, ") + (f", did you mean {guess}?" if guess else "")
+    wanted = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
+    message = wanted.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
     return f"{name}: {message}" if name else message

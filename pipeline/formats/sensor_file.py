@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.image_file import read_image
@@ -29,7 +31,11 @@ def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Se
         The file cannot be used, and the message names it and what is wrong with it; or it cannot have these pixels.
     """
     sensor = _read_sensor(name)
-    return sensor if shape is None else resample(sensor, *shape)
+    if shape is None:
+        return sensor
+    if np.shape(shape) != (2,):
+        raise InvalidInput(f"the shape of a sensor's image is (rows, cols); this is {shape!r}")
+    return resample(sensor, *shape)
 
 
 def _read_sensor(name: str | Path) -> Sensor:

@@ -162,6 +162,15 @@ class RobotObservation(Entries):
         Field(max_length=MAX_TOUCHES, description="touches; needed by networks with touch, unless `depth_as_touch`"),
     ] = ()
 
+    def __init__(self, **entries: Any) -> None:
+        try:
+            super().__init__(**entries)
+        except ValidationError as error:
+            faults = invalid_entries(error, entry_names(RobotObservation))
+            raise InvalidInput(f"observation: {faults}. {entries_of(RobotObservation)}") from error
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # `model_validate` does without it, and keeps its context
+
     @model_validator(mode="after")
     def _fits_together(self) -> RobotObservation:
         if self.touches and self.sensor is None:
@@ -169,14 +178,12 @@ class RobotObservation(Entries):
         if not any(self.up):
             raise ValueError("up is the zero vector; it must point against gravity")
         images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
-        for name, image in [("untouched", self.untouched), *images]:
-            if image is None:
-                continue
+        images += [] if self.untouched is None else [("untouched", self.untouched)]
+        for name, image in images:
             _check_array(name, image, np.uint8, 3)
-            if image.shape != (first := self.touches[0].tactile_image if self.touches else image).shape:
-                raise ValueError(
-                    f"{name} has {_size(image)} pixels, {self.name_of(0)} {_size(first)}; give photographs by one kind of sensor"
-                )
+            first, size = images[0][0], _size(images[0][1])
+            if _size(image) != size:
+                raise ValueError(f"{name} has {_size(image)} pixels, {first} {size}; give photographs by one kind of sensor")
         return self
 
     @property

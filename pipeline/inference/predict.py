@@ -215,14 +215,12 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     """Reconstruct from a robot's observation, in its frame and unit."""
     model = reader.model
     if given is None:
-        if model.image == "any":
-            model = model.given(WAYS["none"])
         if model.image or model.touch:
-            wanted = " and ".join([*(["an image"] if model.image else []), *(["touches"] if model.touch else [])])
+            wanted = (" or " if model.image == "any" else " and ").join(["an image"] * bool(model.image) + ["touches"] * model.touch)
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
         closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None
-        return Prediction(made, nothing.touched, closed, remarks=[error_note(replace(reader, model=model))])
+        return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
     if isinstance(given, RobotObservation):
         observed = given
         if lines := faults(observed, reader.suited_to(observed).inputs):

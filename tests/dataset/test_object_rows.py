@@ -91,6 +91,17 @@ def test_one_camera_is_read_without_the_others(tmp_path):
         assert (rows.read(array, name) == row[array]).all()
         assert (rows.read(array, name, camera=1) == np.take(row[array], 1, axis - 1)).all()
     assert (rows.read("occluded", name, 1, camera=2) == row["occluded"][1, 2]).all()
+    with pytest.raises(StoreError, match=f"^{name} has no camera 3; there are 3, numbered from 0$"):
+        rows.read("unoccluded", name, camera=3)
+    with pytest.raises(StoreError, match=f"^{name} has no grasp 2; there are 2, numbered from 0$"):
+        rows.read("occluded", name, 2)
+    with pytest.raises(StoreError, match="array depth was not opened, only unoccluded, occluded, segmentation; name it when"):
+        rows.read("depth", name)
+
+
+def test_texts_are_read_as_other_arrays_are(data):
+    assert ObjectRows(data, ["category"], "test").read("category", "b") == "knife"
+    assert {item["split"] for item in GraspDataset(data, ["split"], "test")} == {"test"}
 
 
 def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
@@ -104,7 +115,8 @@ def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
     ("arrays", "split", "words"),
     [
         (["taste"], "test", "no artifact has an array taste"),
-        (["points"], "train", "no usable object in split train"),
+        (["tactile_imge"], "test", "no artifact has an array tactile_imge, did you mean tactile_image?"),
+        (["points"], "train", "no usable object in split train, but in test; the manifest"),
         (["local_count", "smell"], "test", "no artifact has an array smell"),
     ],
 )

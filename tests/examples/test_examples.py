@@ -75,6 +75,8 @@ def test_touch_in_pybullet_prints_its_rate(run):
 
 
 def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
+    with pytest.raises(SystemExit, match=r"Usage: python examples/score_a_method\.py DATA FOLDER"):
+        run("score_a_method")
     assert "2 spheres in" in run("score_a_method", data, tmp_path / "sphere")
     done = CliRunner().invoke(app, ["score", str(tmp_path / "sphere"), str(data)])
     assert done.exit_code == 0, done.output

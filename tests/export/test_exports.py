@@ -69,6 +69,7 @@ def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
 def test_a_folder_that_holds_something_is_left_alone(data, tmp_path):
     (tmp_path / "mine").write_text("")
     assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)
+    assert "mine is a file; name a folder that is not there yet" in vt("export", data, tmp_path / "mine", fails=True)
 
 
 def test_a_format_that_is_not_written_makes_no_folder(data, tmp_path):

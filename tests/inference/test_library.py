@@ -39,19 +39,22 @@ def test_a_file_and_arrays_give_the_same_surface(made: tuple[Path, Path]) -> Non
 def test_what_is_no_observation_and_a_resolution_beyond_its_limits_are_named(made: tuple[Path, Path]) -> None:
     with pytest.raises(TypeError, match="observation is a RobotObservation or the path of an observation file; this is NoneType"):
         vt.reconstruct(None, made[1])
-    for resolution in (0, 7, 401):
-        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution}; it must be 8 to 400"):
+    for resolution in (0, 7, 401, 16.5, "x"):
+        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 8 to 400"):
             vt.reconstruct(made[0], made[1], resolution=resolution)
 
 
 def test_faults_of_arrays_are_named(made: tuple[Path, Path]) -> None:
     with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
         vt.reconstruct(vt.RobotObservation(), made[1], "occluded")
-    with pytest.raises(ValueError, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
-        vt.RobotObservation(
-            untouched=None, camera={"image": np.ones((4, 4)), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
-        )
     seen = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
-    with pytest.raises(ValueError, match=r"depth is int32 \(4, 4\); it must be uint16 \(rows, cols\)"):  # levels, not metres
+    with pytest.raises(vt.InvalidInput, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
+        vt.RobotObservation(untouched=None, camera=seen | {"image": np.ones((4, 4))})
+    grey = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}
+    with pytest.raises(vt.InvalidInput, match=r"touches.0 is uint8 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
+        vt.RobotObservation(sensor="gel_16mm", untouched=np.ones((4, 4, 3), np.uint8), touches=[grey])
+    with pytest.raises(vt.InvalidInput, match=r"there is no entry kamera, did you mean camera\?\. Its entries are unit, up, object"):
+        vt.RobotObservation(kamera=seen)
+    with pytest.raises(vt.InvalidInput, match=r"depth is int32 \(4, 4\); it must be uint16 \(rows, cols\)"):  # levels, not metres
         vt.RobotObservation(camera=seen | {"depth": np.full((4, 4), 800, np.int32)})
     assert vt.RobotObservation(camera=seen | {"depth": np.ones((4, 4), np.float32)}).camera is not None

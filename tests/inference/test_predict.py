@@ -300,6 +300,7 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"data": None}, StageError, "object a needs a data directory"),
         ({"data": None, "object_id": None}, StageError, "needs touches: give an observation"),
         ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image: give"),
+        ({"data": None, "object_id": None, "configuration": "implicit-any"}, StageError, "needs an image or touches: give"),
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )

@@ -110,6 +110,11 @@ class Sensor(BaseModel):
             )
         return self
 
+    def __repr__(self) -> str:
+        return f"Sensor({self.name}, {self.shape} pixels, {1e3 * self.width:.3g} mm wide)"
+
+    __str__ = __repr__
+
     @property
     def height(self) -> float:
         """Side of the sensor plane along +y, m."""
@@ -169,13 +174,15 @@ def masked_points(depth: np.ndarray, mask: NDArray[np.bool_], sensor: Sensor) ->
     return np.stack([x[col], y[row], depth[row, col]], axis=1, dtype=np.float64)
 
 
-def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
-    """Check that a sensor pose is a rigid motion.
+def check_pose(pose: np.ndarray, name: str = "sensor pose") -> NDArray[np.float64]:
+    """Check that a pose is a rigid motion.
 
     Parameters
     ----------
     pose
         (4, 4), sensor frame to world frame, m.
+    name
+        Of the pose in messages.
 
     Returns
     -------
@@ -190,19 +197,21 @@ def check_pose(pose: np.ndarray) -> NDArray[np.float64]:
     """
     pose = np.asarray(pose, np.float64)
     if pose.shape != (4, 4):
-        raise ValueError(f"sensor pose has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
+        raise ValueError(f"{name} has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
     if not np.isfinite(pose).all():
-        raise InvalidInput(f"sensor pose holds NaN or infinity; it must be finite:\n{pose}")
+        raise InvalidInput(f"{name} holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         deviation = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if not deviation <= POSE_TOLERANCE or np.linalg.det(rotation) < 0:  # NaN, where squares overflow, is neither
+    if not deviation <= POSE_TOLERANCE:  # NaN, where squares overflow, is neither
         raise InvalidInput(
-            f"sensor pose is not a rigid motion: its axes are {deviation:.3g} from orthonormal "
-            f"(at most {POSE_TOLERANCE:g}, determinant +1); scale belongs into the mesh, not the pose:\n{pose}"
+            f"{name} is not a rigid motion: its axes are {deviation:.3g} from orthonormal "
+            f"(at most {POSE_TOLERANCE:g}); scale belongs into the mesh, not the pose:\n{pose}"
         )
+    if np.linalg.det(rotation) < 0:
+        raise InvalidInput(f"{name} is not a rigid motion: it mirrors (its axes are left-handed); turn one axis round:\n{pose}")
     if (pose[3] != (0, 0, 0, 1)).any():
-        raise InvalidInput(f"sensor pose has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
+        raise InvalidInput(f"{name} has the last row {pose[3]}; it must be 0 0 0 1 (is the pose transposed?):\n{pose}")
     return pose
 
 
