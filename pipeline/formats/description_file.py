@@ -171,7 +171,9 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         inside = any(other[: len(place)] == place and other != place for other in places)
         if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
             continue
-        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place)))
+        if item["type"] == "union_tag_not_found":
+            place = (*place, item["ctx"]["discriminator"].strip("'"))
+        lines.append(_describe(item, ".".join(map(str, place)), guesses.get(place)))
     return "; ".join(lines)
 
 
@@ -181,14 +183,19 @@ def entry_names(model: type[BaseModel]) -> set[str]:
     return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
 
 
-def _describe(kind: str, name: str, message: str, guess: str | None) -> str:
+def _describe(item: Any, name: str, guess: str | None) -> str:
+    kind = item["type"]
     if kind == "extra_forbidden":
         if (name, guess) == ("camera", "cameras"):  # of files that were written when scenes had one
             return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
-    if kind == "missing":
+    if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"
     if kind == "tuple_type":
         return f"{name}: it must be a list, [VALUE, …]"
-    message = message.removeprefix("Value error, ") + (f", did you mean {guess}?" if guess else "")
+    message = item["msg"].removeprefix("Value error, ")
+    if guess:
+        message += f", did you mean {guess}?"
+    elif kind != "value_error" and isinstance(item["input"], str | int | float):  # messages of our own name the value
+        message += f", not {item['input']!r:.80}"
     return f"{name}: {message}" if name else message

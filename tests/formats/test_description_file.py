@@ -36,7 +36,8 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
     ("changes", "entry"),
     [
         ({"wdth": 1}, "wdth"),
-        ({"width": -1}, "width"),
+        ({"width": -1}, "width: Input should be greater than or equal to 0.000001, not -1"),
+        ({"name": "my gel"}, r"name: String should match pattern '.*', not 'my gel'"),
         ({"rows": 1}, "rows"),
         ({"noise": "some"}, "noise"),
         ({"lights": {}}, "lights"),
