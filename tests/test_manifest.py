@@ -151,6 +151,14 @@ def test_splits_that_count_must_count_right(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
         manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
+    with pytest.raises(InvalidInput, match="= 2 objects, 0 were found without the 1 whose source states its split"):
+        manifest(folder("directory", tmp_path, split="test"), splits={"train": 1, "valid": 1, "test": 0}).objects()
+
+
+def test_a_source_without_objects_is_refused_beside_others_too(tmp_path):
+    (tmp_path / "a.obj").write_text(CUBE)
+    with pytest.raises(InvalidInput, match="manifest m: a pybullet source names no objects; give it some"):
+        manifest(folder("directory", tmp_path), {"kind": "pybullet", "licence": "x"}).objects()
 
 
 def test_counts_of_a_source_are_bounded():

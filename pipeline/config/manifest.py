@@ -101,7 +101,7 @@ class Manifest(BaseModel):
             listed = (replace(item, split=source.split or "") for source in self.sources for item in source.find(root))
             found = sorted(listed, key=lambda item: item.object_id)
             _check_names(found)
-            splits = self._draw_splits([item for item in found if not item.split])
+            splits = self._draw_splits([item for item in found if not item.split], stated=sum(bool(item.split) for item in found))
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [item if item.split else replace(item, split=splits[item.object_id]) for item in found]
@@ -131,13 +131,17 @@ class Manifest(BaseModel):
         """Say how its folders were understood, and which files that look like objects are left out."""
         return [line for source in self.sources if isinstance(source, MeshSource) for line in source.remarks(root)]
 
-    def _draw_splits(self, items: Sequence[Object]) -> dict[str, str]:
-        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits."""
+    def _draw_splits(self, items: Sequence[Object], stated: int) -> dict[str, str]:
+        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits.
+
+        `stated` is how many others there are.
+        """
         wanted = (self.splits.train, self.splits.valid, self.splits.test)
         if self.splits.are_counts and sum(wanted) != len(items):
             counts = " + ".join(f"{number:g}" for number in wanted)
             raise InvalidInput(
-                f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found; "
+                f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found"
+                f"{f' without the {stated} whose source states its split' if stated else ''}; "
                 "complete the folder, or state shares that sum to 1 in a manifest of your own"
             )
         lots = {item.object_id: hashlib.sha256(f"{self.seed}\0split\0{item.object_id}".encode()).hexdigest() for item in items}
@@ -162,9 +166,7 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
 
 
 def _check_names(found: Sequence[Object]) -> None:
-    """Refuse objects, sorted by id, that are none, or of which one cannot be named as it is or two are named alike."""
-    if not found:
-        raise InvalidInput("it names no objects; give its sources some")
+    """Refuse objects, sorted by id, of which one cannot be named as it is or two are named alike."""
     for item in found:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"

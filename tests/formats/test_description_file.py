@@ -39,6 +39,7 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"width": -1}, "width: Input should be greater than or equal to 0.000001, not -1"),
         ({"name": "my gel"}, r"name: String should match pattern '.*', not 'my gel'"),
         ({"rows": 1}, "rows"),
+        ({"surface": {"heights": [[0.006, 0.006], [0.006, 0.006]], "along": "x"}}, "surface: along: x is how a bulge"),
         ({"noise": "some"}, "noise"),
         ({"lights": {}}, "lights"),
         ({"w": float("nan")}, "w"),
