@@ -134,6 +134,18 @@ def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
     assert any("no sensor comes nearer to the palm's centre than 6" in line and "is palm.link, palm, the link" in line for line in lines)
 
 
+def test_links_that_no_image_shows_are_named(tmp_path: Path) -> None:
+    text = load_hand("two_finger_gripper").urdf.read_text()
+    (tmp_path / "bare.urdf").write_text(re.sub(r"(<link name=.left_finger.>)(.*?)(<collision>)", drop_visuals, text, flags=re.S))
+    path = edited("hand", "two_finger_gripper", tmp_path / "bare.yaml", urdf="bare.urdf")
+    lines = check_file(str(path), tmp_path / "a.png")
+    assert "camera images do not show links that have collision shapes and no visual: left_finger" in lines
+
+
+def drop_visuals(found: re.Match[str]) -> str:
+    return found[1] + re.sub(r"<visual>.*?</visual>", "", found[2], flags=re.S) + found[3]
+
+
 def test_all_faults_of_a_hand_file_are_named_at_once(tmp_path: Path) -> None:
     described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
     described["fingers"][0]["joints"] = ["left_slip"]
