@@ -119,6 +119,18 @@ def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(t
     assert "palm.facing" in fault
 
 
+def test_trial_of_a_hand_with_sensors_on_the_palm_alone_says_when_they_touch(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    mount = {"link": "palm", "origin": [0, 0, -0.005], "normal": [0, 0, 1], "columns": [1, 0, 0]}
+    fingers = [{"name": finger["name"], "joints": finger["joints"]} for finger in described["fingers"]]
+    urdf, palm = str(load_hand("two_finger_gripper").urdf), described["palm"] | {"sensors": [mount]}
+    lines = check_file(
+        str(edited("hand", "two_finger_gripper", tmp_path / "p.yaml", urdf=urdf, palm=palm, fingers=fingers)), tmp_path / "a.png"
+    )
+    assert "no faults" in lines[0]
+    assert any(line.startswith("trial: the palm's sensors touch what is nearer than their gel is thick") for line in lines)
+
+
 def test_gel_is_drawn_as_long_and_as_curved_as_it_is() -> None:
     base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
     np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
