@@ -11,7 +11,7 @@ import yaml
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import load_worn_sensors
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -142,6 +142,18 @@ def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
     coarse.write_text(description_path("sensor", "gel_16mm").read_text().replace("rows: 100", "rows: 50"))
     with pytest.raises(InvalidInput, match=r"same rows and columns of pixels, but gel_16mm has 100 x 100, .*coarse.yaml has 50 x 100"):
         load_worn_sensors(["gel_16mm", str(coarse)])
+
+
+def test_elastic_gels_on_some_sensors_of_a_hand_are_refused_before_it_grasps(tmp_path: Path) -> None:
+    soft = tmp_path / "soft.yaml"
+    soft.write_text(description_path("sensor", "gel_16mm").read_text() + "gel: {modulus: 1.0e+5}\n")
+    with pytest.raises(InvalidInput, match=r"which .*soft.yaml would have and gel_16mm not; give all sensors of the hand a `gel`, or none"):
+        load_worn_sensors(["gel_16mm", str(soft)])
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".yml"])
+def test_sensor_for_all_fingers_is_found_from_any_folder(hand: Hand, ending: str) -> None:
+    assert set(sensor_names(hand, f"gel{ending}")) == {str(Path(f"gel{ending}").absolute())}
 
 
 def test_materials_and_textures_of_meshes_are_files_of_the_hand(hand: Hand, tmp_path: Path) -> None:
