@@ -55,6 +55,13 @@ def test_an_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(t
     assert not [line for line in check_file("gel_16mm", tmp_path / "a.png") if line.startswith("elastic")]
 
 
+def test_ball_in_the_picture_is_pressed_into_a_gel_that_is_low_in_the_middle(tmp_path: Path) -> None:
+    dish = {"heights": [[0.0068] * 3, [0.0068, 0.004, 0.0068], [0.0068] * 3]}
+    path = edited("sensor", "gel_16mm", tmp_path / "dish.yaml", gel={"modulus": 2e5}, surface=dish)
+    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    assert re.search(r"the ball in the picture, 1(\.0\d)? mm deep, presses with \d*\.?\d*[1-9]\d* N", line)
+
+
 def test_hand_whose_sensor_faces_sideways_and_whose_fingers_are_in_the_palm_is_faulty(tmp_path: Path) -> None:
     urdf = load_hand("two_finger_gripper").urdf.read_text().replace('size="0.06 0.17 0.05"', 'size="0.06 0.17 0.4"')
     (tmp_path / "fat.urdf").write_text(urdf)
