@@ -322,6 +322,17 @@ def test_a_folder_that_no_source_takes_is_refused(tmp_path):
         load_manifest("toy").objects(tmp_path)
 
 
+def test_a_folder_goes_to_the_source_that_names_none(tmp_path):
+    for name in "abc":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.obj").write_text(CUBE)
+    named, other, nameless = folder("directory", tmp_path / "a"), folder("directory", tmp_path / "c"), folder("directory")
+    assert [item.object_id for item in manifest(named, nameless).objects(tmp_path / "b")] == ["a", "b"]
+    assert [item.object_id for item in manifest(named).objects(tmp_path / "b")] == ["b"]
+    with pytest.raises(InvalidInput, match=r"2 sources of manifest m take a folder, and --objects .* names one: state each `path`"):
+        manifest(named, other).objects(tmp_path / "b")
+
+
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
     with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()
