@@ -228,6 +228,14 @@ def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tm
     assert "failed in" not in invoke(*later)[1]
 
 
+def test_an_object_whose_file_cannot_be_read_has_failed_in_this_stage_and_in_no_earlier_one(tmp_path):
+    trimesh.creation.box().export(tmp_path / "box.stl")
+    (tmp_path / "empty.obj").write_text("")
+    command = [*RUN, "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "d"), "--set", "points=100"]
+    _, output = invoke(*command, "--executor", "serial")
+    assert ", 1 failed failed empty: " in output
+
+
 def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_path):
     hand = tmp_path / "hand.yaml"
     hand.write_text("name: x\nurdf: x.urdf\nfingres: []\n")

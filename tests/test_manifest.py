@@ -151,6 +151,14 @@ def test_splits_that_count_must_count_right(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
         manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
+    with pytest.raises(InvalidInput, match="= 2 objects, 0 were found without the 1 whose source states its split"):
+        manifest(folder("directory", tmp_path, split="test"), splits={"train": 1, "valid": 1, "test": 0}).objects()
+
+
+def test_a_source_without_objects_is_refused_beside_others_too(tmp_path):
+    (tmp_path / "a.obj").write_text(CUBE)
+    with pytest.raises(InvalidInput, match="manifest m: a pybullet source names no objects; give it some"):
+        manifest(folder("directory", tmp_path), {"kind": "pybullet", "licence": "x"}).objects()
 
 
 def test_counts_of_a_source_are_bounded():
@@ -314,6 +322,17 @@ def test_a_folder_that_no_source_takes_is_refused(tmp_path):
         load_manifest("toy").objects(tmp_path)
 
 
+def test_a_folder_goes_to_the_source_that_names_none(tmp_path):
+    for name in "abc":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.obj").write_text(CUBE)
+    named, other, nameless = folder("directory", tmp_path / "a"), folder("directory", tmp_path / "c"), folder("directory")
+    assert [item.object_id for item in manifest(named, nameless).objects(tmp_path / "b")] == ["a", "b"]
+    assert [item.object_id for item in manifest(named).objects(tmp_path / "b")] == ["b"]
+    with pytest.raises(InvalidInput, match=r"2 sources of manifest m take a folder, and --objects .* names one: state each `path`"):
+        manifest(named, other).objects(tmp_path / "b")
+
+
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
     with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()
@@ -342,6 +361,8 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
         ({"sources": []}, "sources"),
         ({"sources": [{"kind": "cloud", "licence": "x"}]}, "cloud"),
         ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
+        ({"sources": [{"licence": "x"}]}, r"file .*mine\.yaml: entry sources\.0\.kind is missing"),
+        ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: Input should be .* \(it is 'mm'\)"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):

@@ -129,7 +129,7 @@ def run_plan(plan: Plan[Any]) -> None:
             print_line(line)
         result = run_together(plan, console)
         what = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
-        without_input = sum(unit.failure is not None for unit in plan.units)
+        without_input = sum(unit.failure is not None and not plan.is_own(unit.failure) for unit in plan.units)
         left = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
         left += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:

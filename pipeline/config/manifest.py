@@ -15,7 +15,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.objects import Object as Object
-from pipeline.config.sources import MeshSource, Procedural, Pybullet
+from pipeline.config.sources import MeshSource, Procedural, Pybullet, Source
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description, shipped_files
@@ -84,7 +84,7 @@ class Manifest(BaseModel):
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.
 
-        `root` is the folder of meshes for sources that name none.
+        `root` is the folder of meshes for a source that names none, or instead of that of the only one.
 
         Raises
         ------
@@ -92,16 +92,12 @@ class Manifest(BaseModel):
             No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters,
             counts that do not match: with the place that was looked at and the way out.
         """
-        if root is not None and not any(isinstance(source, Directory | Catalogue | ShapeNet) for source in self.sources):
-            raise InvalidInput(
-                f"manifest {self.name} names its own objects: leave --objects (make: OBJECTS=) out, or name a manifest that takes a "
-                "folder, such as directory"
-            )
+        sources = self._with_roots(root)
         try:
-            listed = (replace(item, split=source.split or "") for source in self.sources for item in source.find(root))
+            listed = (replace(item, split=source.split or "") for source, folder in sources for item in source.find(folder))
             found = sorted(listed, key=lambda item: item.object_id)
             _check_names(found)
-            splits = self._draw_splits([item for item in found if not item.split])
+            splits = self._draw_splits([item for item in found if not item.split], stated=sum(bool(item.split) for item in found))
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [item if item.split else replace(item, split=splits[item.object_id]) for item in found]
@@ -129,15 +125,34 @@ class Manifest(BaseModel):
 
     def remarks(self, root: Path | None = None) -> list[str]:
         """Say how its folders were understood, and which files that look like objects are left out."""
-        return [line for source in self.sources if isinstance(source, MeshSource) for line in source.remarks(root)]
+        return [line for source, folder in self._with_roots(root) if isinstance(source, MeshSource) for line in source.remarks(folder)]
 
-    def _draw_splits(self, items: Sequence[Object]) -> dict[str, str]:
-        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits."""
+    def _with_roots(self, root: Path | None) -> list[tuple[Source, Path | None]]:
+        """Give a folder of meshes to the source that names none, or replace that of the only one that takes a folder."""
+        folders = [source for source in self.sources if isinstance(source, Directory | Catalogue | ShapeNet)]
+        takers = [source for source in folders if source.path is None] or folders
+        if root is not None and not takers:
+            raise InvalidInput(
+                f"manifest {self.name} names its own objects: leave --objects (make: OBJECTS=) out, or name a manifest that takes a "
+                "folder, such as directory"
+            )
+        if root is not None and len(takers) > 1:
+            raise InvalidInput(
+                f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: state each `path`"
+            )
+        return [(source, root if any(source is taker for taker in takers) else None) for source in self.sources]
+
+    def _draw_splits(self, items: Sequence[Object], stated: int) -> dict[str, str]:
+        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits.
+
+        `stated` is how many others there are.
+        """
         wanted = (self.splits.train, self.splits.valid, self.splits.test)
         if self.splits.are_counts and sum(wanted) != len(items):
             counts = " + ".join(f"{number:g}" for number in wanted)
             raise InvalidInput(
-                f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found; "
+                f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found"
+                f"{f' without the {stated} whose source states its split' if stated else ''}; "
                 "complete the folder, or state shares that sum to 1 in a manifest of your own"
             )
         lots = {item.object_id: hashlib.sha256(f"{self.seed}\0split\0{item.object_id}".encode()).hexdigest() for item in items}
@@ -162,9 +177,7 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
 
 
 def _check_names(found: Sequence[Object]) -> None:
-    """Refuse objects, sorted by id, that are none, or of which one cannot be named as it is or two are named alike."""
-    if not found:
-        raise InvalidInput("it names no objects; give its sources some")
+    """Refuse objects, sorted by id, of which one cannot be named as it is or two are named alike."""
     for item in found:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"

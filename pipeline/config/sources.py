@@ -42,6 +42,8 @@ class Source(BaseModel):
     def find(self, root: Path | None) -> list[Object]:
         """List every object of the source, and check its checksum if it states one."""
         found = list(islice(self.each(root), MAX_OBJECTS + 1))
+        if not found:
+            raise InvalidInput(f"a {type(self).__name__.lower()} source names no objects; give it some, or leave it out")
         if len(found) > MAX_OBJECTS:
             raise InvalidInput(f"a source has more than {MAX_OBJECTS} objects; split it into several manifests")
         if self.sha256 is not None and (actual := checksum(found)) != self.sha256:

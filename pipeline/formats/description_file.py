@@ -171,6 +171,8 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         inside = any(other[: len(place)] == place and other != place for other in places)
         if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
             continue
+        if item["type"] == "union_tag_not_found":
+            place = (*place, item["ctx"]["discriminator"].strip("'"))
         value = "" if item["type"] == "value_error" else _shown(item["input"])  # ours say what they want
         lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place), value))
     return "; ".join(lines)
@@ -193,7 +195,7 @@ def _describe(kind: str, name: str, message: str, guess: str | None, value: str)
         if (name, guess) == ("camera", "cameras"):  # of files that were written when scenes had one
             return "there is no entry camera: scenes now list `cameras`; write `cameras:` and the camera below it as `- name: front`, …"
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
-    if kind == "missing":
+    if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"
     wanted = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
     message = wanted.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)

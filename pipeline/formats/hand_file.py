@@ -26,6 +26,8 @@ from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
+Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
+"""Names an array's entry, and files of exports."""
 Value = TypeVar("Value")
 
 
@@ -41,13 +43,13 @@ class _SensorMount(_Entry):
     normal: Vector = Field(description="Out of the link, through the gel: the sensor's +z.")
     columns: Vector = Field(description="Along the columns of the image, across the normal: the sensor's +x.")
     file: str | None = Field(None, description="A shipped sensor, or a path from the hand file; by default the hand's `sensor`.")
-    name: str | None = Field(None, description="Labels its images; by default the finger's name, numbered where it has several.")
+    name: Label | None = Field(None, description="Labels its images; by default the finger's name, numbered where it has several.")
 
 
 class _FingerEntry(_Entry):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
-    name: str = Field(description="Of the finger, in messages, and of its sensor.")
+    name: Label = Field(description="Of the finger, in messages, and of its sensor.")
     joints: list[str] = Field(min_length=1, description="Joints of the URDF that move it, and no other finger.")
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
@@ -216,7 +218,10 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
                 mounts.append(mount)
         name = "+".join(entry.name for entry in entries)
         fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first, len(mounts)))))
-    mounts += _mounts("palm", file.palm.sensors, numbers, file, path)
+    for mount in _mounts("palm", file.palm.sensors, numbers, file, path):
+        if mover := next((finger.name for finger in fingers if mount.link in finger.links), None):
+            raise InvalidInput(f"palm: finger {mover!r} moves the link of sensor {mount.name!r}; list the sensor under that finger")
+        mounts.append(mount)
     if not mounts:
         raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
     if twice := [mount.name for mount in mounts if [one.name for one in mounts].count(mount.name) > 1]:

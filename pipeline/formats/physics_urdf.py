@@ -10,8 +10,7 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from pipeline.formats.urdf import parse_urdf
-from pipeline.formats.urdf_shapes import numbers_of
+from pipeline.formats.urdf import mass_of, parse_urdf
 from pipeline.kernels.hand.model import Hand, Joint, Link
 
 DENSITY = 1000.0
@@ -51,13 +50,8 @@ def write_physics_urdf(hand: Hand, folder: Path) -> Path:
 
 def links_without_mass(hand: Hand) -> list[str]:
     """Name the links whose mass is estimated, because the URDF states none or zero."""
-    massless = [element.get("name", "") for element in parse_urdf(hand.urdf).findall("link") if not _mass(element)]
+    massless = [element.get("name", "") for element in parse_urdf(hand.urdf).findall("link") if not mass_of(element)]
     return [link.name for link in hand.links if link.name in massless]
-
-
-def _mass(link: Element) -> float:
-    mass = link.find("inertial/mass")
-    return float(numbers_of(mass, "value", (0.0,))[0])
 
 
 def _link(element: Element, link: Link, stem: Path) -> Element:
@@ -73,7 +67,7 @@ def _link(element: Element, link: Link, stem: Path) -> Element:
                 path = stem.with_name(f"{stem.name}-{number}.obj")
                 trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
                 SubElement(SubElement(SubElement(kept, "collision"), "geometry"), "mesh", filename=str(path))
-    if not _mass(element):
+    if not mass_of(element):
         for inertial in kept.findall("inertial"):
             kept.remove(inertial)
         kept.append(_estimated_inertial(link))

@@ -144,7 +144,16 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
+    mass_of(element)  # which physics needs later, without the file's name at hand
     return Link(_name(element), shapes("visual"), shapes("collision"))
+
+
+def mass_of(link: Element) -> float:
+    """Read the mass of a <link>, kg; 0 where it states none."""
+    mass = float(numbers_of(link.find("inertial/mass"), "value", (0.0,))[0])
+    if mass < 0:
+        raise InvalidInput(f"link {_name(link)} has the mass {mass:g} kg; give a positive one, or none, and it is estimated")
+    return mass
 
 
 def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:

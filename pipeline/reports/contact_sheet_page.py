@@ -155,7 +155,7 @@ def surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
     """Find the square part of images around what any of these masks (view, row, col) shows; none of nothing."""
     found = np.argwhere(shown.any(axis=0))
     if not len(found):
-        return slice(0), slice(0)
+        return slice(0, 0), slice(0, 0)
     middle, reach = (found.min(axis=0) + found.max(axis=0)) // 2, int(np.ptp(found, axis=0).max() * 0.6) + 1
     row, col = (slice(max(0, at - reach), at + reach) for at in middle)
     return row, col

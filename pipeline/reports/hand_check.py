@@ -170,6 +170,8 @@ def _notes(hand: Hand) -> list[str]:
         notes.append(
             f"the URDF states no mass, so it is estimated at 1000 kg/m³ of the collision shapes, at least 1 g a link: {', '.join(massless)}"
         )
+    if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
+        notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
     if hand.allowed_contacts:
         pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
         notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")

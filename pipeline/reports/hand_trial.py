@@ -25,6 +25,10 @@ SHARE = 0.5
 
 NO_ROOM = "the hand found no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
+NEARER = (
+    "the palm's sensors touch what is nearer than their gel is thick: with --set simulate-grasps.least_distance=0 and a "
+    "greatest_distance below that"
+)
 REMEDIES = {
     NO_ROOM: PALM,
     "fingers still move": "lower torque in the hand file",
@@ -66,5 +70,6 @@ def trial_grasps(path: Path) -> list[str]:
         way = next(way for reason, way in REMEDIES.items() if worst.startswith(reason))
         lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {way}")
     elif not any(touches):
-        lines.append(f"fault: no sensor touches the ball; {PALM}")
+        on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
+        lines.append(f"trial: {NEARER}" if on_palm else f"fault: no sensor touches the ball; {PALM}")
     return lines

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import abbreviate, pluralise
+from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
@@ -48,14 +49,30 @@ def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest
 
 def sensor_places(hand: Hand) -> NDArray[np.float64]:
     """Compute where the S sensors are in P random postures and at the joints' limits: (P, S, 3), frame of the palm's link, m."""
-    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
-    frames = forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
-    return sensor_poses_from_links(hand, frames)[..., :3, 3]
+    return sensor_poses_from_links(hand, _frames(hand))[..., :3, 3]
 
 
 def opening(hand: Hand) -> float:
-    """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m."""
+    """Compute how far a hand opens: the greatest distance between two of its sensors, or one and the palm's centre, m.
+
+    Of a hand with fewer than two sensors on its fingers, the middles of the fingers' last links count too.
+    """
     places = sensor_places(hand)
     palm = np.broadcast_to(hand.palm_centre, (len(places), 1, 3))
-    ends = np.concatenate([places, palm], axis=1)
+    ends = np.concatenate([places, palm, *(_last_links(hand) if (hand.sensor_fingers >= 0).sum() < 2 else ())], axis=1)
     return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())
+
+
+def _frames(hand: Hand) -> NDArray[np.float64]:
+    """Compute the poses of all links in random postures and at the joints' limits: (P, L, 4, 4)."""
+    angles = numpy_rng(0, "opening", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    return forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
+
+
+def _last_links(hand: Hand) -> Iterator[NDArray[np.float64]]:
+    """Compute where the middle of each finger's last link is, (P, 1, 3), m."""
+    frames, carry = _frames(hand), {joint.parent for joint in hand.joints}
+    for link in np.flatnonzero(hand.link_fingers >= 0).tolist():
+        if link not in carry and (shapes := hand.links[link].collisions):
+            corners = np.concatenate([shape.mesh.vertices for shape in shapes])
+            yield transform_points(frames[:, link], (corners.min(axis=0) + corners.max(axis=0))[None] / 2)

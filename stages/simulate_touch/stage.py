@@ -14,7 +14,7 @@ from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
-from pipeline.formats.sensor_file import load_sensor, load_worn_sensors, sensor_files
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
@@ -52,15 +52,10 @@ class SimulateTouch(ObjectStage):
         return settings.model_copy(update={"sensors": settings.sensors or tuple(attributes["grasps"]["hand"]["sensor_files"])})
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Check that the sensors to simulate are those that the hand wore, and that all of them or none have an elastic gel."""
+        """Check that the sensors to simulate are those that the hand wore, and fit together."""
         hand, sensors = attributes["grasps"]["hand"], list(_worn(settings))
         worn = hand["sensor_files"]
-        elastic = {name: load_sensor(name).gel is not None for name in sensors}
-        if len(set(elastic.values())) > 1:
-            raise InvalidInput(
-                f"an elastic gel gives pressure and force, which {', '.join(name for name in elastic if elastic[name])} would have and "
-                f"{', '.join(name for name in elastic if not elastic[name])} not; give all sensors of the hand a `gel`, or none"
-            )
+        load_worn_sensors(sensors)
         same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return

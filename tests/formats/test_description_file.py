@@ -37,7 +37,9 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
     [
         ({"wdth": 1}, "wdth"),
         ({"width": -1}, r"width: .* \(it is -1\)"),
+        ({"name": "my gel"}, r"name: String should match pattern '.*' \(it is 'my gel'\)"),
         ({"rows": 1}, "rows"),
+        ({"surface": {"heights": [[0.006, 0.006], [0.006, 0.006]], "along": "x"}}, "surface: along: x is how a bulge"),
         ({"noise": "some"}, r"noise.* \(it is 'some'\)"),
         ({"name": "a" * 200}, r"name: .* characters\. Its entries"),
         ({"lights": {}}, "lights"),

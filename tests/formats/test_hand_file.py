@@ -11,7 +11,7 @@ import yaml
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import load_worn_sensors
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -60,6 +60,12 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ("normal: [1, 0, 0]", "normal: [0, 1, 0]", "not perpendicular"),
         ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no urdf 'nowhere.urdf'"),
         ("palm:", "palms:", "palms"),
+        ("name: index", 'name: "my/index"', "fingers.0.name: String should match pattern"),
+        (
+            "  centre:",
+            "  sensors: [{link: link_3.0_tip, origin: [0, 0, 0], normal: [1, 0, 0], columns: [0, 1, 0]}]\n  centre:",
+            "palm: finger 'index' moves the link of sensor 'palm'; list the sensor under that finger",
+        ),
         ("link: base_link", "link: link_99", "there is no link 'link_99'"),
         ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
     ],
@@ -94,6 +100,8 @@ def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
         (r'filename="[^"]*"', 'filename="nowhere.obj"', "nowhere.obj is not there"),
         (r'filename="[^"]*"', 'filename="odd.urdf"', "cannot be read"),
         (r"</robot>", "", "not XML"),
+        (r'mass value="[^"]*"', 'mass value="-0.1"', "link base_link has the mass -0.1 kg; give a positive one, or none"),
+        (r'mass value="[^"]*"', 'mass value="1 kg"', "<mass value='1 kg'> must hold 1 finite numbers"),
         (r"<visual><origin", '<visual><origin rpy="0 0"', "'0 0'> must hold 3 finite numbers"),
         (r'<collision><origin xyz="[^"]*"', '<collision><origin xyz="0 0 1e999"', "must hold 3 finite numbers"),
         (r'box size="[^"]*"', 'box size="1 2 zero"', "must hold 3 finite numbers"),
@@ -134,6 +142,18 @@ def test_sensors_of_one_hand_need_the_same_pixels(tmp_path: Path) -> None:
     coarse.write_text(description_path("sensor", "gel_16mm").read_text().replace("rows: 100", "rows: 50"))
     with pytest.raises(InvalidInput, match=r"same rows and columns of pixels, but gel_16mm has 100 x 100, .*coarse.yaml has 50 x 100"):
         load_worn_sensors(["gel_16mm", str(coarse)])
+
+
+def test_elastic_gels_on_some_sensors_of_a_hand_are_refused_before_it_grasps(tmp_path: Path) -> None:
+    soft = tmp_path / "soft.yaml"
+    soft.write_text(description_path("sensor", "gel_16mm").read_text() + "gel: {modulus: 1.0e+5}\n")
+    with pytest.raises(InvalidInput, match=r"which .*soft.yaml would have and gel_16mm not; give all sensors of the hand a `gel`, or none"):
+        load_worn_sensors(["gel_16mm", str(soft)])
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".yml"])
+def test_sensor_for_all_fingers_is_found_from_any_folder(hand: Hand, ending: str) -> None:
+    assert set(sensor_names(hand, f"gel{ending}")) == {str(Path(f"gel{ending}").absolute())}
 
 
 def test_materials_and_textures_of_meshes_are_files_of_the_hand(hand: Hand, tmp_path: Path) -> None:

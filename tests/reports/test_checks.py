@@ -55,6 +55,13 @@ def test_an_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(t
     assert not [line for line in check_file("gel_16mm", tmp_path / "a.png") if line.startswith("elastic")]
 
 
+def test_ball_in_the_picture_is_pressed_into_a_gel_that_is_low_in_the_middle(tmp_path: Path) -> None:
+    dish = {"heights": [[0.0068] * 3, [0.0068, 0.004, 0.0068], [0.0068] * 3]}
+    path = edited("sensor", "gel_16mm", tmp_path / "dish.yaml", gel={"modulus": 2e5}, surface=dish)
+    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    assert re.search(r"the ball in the picture, 1(\.0\d)? mm deep, presses with \d*\.?\d*[1-9]\d* N", line)
+
+
 def test_hand_whose_sensor_faces_sideways_and_whose_fingers_are_in_the_palm_is_faulty(tmp_path: Path) -> None:
     urdf = load_hand("two_finger_gripper").urdf.read_text().replace('size="0.06 0.17 0.05"', 'size="0.06 0.17 0.4"')
     (tmp_path / "fat.urdf").write_text(urdf)
@@ -119,6 +126,18 @@ def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(t
     assert "palm.facing" in fault
 
 
+def test_trial_of_a_hand_with_sensors_on_the_palm_alone_says_when_they_touch(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    mount = {"link": "palm", "origin": [0, 0, -0.005], "normal": [0, 0, 1], "columns": [1, 0, 0]}
+    fingers = [{"name": finger["name"], "joints": finger["joints"]} for finger in described["fingers"]]
+    urdf, palm = str(load_hand("two_finger_gripper").urdf), described["palm"] | {"sensors": [mount]}
+    lines = check_file(
+        str(edited("hand", "two_finger_gripper", tmp_path / "p.yaml", urdf=urdf, palm=palm, fingers=fingers)), tmp_path / "a.png"
+    )
+    assert "no faults" in lines[0]
+    assert any(line.startswith("trial: the palm's sensors touch what is nearer than their gel is thick") for line in lines)
+
+
 def test_gel_is_drawn_as_long_and_as_curved_as_it_is() -> None:
     base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
     np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
@@ -132,6 +151,18 @@ def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
     lines = check_file(str(edited("hand", "two_finger_gripper", tmp_path / "far.yaml", palm=palm, urdf=urdf)), tmp_path / "a.png")
     assert "faults below" in lines[0]
     assert any("no sensor comes nearer to the palm's centre than 6" in line and "is palm.link, palm, the link" in line for line in lines)
+
+
+def test_links_that_no_image_shows_are_named(tmp_path: Path) -> None:
+    text = load_hand("two_finger_gripper").urdf.read_text()
+    (tmp_path / "bare.urdf").write_text(re.sub(r"(<link name=.left_finger.>)(.*?)(<collision>)", drop_visuals, text, flags=re.S))
+    path = edited("hand", "two_finger_gripper", tmp_path / "bare.yaml", urdf="bare.urdf")
+    lines = check_file(str(path), tmp_path / "a.png")
+    assert "camera images do not show links that have collision shapes and no visual: left_finger" in lines
+
+
+def drop_visuals(found: re.Match[str]) -> str:
+    return found[1] + re.sub(r"<visual>.*?</visual>", "", found[2], flags=re.S) + found[3]
 
 
 def test_all_faults_of_a_hand_file_are_named_at_once(tmp_path: Path) -> None:

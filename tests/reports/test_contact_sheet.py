@@ -13,7 +13,19 @@ from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
-from pipeline.reports.contact_sheet_page import COLORS, PAGE, PAPER, PICTURE, Band, _scaled, depth_colors, draw, grasp_note, size_note
+from pipeline.reports.contact_sheet_page import (
+    COLORS,
+    PAGE,
+    PAPER,
+    PICTURE,
+    Band,
+    _scaled,
+    depth_colors,
+    draw,
+    enlarged,
+    grasp_note,
+    size_note,
+)
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset
 
@@ -112,6 +124,12 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     assert again.pictures[0][1].shape == (24, 24, 3)
     assert (again.pictures[1][1] == 7).all()
     assert (again.pictures[2][1] == held).all()
+
+
+def test_image_in_which_nothing_is_large_enough_to_be_seen_is_shown_whole() -> None:
+    image = np.zeros((240, 320, 3), np.uint8)
+    part, note = enlarged(image, np.zeros((2, 240, 320), bool))
+    assert (part.shape, note) == (image.shape, "")
 
 
 @pytest.mark.parametrize(("margin", "words"), [(0.0, "not force-closed"), (0.25, "force-closed with margin 0.25")])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,15 @@ ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=
 
 def test_gripper_opens_as_far_as_its_fingers_slide() -> None:
     assert opening(load_hand("two_finger_gripper")) == pytest.approx(0.14)
+
+
+@pytest.mark.parametrize("sensors", [0, 1])
+def test_gripper_with_a_sensor_on_one_finger_or_the_palm_alone_opens_as_far_as_its_last_links(sensors: int) -> None:
+    """The middle of a finger is 6 mm behind its sensor."""
+    hand = load_hand("two_finger_gripper")
+    palm = replace(hand.sensors[0], link=0, pose=np.eye(4))
+    bare = replace(hand, sensors=(*hand.sensors[:sensors], palm))
+    assert opening(bare) == pytest.approx(0.152)
 
 
 @pytest.mark.parametrize(("point", "leaves"), [((0.31, 0, 0), False), ((0.33, 0, 0), True), ((0, -0.33, 0), True), ((0, 0, 2), True)])

@@ -46,6 +46,8 @@ class Surface(BaseModel):
     def _is_one(self) -> Surface:
         if (self.radius is None) == (self.heights is None):
             raise ValueError("give either a radius or heights")
+        if self.radius is None and self.along != "both":
+            raise ValueError(f"along: {self.along} is how a bulge of some radius falls off; leave it out of heights")
         if self.heights is not None and (len(self.heights) < 2 or len(self.heights[0]) < 2 or len({len(row) for row in self.heights}) > 1):
             raise ValueError("heights must be a grid of 2 x 2 or more, with as many in each row")
         return self
