@@ -362,7 +362,7 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
         ({"sources": [{"kind": "cloud", "licence": "x"}]}, "cloud"),
         ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
         ({"sources": [{"licence": "x"}]}, r"file .*mine\.yaml: entry sources\.0\.kind is missing"),
-        ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: Input should be .* \(it is 'mm'\)"),
+        ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: .* \(it is 'mm'\)"),
     ],
 )
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
