@@ -110,7 +110,7 @@ def test_it_predicts_from_what_there_is_and_from_nothing(data, tmp_path):
     both = predict(tmp_path / "a.ply", data / "models", NAME, data=data, object_id="c", grasps=[0])
     same = predict(tmp_path / "b.ply", data / "models", f"{NAME}-occluded-touch", data=data, object_id="c", grasps=[0])
     np.testing.assert_array_equal(both.reconstruction.vertices, same.reconstruction.vertices)
-    assert len(predict(tmp_path / "c.ply", data / "models", NAME).reconstruction.faces)
+    assert len(predict(tmp_path / "c.ply", data / "models", f"{NAME}-none").reconstruction.faces)
 
 
 def test_missing_images_in_a_batch_change_nothing_for_the_others(data):
