@@ -97,10 +97,10 @@ class Manifest(BaseModel):
             listed = (replace(item, split=source.split or "") for source, folder in sources for item in source.find(folder))
             found = sorted(listed, key=lambda item: item.object_id)
             _check_names(found)
-            splits = self._draw_splits([item for item in found if not item.split], stated=sum(bool(item.split) for item in found))
+            splits = self._splits_of(found)
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
-        return [item if item.split else replace(item, split=splits[item.object_id]) for item in found]
+        return [replace(item, split=splits[item.object_id]) for item in found]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
         """Return the manifest with other units, of `METRES`, or another up-axis for all its mesh files."""
@@ -129,30 +129,31 @@ class Manifest(BaseModel):
 
     def _with_roots(self, root: Path | None) -> list[tuple[Source, Path | None]]:
         """Give a folder of meshes to the source that names none, or replace that of the only one that takes a folder."""
+        if root is None:
+            return [(source, None) for source in self.sources]
         folders = [source for source in self.sources if isinstance(source, Directory | Catalogue | ShapeNet)]
         takers = [source for source in folders if source.path is None] or folders
-        if root is not None and not takers:
+        if not takers:
             raise InvalidInput(
                 f"manifest {self.name} names its own objects: leave --objects (make: OBJECTS=) out, or name a manifest that takes a "
                 "folder, such as directory"
             )
-        if root is not None and len(takers) > 1:
+        if len(takers) > 1:
             raise InvalidInput(
                 f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: state each `path`"
             )
-        return [(source, root if any(source is taker for taker in takers) else None) for source in self.sources]
+        return [(source, root if source is takers[0] else None) for source in self.sources]
 
-    def _draw_splits(self, items: Sequence[Object], stated: int) -> dict[str, str]:
-        """Draw the splits of objects whose source states none: by seed and id, each category spread evenly over the splits.
-
-        `stated` is how many others there are.
-        """
+    def _splits_of(self, found: Sequence[Object]) -> dict[str, str]:
+        """Draw the split of each object whose source states none: by seed and id, each category spread evenly over the splits."""
+        stated = {item.object_id: item.split for item in found if item.split}
+        items = [item for item in found if not item.split]
         wanted = (self.splits.train, self.splits.valid, self.splits.test)
         if self.splits.are_counts and sum(wanted) != len(items):
             counts = " + ".join(f"{number:g}" for number in wanted)
             raise InvalidInput(
                 f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found"
-                f"{f' without the {stated} whose source states its split' if stated else ''}; "
+                f"{f' without the {len(stated)} whose source states its split' if stated else ''}; "
                 "complete the folder, or state shares that sum to 1 in a manifest of your own"
             )
         lots = {item.object_id: hashlib.sha256(f"{self.seed}\0split\0{item.object_id}".encode()).hexdigest() for item in items}
@@ -162,7 +163,7 @@ class Manifest(BaseModel):
         order = sorted(shares, key=lambda object_id: (shares[object_id], lots[object_id]))
         split_sizes = [round(number) for number in wanted] if self.splits.are_counts else _sizes(wanted, len(items))
         names = [split for split, size in zip(SPLITS, split_sizes, strict=True) for _ in range(size)]
-        return dict(zip(order, names, strict=True))
+        return stated | dict(zip(order, names, strict=True))
 
 
 def _sizes(shares: Sequence[float], objects: int) -> list[int]:

@@ -167,8 +167,9 @@ class ObjectRows:
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         stored, position = shard.array(array), shard.position[object_id]
+        asked = {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
-            if (number := {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}.get(dim)) is not None and not -count <= number < count:
+            if (number := asked.get(dim)) is not None and not -count <= number < count:
                 raise StoreError(f"{object_id} has no {dim} {number}; there are {count}, numbered from 0")
         chunks = stored.chunks
         if chunks[0] > 1:  # a chunk holds several objects

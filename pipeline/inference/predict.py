@@ -216,7 +216,8 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     model = reader.model
     if given is None:
         if model.image or model.touch:
-            wanted = (" or " if model.image == "any" else " and ").join(["an image"] * bool(model.image) + ["touches"] * model.touch)
+            takes = [what for what, taken in (("an image", model.image), ("touches", model.touch)) if taken]
+            wanted = (" or " if model.image == "any" else " and ").join(takes)
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
         closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None

@@ -57,9 +57,9 @@ def opening(hand: Hand) -> float:
 
     Of a hand with fewer than two sensors on its fingers, the middles of the fingers' last links count too.
     """
-    places = sensor_places(hand)
-    palm = np.broadcast_to(hand.palm_centre, (len(places), 1, 3))
-    ends = np.concatenate([places, palm, *(_last_links(hand) if (hand.sensor_fingers >= 0).sum() < 2 else ())], axis=1)
+    frames = _frames(hand)
+    places, palm = sensor_poses_from_links(hand, frames)[..., :3, 3], np.broadcast_to(hand.palm_centre, (len(frames), 1, 3))
+    ends = np.concatenate([places, palm, *(_last_links(hand, frames) if (hand.sensor_fingers >= 0).sum() < 2 else ())], axis=1)
     return float(np.linalg.norm(ends[:, :, None] - ends[:, None], axis=-1).max())
 
 
@@ -69,9 +69,9 @@ def _frames(hand: Hand) -> NDArray[np.float64]:
     return forward_kinematics(hand, np.eye(4), np.concatenate([angles, [hand.lower, hand.upper]]))
 
 
-def _last_links(hand: Hand) -> Iterator[NDArray[np.float64]]:
-    """Compute where the middle of each finger's last link is, (P, 1, 3), m."""
-    frames, carry = _frames(hand), {joint.parent for joint in hand.joints}
+def _last_links(hand: Hand, frames: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+    """Compute where the middle of each finger's last link is, (P, 1, 3), m, with the links' poses (P, L, 4, 4)."""
+    carry = {joint.parent for joint in hand.joints}
     for link in np.flatnonzero(hand.link_fingers >= 0).tolist():
         if link not in carry and (shapes := hand.links[link].collisions):
             corners = np.concatenate([shape.mesh.vertices for shape in shapes])

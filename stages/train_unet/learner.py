@@ -60,7 +60,7 @@ class Touches:
 
 
 def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
-    """Find the touches among a split's sensors; keep as much of their images in memory.
+    """Find the touches among a split's sensors; at most `cache_megabytes` of what is read of them stay in memory.
 
     Raises
     ------

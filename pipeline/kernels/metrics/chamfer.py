@@ -46,9 +46,7 @@ class SearchCloud:
             raise ValueError(f"query lies on {query.device}, points on {self.points.device}: move one of them")
         if self._tree is not None:
             return torch.from_numpy(self._tree.query(query.detach().double().numpy(), workers=1)[1])
-        with torch.no_grad():
-            rows = max(1, PAIRS_PER_BLOCK // len(self.points))
-            return torch.cat([squared_differences(part, self.points).argmin(dim=1) for part in torch.split(query, rows)])
+        return nearest_of_pairs(query, self.points)
 
 
 def squared_distances(query: Tensor, points: Tensor | SearchCloud) -> Tensor:
@@ -99,10 +97,34 @@ def chamfer(a: Tensor, b: Tensor) -> Tensor:
     return squared_distances(a, b).mean() + squared_distances(b, a).mean()
 
 
-def squared_differences(query: Tensor, points: Tensor) -> Tensor:
-    """Compute the squared distances of all pairs, coordinate by coordinate: (..., N, 3) and (..., M, 3) give (..., N, M).
+def nearest_of_pairs(query: Tensor, points: Tensor, among: Tensor | None = None) -> Tensor:
+    """Find the nearest points by comparing all pairs, a block at a time.
 
-    No (..., N, M, 3) is held; |a|² + |b|² - 2ab would lose all digits, and torch.cdist without it takes thirty times as long on a GPU.
+    Parameters
+    ----------
+    query, points
+        (..., N, 3) and (..., M, 3), M at least 1: one pair of clouds, or a batch of them.
+    among
+        (..., M) bool: the points that count; None for all.
+
+    Returns
+    -------
+    (..., N) int64 indices, without gradient; any index where no point counts.
+    """
+    found = []
+    with torch.no_grad():
+        for part in torch.split(query, max(1, PAIRS_PER_BLOCK // points[..., 0].numel()), dim=-2):
+            squared = _squared_differences(part, points)
+            if among is not None:
+                squared.masked_fill_(~among[..., None, :], torch.inf)
+            found.append(squared.argmin(dim=-1))
+    return torch.cat(found, dim=-1)
+
+
+def _squared_differences(query: Tensor, points: Tensor) -> Tensor:
+    """(..., N, M) squared distances, coordinate by coordinate, so that no (..., N, M, 3) is held.
+
+    |a|² + |b|² - 2ab would lose all digits. torch.cdist can do without such products, too, but took 30 of a training step's 50 ms on a GPU.
     """
     squared = (query[..., :, None, 0] - points[..., None, :, 0]).square_()
     for axis in (1, 2):

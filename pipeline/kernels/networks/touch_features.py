@@ -9,7 +9,7 @@ from functools import cached_property
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics.chamfer import SearchCloud, squared_differences
+from pipeline.kernels.metrics.chamfer import SearchCloud, nearest_of_pairs
 
 NEAREST_POINT_FEATURES = 9
 """Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
@@ -23,7 +23,7 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """The vertices of the touch charts of B items: P points with normals, as many as the item with the most has.
+    """The vertices of the touch charts of B items, with normals: P places for each item, where P is the most points that an item has.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class TouchPoints:
     touched
         (B, P) bool: points that were touched.
     outside
-        (B, P) bool: points of sensors that touched nothing. An item with fewer points has neither in the places that are left.
+        (B, P) bool: points of sensors that touched nothing. Places that an item leaves empty are neither touched nor outside.
     """
 
     points: Tensor
@@ -87,7 +87,7 @@ class NearestPoints:
 
     def find(self, queries: Tensor) -> Tensor:
         """Find the nearest to each of the queries (B, N, 3): (B, N) int64 numbers of points; any number for an item without points."""
-        return self.find_in_trees(queries) if queries.device.type == "cpu" else self.find_among_pairs(queries)
+        return self.find_in_trees(queries) if queries.device.type == "cpu" else nearest_of_pairs(queries, self.points, self.among)
 
     def find_in_trees(self, queries: Tensor) -> Tensor:
         """Find as `find`, one item after the other."""
@@ -96,12 +96,6 @@ class NearestPoints:
             if cloud is not None:
                 found[item] = numbers[cloud.nearest(queries[item])]
         return found
-
-    def find_among_pairs(self, queries: Tensor) -> Tensor:
-        """Find as `find`, all items at once."""
-        with torch.no_grad():
-            apart = squared_differences(queries, self.points)
-            return apart.masked_fill_(~self.among[:, None], torch.inf).argmin(dim=2)
 
     @cached_property
     def _trees(self) -> list[tuple[Tensor, SearchCloud | None]]:

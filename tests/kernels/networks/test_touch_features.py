@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.metrics import chamfer
 from pipeline.kernels.networks.touch_features import (
     NEAREST_POINT_FEATURES,
     SCALES,
@@ -65,19 +66,19 @@ def test_items_that_felt_nothing_have_zeros():
     assert not items.features_at(torch.ones(2, 4, 3)).any()
 
 
-def test_trees_and_pairs_find_points_that_are_equally_near():
+@pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])
+def test_trees_and_pairs_find_points_that_are_equally_near(pairs, monkeypatch):
+    monkeypatch.setattr(chamfer, "PAIRS_PER_BLOCK", pairs)  # all at once, and in blocks of 16 queries
     draw = np.random.default_rng(1)
     points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))
     among = torch.from_numpy(draw.random((3, 40)) < 0.5)
     among[1] = False
-    search = NearestPoints(points, among)
+    in_trees = NearestPoints(points, among).find_in_trees(queries)
+    of_pairs = chamfer.nearest_of_pairs(queries, points, among)
     for item in (0, 2):
-        apart = [
-            (queries[item] - points[item][found[item]]).norm(dim=1)
-            for found in (search.find_in_trees(queries), search.find_among_pairs(queries))
-        ]
+        apart = [(queries[item] - points[item][found[item]]).norm(dim=1) for found in (in_trees, of_pairs)]
         torch.testing.assert_close(*apart)
-        assert among[item][search.find_among_pairs(queries)[item]].all()
+        assert among[item][of_pairs[item]].all()
 
 
 @pytest.mark.parametrize("flag", [True, False])
