@@ -1,0 +1,129 @@
+"""Measure what more objects are worth, and one network for any inputs: `python -m benchmarks.learning_curve DATA OUT --objects 168 500`.
+
+Trains implicit networks on as many training objects of a dataset, from each class in turn, and measures them on its test objects.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from benchmarks.provenance import commit, machine
+from benchmarks.timing import Table
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.models.families import inputs_of, load_reconstructor
+from pipeline.models.model_files import save_model
+from pipeline.models.observation import observed_arrays, stored_observation
+from pipeline.rng import numpy_rng, torch_generator
+from pipeline.store.storage import place
+from pipeline.training.items import Items
+from pipeline.training.loop import train
+from stages.evaluate.measure import draw
+from stages.registry import resolve
+from stages.train_implicit.settings import ImplicitSettings
+from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+
+ANY = "implicit-any"
+POINTS, FACTOR = 10_000, 9000
+DONE = "figures.json"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Hold what all trainings have in common: where objects are learned and tested, the folder of networks, and settings."""
+
+    data: Path
+    tested: Path
+    out: Path
+    classes: Sequence[str]
+    ways: Sequence[str]
+    assignments: Sequence[str]
+
+    def figures(self, configuration: str, count: int, epochs: int, seed: int) -> dict[str, list[float]]:
+        """Train a network on a number of objects unless that is done; give its errors for each way to use it."""
+        folder = self.out / f"{configuration}-{count}-{epochs}-{seed}"
+        if not (folder / DONE).exists():
+            stated = [f"configuration={configuration}", f"epochs={epochs}", f"training_seed={seed}", *self.assignments]
+            settings = resolve(TrainImplicit.name, "draft", [f"{TrainImplicit.name}.{text}" for text in stated])
+            assert isinstance(settings, ImplicitSettings)
+            self.learn(folder, settings, count)
+            ways = [f"{ANY}-{way}" for way in self.ways] if configuration == ANY else [configuration]
+            (folder / DONE).write_text(json.dumps({way: self.errors(folder, way) for way in ways}))
+        read: dict[str, list[float]] = json.loads((folder / DONE).read_text())
+        return read
+
+    def learn(self, folder: Path, settings: ImplicitSettings, count: int) -> None:
+        """Train a network and save it in a folder."""
+        learning, validation = (
+            Items(place(self.data), split, settings.named, each, learned=ImplicitLearner.arrays, cache_megabytes=settings.cache_megabytes)
+            for split, each in (("train", settings.samples_per_object), ("valid", settings.validation_items))
+        )
+        learning.rows.object_ids = self.spread(learning.rows, count)
+        validation.rows.object_ids = self.spread(validation.rows, len(validation.rows))
+        name, seed = folder.name, settings.training_seed
+        network = ImplicitNetwork(settings.network(learning.side), torch_generator(seed, name, "weights"))
+        folder.mkdir(parents=True, exist_ok=True)
+        train(ImplicitLearner(network, learning, validation, settings, seed), settings, folder=folder, seed=seed, name=name)
+        save_model(folder, network, learning.description(settings.configuration, network.config))
+
+    def spread(self, rows: ObjectRows, count: int) -> list[str]:
+        """Choose a number of objects, from each class in turn, in an order drawn once: fewer are a part of more."""
+        found = defaultdict[str, list[str]](list)
+        for category, object_id in zip(rows.categories, rows.object_ids, strict=True):
+            if not self.classes or category in self.classes:
+                found[category].append(object_id)
+        turns = [(turn, own[number]) for kind, own in found.items() for turn, number in enumerate(numpy_rng(0, kind).permutation(len(own)))]
+        return sorted(object_id for _, object_id in sorted(turns)[:count])
+
+    def errors(self, folder: Path, configuration: str) -> list[float]:
+        """Measure the Chamfer distance x 9000 of each test object, given one grasp."""
+        model = load_reconstructor(configuration, folder)
+        rows = ObjectRows(place(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
+        found = []
+        for object_id in self.spread(rows, len(rows)):
+            (made,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])
+            points, _ = draw(made, POINTS, numpy_rng(0, object_id))
+            found.append(FACTOR * cloud_distances(points, rows.read("points", object_id)[:POINTS]).chamfer)
+        return found
+
+
+def main() -> None:
+    """Print a table with a row per network, number of objects and way to use it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", type=Path, help="a dataset with surfaces, images, charts and distances")
+    parser.add_argument("out", type=Path, help="folder of the networks; what it holds is not trained again")
+    parser.add_argument("--tested", type=Path, help="another dataset, whose test objects are measured")
+    parser.add_argument("--classes", nargs="*", default=[], help="by default all")
+    parser.add_argument("--objects", type=int, nargs="+", required=True, help="training objects")
+    parser.add_argument("--items", type=int, default=40_000, help="that a training sees in all")
+    parser.add_argument("--epochs", type=int, help="in place of --items")
+    parser.add_argument("--trainings", type=int, default=1)
+    parser.add_argument("--configurations", nargs="+", default=[ANY])
+    parser.add_argument("--ways", nargs="+", default=["unoccluded", "occluded-touch"], help=f"to use {ANY}")
+    parser.add_argument("--set", nargs="*", default=[], help="further settings of train-implicit")
+    chosen = parser.parse_args()
+    torch.set_num_threads(1)
+    experiment = Experiment(chosen.data, chosen.tested or chosen.data, chosen.out, chosen.classes, chosen.ways, chosen.set)
+    shown = Table("Errors by what was learned from", ["objects", "epochs", "mean", "of each training", "median"])
+    for configuration in chosen.configurations:
+        for count in chosen.objects:
+            epochs = chosen.epochs or max(1, round(chosen.items / count))
+            trainings = [experiment.figures(configuration, count, epochs, seed) for seed in range(chosen.trainings)]
+            for way in trainings[0]:
+                each = np.array([training[way] for training in trainings])
+                apart = ", ".join(f"{mean:.2f}" for mean in each.mean(axis=1))
+                shown.add(way, count, epochs, f"{each.mean():.2f}", apart, f"{np.median(each):.2f}")
+    print(shown.markdown(f"Chamfer distance x {FACTOR}, {POINTS:,} points, one grasp. Commit {commit()}, {machine()}."))
+
+
+if __name__ == "__main__":
+    main()
