@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import torch
 import torch.distributed
@@ -64,10 +64,15 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
     from lightning_fabric.strategies.ddp import DDPStrategy
 
+    from pipeline.training.mixed_precision import MixedInside
+
     together = process_group()
     _check_count(settings, name)
     try:
-        strategy: Any = "auto"
+        device, strategy = device_of(settings.accelerator).type, cast(Any, "auto")
+        plugins: list[Any] = [TorchElasticEnvironment() if together else LightningEnvironment()]  # in a job of Slurm, too
+        if mixed := settings.precision == "bf16-mixed":
+            plugins.append(MixedInside(settings.precision, device))
         if settings.devices * settings.num_nodes > 1:
             from pipeline.training.own_processes import OwnProcesses
 
@@ -75,12 +80,12 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
             if settings.num_nodes == 1:
                 os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
         return Fabric(
-            accelerator=device_of(settings.accelerator).type,
+            accelerator=device,
             strategy=strategy,
             devices=settings.devices,
             num_nodes=settings.num_nodes,
-            precision=settings.precision,
-            plugins=TorchElasticEnvironment() if together else LightningEnvironment(),  # in a job of Slurm, too
+            precision=None if mixed else settings.precision,
+            plugins=plugins,
             loggers=TensorBoardLogger(folder, name=LOGS, version=""),
         )
     except (RuntimeError, ValueError, ImportError) as error:

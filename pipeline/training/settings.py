@@ -44,7 +44,8 @@ class TrainingSettings(Settings):
     devices: int = setting(1, "processes per node that share a batch: the losses of one process, but for rounding", ge=1)
     num_nodes: int = setting(1, "nodes; more than one are started with torchrun or srun", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = setting(
-        "32-true", "bf16-mixed pays on GPUs, and on CPUs with such instructions"
+        "32-true",
+        "bf16-mixed computes layers in bfloat16: a U-Net of width 64 takes 0.6 of the time on a CPU that knows it, small networks as long",
     )
     threads: int = setting(
         1, "of torch on a CPU: trainings side by side use cores better than threads; sums differ in their last bit", ge=1

@@ -1,0 +1,15 @@
+"""Mixed precision for networks that compute geometry; imported by a training alone, as Lightning Fabric takes seconds to import."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lightning_fabric.plugins.precision.amp import MixedPrecision
+
+
+class MixedInside(MixedPrecision):
+    """Autocast a network's layers, but leave its inputs as they are: in bfloat16 a point of the scene is rounded by millimetres."""
+
+    def convert_input(self, data: Any) -> Any:
+        """Return the inputs."""
+        return data

@@ -1,0 +1,48 @@
+"""Trainings in mixed precision: layers are computed in bfloat16, points are not, and what is learned is nearly the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+from rich.console import Console
+
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.models.families import model_name
+from pipeline.store.directory import DataDirectory
+from stages.registry import load_stage, resolve
+from tests.stages import ball_dataset as spheres
+
+SPLITS = ("train", "valid", "test")
+OBJECTS = spheres.objects(3, SPLITS)
+SETTINGS = {
+    "train-implicit": ("configuration=implicit-any", "features=16", "blocks=1", "queries=50", "encoder_width=0.125", "radius=0.25"),
+    "train-gcn": ("configuration=unoccluded-touch", "gcn_layers=3", "gcn_features=12", "loss_points=200", "encoder_width=0.125"),
+}
+
+
+def best(data: Path, stage: str, precision: str) -> float:
+    """Train for two epochs; the validation loss."""
+    stated = (*SETTINGS[stage], "epochs=2", "samples_per_object=6", f"precision={precision}", "accelerator=cpu")
+    settings = resolve(stage, "draft", [f"{stage}.{text}" for text in stated])
+    (plan,) = make_plans(Request(load_stage(stage), settings, "balls", OBJECTS, "draft", 0, data))
+    run(plan, Console(record=True, width=200))
+    configuration = SETTINGS[stage][0].removeprefix("configuration=")
+    return float(DataDirectory(data).folder(model_name(configuration)).facts["best"]["loss"])
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    torch.set_num_threads(1)
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 3, SPLITS)
+    return folder
+
+
+@pytest.mark.parametrize("stage", SETTINGS)
+def test_mixed_precision_learns_what_full_precision_does(data, stage):
+    full, mixed = (best(data, stage, precision) for precision in ("32-true", "bf16-mixed"))
+    assert mixed != full
+    assert mixed == pytest.approx(full, rel=0.1)
