@@ -161,6 +161,13 @@ def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
     assert "made 1 object" in output
 
 
+def test_a_sweep_runs_no_point_where_one_is_not_valid(tmp_path):
+    code, output = invoke("sweep", "train-gcn", "--grid", "gcn_layers=3,1001", "--dry-run", "--data", str(tmp_path))
+    assert code == 1
+    assert "gcn_layers" in output
+    assert "sweeps/" not in output
+
+
 def test_one_object_alone(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, cast, get_args
@@ -23,6 +24,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.cli.run import run_plan
+from pipeline.config.settings import Settings
 from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
@@ -61,9 +63,13 @@ def sweep(
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
     plain = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
     found, failed = [], 0
-    for point in sweeps.grid_points(_grid(grid) if grid else given):
+
+    def settings_of(point: Mapping[str, Any]) -> Settings:
         varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
-        settings = resolve(stage, preset, [*(assignments or ()), *varied])
+        return resolve(stage, preset, [*(assignments or ()), *varied])
+
+    points = [(point, settings_of(point)) for point in sweeps.grid_points(_grid(grid) if grid else given)]  # all are valid, or none is run
+    for point, settings in points:
         folder = sweeps.point_folder(stage, loaded.writes(settings), point)
         if dry_run:
             print_line(f"{plain.data / folder}")

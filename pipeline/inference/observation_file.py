@@ -238,6 +238,14 @@ def _size(array: NDArray[Any]) -> str:
     return f"{array.shape[1]} x {array.shape[0]}"
 
 
+def read_entries(path: Path) -> Any:
+    """Read the entries of an observation file, and no file that they name; an `InvalidInput` if it is missing or no YAML."""
+    try:
+        return read_yaml(path)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
+
+
 def load_observation(path: Path | str, faults: Callable[[RobotObservation], list[str]] = lambda observation: []) -> RobotObservation:
     """Read an observation file with all files that it names.
 
@@ -255,10 +263,7 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
         `faults` finds in the rest.
     """
     path = Path(path)
-    try:
-        entries = read_yaml(path)
-    except (ValueError, yaml.YAMLError) as error:
-        raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
+    entries = read_entries(path)
     context, lines = {"folder": path.parent}, []
     try:
         observation: RobotObservation | None = RobotObservation.model_validate(entries, context=context)

@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput, StageError, meant
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
 from pipeline.inference.observation_checks import faults
-from pipeline.inference.observation_file import RobotObservation, load_observation
+from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
@@ -135,6 +135,8 @@ def predict(
         which are named; the suffix is no mesh's.
     """
     check_output(out)
+    if data is None and isinstance(observation, Path):
+        read_entries(observation)  # before networks are read, which takes longer
     with Meter(errors, "predict", 3, "steps", after=1.0) as meter:
         reader = model_reader(models, configuration, training_seed, accelerator, seed)
         meter.advance("the network is read")

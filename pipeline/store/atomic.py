@@ -49,7 +49,7 @@ def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
 def written_to(folder: Place) -> Iterator[Path]:
     """Give an empty folder on this machine's disk to write files in; at the end each takes its place in `folder` at once.
 
-    `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed.
+    `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed; a failed one leaves no empty folder.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def written_to(folder: Place) -> Iterator[Path]:
             yield local
             copy(local, folder, files_below(local))
         return
-    work, fresh = folder / UNFINISHED, folder / UNFINISHED / "files"
+    work, fresh, was_there = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
     with errors_that_name(folder), one_writer(work / "lock", folder):
         try:
@@ -78,6 +78,9 @@ def written_to(folder: Place) -> Iterator[Path]:
                 flush(parent)
         finally:
             shutil.rmtree(work, ignore_errors=True)
+            if not was_there:
+                with suppress(OSError):  # it holds files, unless writing them failed
+                    folder.rmdir()
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:

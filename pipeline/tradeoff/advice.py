@@ -142,6 +142,9 @@ def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Lim
         fits = [one for one in options if (most is None and not one.point.changes) or (most is not None and one.bound <= most)]
         if not fits:
             best = min(one.bound for one in options)
-            raise InvalidInput(f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {most:g}")
+            raise InvalidInput(
+                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {most:g}; allow a larger error, or "
+                "measure more accurate settings: `vt-pipeline tradeoff` with another --preset or --set"
+            )
         chosen.append(min(fits, key=lambda one: (one.seconds, one.bound)))
     return chosen

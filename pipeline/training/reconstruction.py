@@ -182,7 +182,7 @@ class ReconstructionTraining(DatasetStage):
         diagonals = {**_diagonals(job.data, learning), **_diagonals(job.data, validation)}
         config = settings.network(learning.side, max(diagonals.values()) / 2)
         network: Any = self.family.network_type(config, torch_generator(job.seed, name, "weights"))
-        for line in (*size_remarks(diagonals, config.radius), *self.remarks(network, learning)):
+        for line in (*setting_remarks(settings, learning), *size_remarks(diagonals, config.radius), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
@@ -197,6 +197,21 @@ def _diagonals(data: Place, items: Items) -> dict[str, float]:
     return {name: bounding_diagonal(surfaces.view(name)["meshes/vertices"]) for name in items.rows.object_ids}
 
 
+def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
+    """Name settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
+    given, fields = settings.named, type(settings).model_fields
+    taken = {"image_": given.image, "touch_reach": given.touch, "dropped_touches": given.touch}
+    taken |= {"dropped_image": given.image == "any", "dropped_grasps": given.image == "any"}
+    for name, field in fields.items():
+        if any(name.startswith(start) and not takes for start, takes in taken.items()) and getattr(settings, name) != field.default:
+            yield f"{name}={getattr(settings, name)} has no effect: this network is not given what it changes"
+    if given.touch and settings.max_grasps > items.grasps:
+        yield (
+            f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
+            f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
+        )
+
+
 def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]:
     """Warn of objects of very different sizes, which one network learns badly.
 
@@ -208,6 +223,11 @@ def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]
         Of the ball that the network knows, m.
     """
     small, large = min(diagonals, key=diagonals.__getitem__), max(diagonals, key=diagonals.__getitem__)
+    if not diagonals[large] / ALIKE <= 2 * radius <= diagonals[large] * ALIKE:
+        yield (
+            f"the network learns in units of {2 * radius:.3g} m (radius {radius:g}), and the largest object has {diagonals[large]:.3g} m "
+            f"({large}): leave radius out"
+        )
     if diagonals[large] > ALIKE * diagonals[small]:
         few = sorted(name for name, diagonal in diagonals.items() if 2 * radius > ALIKE * diagonal)
         yield (

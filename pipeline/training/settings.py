@@ -86,7 +86,7 @@ class ReconstructionSettings(TrainingSettings):
         None,
         "m, of the ball that objects lie in, the unit of what networks see and learn; null takes half the diagonal of the largest training "
         "or validation object: 0.25 where all were scaled to 0.5 m",
-        gt=0,
+        ge=1e-3,
         le=100,
     )
     dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)

@@ -17,8 +17,8 @@ class GcnSettings(ReconstructionSettings):
     configurations = CONFIGURATIONS
 
     configuration: str = setting("occluded-touch", f"which of the supplement's networks: {', '.join(CONFIGURATIONS)}", changes="definition")
-    gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2)
-    gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3)
+    gcn_layers: int | None = setting(8, "for trainings of minutes on a CPU; null is the table's 15 to 25", ge=2, le=1000)
+    gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3, le=2**16)
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid")
     encoder_kernel: Literal[3, 5] = setting(
         5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
@@ -28,7 +28,7 @@ class GcnSettings(ReconstructionSettings):
     )
     encoder_width: float = setting(0.5, "share of the tables' channels, likewise", gt=0, le=2)
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
-    passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1)
+    passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1, le=100)
     seams: Seams = setting("tied", "vertices of neighbouring charts that coincide move as one: a closed surface; open: the supplement's")
     touch_edges: TouchEdges = setting("centres", "all: touch charts speak to every vision vertex, and are not spoken to")
     edge_weight: float = setting(
@@ -66,7 +66,7 @@ class SingleImageSettings(GcnSettings):
 
     configuration: Literal["table-11"] = setting("table-11", "the network there is", changes="definition")
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
-    encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1)
+    encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1, le=2**16)
     learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0)
     batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
     epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)

@@ -23,15 +23,15 @@ class ImplicitSettings(ReconstructionSettings):
     configurations = IMPLICIT_CONFIGURATIONS
 
     configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
-    features: int = setting(128, "of each layer of the decoder", ge=2)
-    blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0)
+    features: int = setting(128, "of each layer of the decoder", ge=2, le=2**12)
+    blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0, le=100)
     band: float = setting(
         0.03,
         "m, at 0.5 m objects, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
         gt=0,
     )
     spacing: float = setting(
-        0.004, "of the grid of a reconstruction's mesh, m, at 0.5 m objects; half of it takes four times as long", ge=1e-3
+        0.004, "of the grid of a reconstruction's mesh, m, at 0.5 m objects; half of it takes four times as long", ge=1.25e-3, le=0.05
     )
     touch_reach: float = setting(
         0.01,

@@ -13,7 +13,7 @@ class TouchTrainingSettings(TrainingSettings):
     epochs: int = setting(
         11, "of 1,800 presses, 1,200 steps; all are taken: the error on simulated presses does not tell when to stop for photographs", ge=1
     )
-    width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1)
+    width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(
         0.07, "exposure and lamps differ between days: each colour's change is scaled by a factor within 1 ± this", ge=0, lt=1

@@ -13,7 +13,7 @@ DRIFT_SIDE = 3
 
 
 def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, generator: torch.Generator) -> Tensor:
-    """Vary the change of colours of one press: gain, mixed colours, light that grows with the depth, blur, drift and noise.
+    """Vary the change of colours of one press: gain, mixed colours, light that grows with the depth, blur, drift, noise and shift.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, 
         return torch.rand(shape, generator=generator, dtype=torch.float32)
 
     gain = 1 + settings.image_gain * (2 * share(3) - 1) + 1.5 * settings.image_gain * (2 * share(1) - 1)
-    mixing = torch.eye(3) + settings.image_mix * (2 * share(3, 3) - 1)
+    mixing = torch.eye(3, dtype=torch.float32) + settings.image_mix * (2 * share(3, 3) - 1)
     varied = torch.einsum("ij,jhw->ihw", gain[:, None] * mixing, change)
     lit = torch.randn((3, 1, 1), generator=generator, dtype=torch.float32)
     varied = varied + settings.image_depth * lit * depth
@@ -40,7 +40,8 @@ def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, 
     common = torch.randn((1, DRIFT_SIDE, DRIFT_SIDE), generator=generator, dtype=torch.float32)
     drift = interpolate((0.6 * coarse + common)[None], size=change.shape[1:], mode="bicubic", align_corners=True)[0]
     noise = torch.randn(change.shape, generator=generator, dtype=torch.float32)
-    return varied + settings.image_drift * share(1) * drift + settings.image_noise * share(1) * noise
+    varied = varied + settings.image_drift * share(1) * drift + settings.image_noise * share(1) * noise
+    return varied + settings.image_shift * (2 * share(3, 1, 1) - 1)
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:

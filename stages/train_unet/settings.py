@@ -16,7 +16,9 @@ class UnetSettings(TrainingSettings):
     schedule: Schedule = setting("cosine", "rises, then falls to 0: depths are a sixth nearer (RMS) than at a constant rate of 1e-3")
     batch_size: int = setting(8, "more steps in the same time than the supplement's 32", ge=1)
     epochs: int = setting(30, "the supplement has at most 114", ge=1)
-    width: int = setting(16, "features of the first level; 64 is Table 5, 24,425,601 parameters, and each halving four times fewer", ge=1)
+    width: int = setting(
+        16, "features of the first level; 64 is Table 5, 24,425,601 parameters, and each halving four times fewer", ge=1, le=2**12
+    )
     loss: Literal["depth", "chamfer"] = setting(
         "depth",
         "after equal time its depths are 13-20 % nearer (RMS) than those of `chamfer`, whose clouds are 1-9 % nearer; it costs 0.04 % of "

@@ -113,7 +113,7 @@ def test_an_export_that_fails_leaves_nothing_and_names_the_folder(data, tmp_path
     monkeypatch.setattr("pipeline.export.webdataset_shards.write_webdataset", fails)
     said = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
     assert f"No space left on device: '{tmp_path / 'out'}'" in said
-    assert not [*(tmp_path / "out").iterdir()]
+    assert not (tmp_path / "out").exists()
 
 
 def test_one_export_at_a_time_is_written_into_a_folder(tmp_path):

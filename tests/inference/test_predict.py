@@ -297,6 +297,11 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"view": 3}, StageError, "model touch takes no renderings, which view 3 is one of; choose grasps"),
         ({"object_id": None}, StageError, "data directory .* needs an object; name one"),
         ({"observation": Path("grasp.yaml")}, StageError, "not both"),
+        (
+            {"data": None, "object_id": None, "observation": Path("no.yaml"), "models": Path("none")},
+            InvalidInput,
+            "file no.yaml cannot be read",
+        ),
         ({"data": None}, StageError, "object a needs a data directory"),
         ({"data": None, "object_id": None}, StageError, "needs touches: give an observation"),
         ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image: give"),

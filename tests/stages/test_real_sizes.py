@@ -113,6 +113,9 @@ def test_networks_that_see_the_same_image_predict_the_same_shape(family):
 def test_objects_of_very_different_sizes_are_named():
     alike = {"a": 0.1, "b": 0.3}
     assert list(size_remarks(alike, 0.15)) == []
+    for radius in (0.02, 2.0):
+        (line,) = size_remarks(alike, radius)
+        assert f"(radius {radius:g}), and the largest object has 0.3 m (b): leave radius out" in line
     (line,) = size_remarks(alike | {"screw": 0.02, "chair": 0.6}, 0.3)
     assert line.startswith("objects are between 0.02 m (screw) and 0.6 m (chair) large")
     assert "the shape of 2 objects below 0.15 m hardly counts" in line

@@ -234,6 +234,8 @@ def test_a_network_that_has_diverged_is_refused(data):
         ({"encoder_layers": 13}, "encoder_layers"),
         ({"encoder_kernel": 4}, "encoder_kernel"),
         ({"min_grasps": 4, "max_grasps": 2}, "min_grasps is 4, max_grasps 2"),
+        ({"gcn_layers": 1001}, "less than or equal to 1000"),  # could not be read again
+        ({"passes": 101}, "less than or equal to 100"),
     ],
 )
 def test_settings_that_make_no_network_are_refused(settings, words):

@@ -22,6 +22,7 @@ from pipeline.models.observation import Observation, observed_arrays, stored_obs
 from pipeline.reports.reconstruction_gallery import predicted_mesh
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
+from pipeline.training.reconstruction import setting_remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
 from stages.registry import load_stage, resolve
@@ -137,6 +138,21 @@ def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
     assert re.match(r"\d of \d training objects are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
 
 
+def test_settings_without_effect_and_grasps_that_there_are_not_are_named(data):
+    stated = ["image_noise=3", "dropped_touches=0.5", "dropped_image=0.5", "touch_reach=0.02", "max_grasps=9"]
+
+    def said(configuration: str) -> list[str]:
+        settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
+        return [
+            line.split(maxsplit=1)[0] if "no effect" in line else line
+            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays))
+        ]
+
+    few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"
+    assert said("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
+    assert said("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
+
+
 def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
     reads = {name: {one.name for one in TrainImplicit().inputs(ImplicitSettings(configuration=name))} for name in IMPLICIT_CONFIGURATIONS}
     assert reads["implicit-touch"] == {"surfaces", "distances", "charts"}
@@ -151,7 +167,14 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
 
 @pytest.mark.parametrize(
     ("assignment", "words"),
-    [("configuration=touch", "unknown configuration touch; choose from implicit-touch"), ("min_grasps=6", "min_grasps is 6, max_grasps 5")],
+    [
+        ("configuration=touch", "unknown configuration touch; choose from implicit-touch"),
+        ("min_grasps=6", "min_grasps is 6, max_grasps 5"),
+        ("features=5000", "features: .*4096"),  # could not be read again
+        ("blocks=101", "blocks: .*100"),
+        ("spacing=0.001", "spacing: .*0.00125"),  # more cells than a mesh may have
+        ("spacing=0.1", "spacing: .*0.05"),
+    ],
 )
 def test_settings_that_make_no_network_are_refused(assignment, words):
     with pytest.raises(InvalidInput, match=words):

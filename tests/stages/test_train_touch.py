@@ -86,6 +86,23 @@ def test_variation_is_off_at_zero_and_follows_from_the_generator() -> None:
         assert not torch.allclose(vary_change(change, depth, alone, generators(1, 5)[0]), change, atol=1e-3), name
 
 
+def test_a_shift_is_the_same_for_all_pixels_of_a_colour() -> None:
+    change, settings = torch.zeros(3, 20, 20), TouchTrainingSettings.model_validate(OFF | {"image_shift": 9.0})
+    shift = vary_change(change, change[0], settings, generators(1)[0])
+    assert shift.flatten(1).unique(dim=1).shape == (3, 1)
+    assert 1 < shift.abs().max() <= 9
+
+
+@pytest.mark.parametrize("precision", ["64-true", "bf16-mixed"])
+def test_it_trains_in_every_precision(presses: RandomPresses, tmp_path: Path, precision: str) -> None:
+    settings, usual = (TouchTrainingSettings.model_validate(SETTINGS | {"epochs": 1, "precision": one}) for one in (precision, "32-true"))
+    losses = []
+    for number, asked in enumerate((settings, usual)):
+        (folder := tmp_path / str(number)).mkdir()
+        losses.append(train_local_network(presses, presses, asked, folder=folder, seed=0)[1]["best"]["loss"])
+    assert losses[0] == pytest.approx(losses[1], rel=0.05)
+
+
 def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
     model, facts = trained
     assert facts["best_epoch"] == facts["epochs"] - 1

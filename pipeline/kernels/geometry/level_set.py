@@ -92,10 +92,9 @@ def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Fiel
 def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, within: float) -> None:
     """Set what is within a distance of places (M, 3) along each axis, on a grid that begins at 0; and one more point on each side."""
     reach = int(np.ceil(within / step)) + 1
-    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    marked = (np.rint(places / step).astype(np.int64)[:, None] + offsets).reshape(-1, 3)
-    marked = marked[((marked >= 0) & (marked < where.shape)).all(axis=1)]
-    where[tuple(marked.T)] = True
+    for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
+        first, last = np.maximum(place - reach, 0), np.maximum(place + reach + 1, 0)
+        where[tuple(map(slice, first, last))] = True
 
 
 def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:

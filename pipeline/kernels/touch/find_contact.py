@@ -54,7 +54,7 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     Raises
     ------
     InvalidInput
-        The photograph shows no contact, or too little of one.
+        The photograph shows no contact, too little of one, or several.
 
     Notes
     -----
@@ -72,7 +72,7 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
             f"nothing touches: it differs from the untouched one by {strength.max():.1f} levels, {LEAST_CHANGE:g} are needed"
         )
     regions = regionprops(label(strength > strength.max() / 3), intensity_image=strength)
-    region = max(regions, key=lambda region: region.intensity_max)
+    region, *others = sorted(regions, key=lambda region: -region.intensity_max)
     reach = int(region.equivalent_diameter_area + 2 * SMALLEST)
     x, y = _by_symmetry(change, region)
     circle = _checked((x, y, _fading(strength, x, y, reach)))
@@ -80,6 +80,14 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
         circle = _checked(_by_rim(strength[..., None], circle, moved))
     x, y, _ = circle
     x, y, radius = _checked(_by_rim(change, (x, y, _fading(size, x, y, reach)), REFINED))
+    for other in others:
+        apart = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
+        if apart > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
+            row, col = other.centroid
+            raise InvalidInput(
+                f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f}); photograph one ball at a time, or "
+                "give the contact that counts in circles.csv"
+            )
     row, col = np.indices(strength.shape)
     filled = float((strength > strength.max() / 3)[np.hypot(col - x, row - y) < radius].mean())
     if filled < LEAST_FILLED:

@@ -105,3 +105,16 @@ def test_an_empty_field_gives_an_empty_mesh():
 def test_level_set_rejects_invalid_fields_and_boxes(field, high, spacing, words):
     with pytest.raises(InvalidInput, match=words):
         level_set_mesh(field, np.zeros(3), np.array(high), spacing)
+
+
+def test_places_whose_surroundings_are_larger_than_the_grid_are_computed_in_its_memory():
+    """Without a limit on the memory, 2e9 offsets of a place would be listed."""
+    far = np.array([[5.0, 0, 0], [1.0, 0, 0.05]])
+    asked = []
+
+    def counted(points):
+        asked.append(len(points))
+        return ball(points)
+
+    mesh_of(counted, [0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.01, halvings=1, dense_points=far, dense_radius=6.0)
+    assert asked == [21**3, 41**3]

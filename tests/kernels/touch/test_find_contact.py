@@ -55,3 +55,11 @@ def test_contact_that_lies_mostly_outside_the_image_is_refused(whole: tuple[np.n
     image, untouched = (np.ascontiguousarray(one[:, left:]) for one in whole)
     with pytest.raises(InvalidInput, match=r"% of the (rim|best one)"):
         find_contact(image, untouched)
+
+
+def test_two_balls_in_one_photograph_are_refused() -> None:
+    sensor = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0})
+    both = sum(ball_impression(sensor, Circle(x, y, 20.0), 0.004) for x, y in ((50.0, 60.0), (150.0, 90.0)))
+    image = tactile_image(sensor.w - both, sensor, np.random.default_rng(0))
+    with pytest.raises(InvalidInput, match=r"and a second one at \(.*photograph one ball at a time"):
+        find_contact(image, untouched_image(sensor))
