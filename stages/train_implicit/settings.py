@@ -29,6 +29,7 @@ class ImplicitSettings(ReconstructionSettings):
         0.03,
         "m, at 0.5 m objects, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
         gt=0,
+        le=1,
     )
     spacing: float = setting(
         0.004, "of the grid of a reconstruction's mesh, m, at 0.5 m objects; half of it takes four times as long", ge=1.25e-3, le=0.05

@@ -1,5 +1,7 @@
 """The settings of `train-touch`."""
 
+from typing import Literal
+
 from pipeline.config.settings import setting
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import TrainingSettings
@@ -13,6 +15,7 @@ class TouchTrainingSettings(TrainingSettings):
     epochs: int = setting(
         11, "of 1,800 presses, 1,200 steps; all are taken: the error on simulated presses does not tell when to stop for photographs", ge=1
     )
+    patience: Literal[None] = setting(None, "the last epoch is kept, whatever its validation loss")
     width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(

@@ -29,6 +29,9 @@ INITIAL_OUTPUT_SCALE = 0.1
 FINGER_DEPTH = 0.015
 """m: depth of the finger behind a touched point, where the object cannot be."""
 
+SMALLEST_REACH = 1e-6
+"""m: below this reach no point is near a touch; squares of shares of it leave float32."""
+
 TANH_SLOPE = 0.05
 """Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
 
@@ -246,7 +249,7 @@ class ImplicitNetwork(nn.Module):
         network the rest. Near the point this is flat: the height decides on the sign, however far off the network is.
         """
         (predicted, felt), radius = self._decode(code, queries), self.config.radius
-        if felt is None or self.config.touch_reach == 0:
+        if felt is None or self.config.touch_reach < SMALLEST_REACH:
             return predicted
         heights, weights = heights_above_touches(felt, self.config.touch_reach / radius, FINGER_DEPTH / radius)
         return torch.lerp(predicted, radius * heights, weights)

@@ -112,12 +112,12 @@ def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
     torch.testing.assert_close(*both((0.0, 0.0, 0.7)))
 
 
-@pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {}])
+@pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {"touch_reach": 1e-30}, {}])
 def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[str, Any]):
     network, seen, asked = small(**changes), given([2 if changes.get("touch", True) else 0]), queries(1)
     if not changes:
         seen |= {"touched": torch.tensor([False, False])}
-    code = network.encode(**seen)
+    code, asked = network.encode(**seen), torch.cat([asked, seen["touch_vertices"].reshape(1, -1, 3)], dim=1)
     assert torch.equal(network.decode_with_touches(code, asked), network.decode(code, asked))
 
 
