@@ -16,7 +16,7 @@ from pipeline.training.schedule import Schedule
 class TrainingSettings(Settings):
     """How a network is trained; what a stage trains derives its settings from these."""
 
-    learning_rate: float = setting(1e-4, "Adam's", gt=0)
+    learning_rate: float = setting(1e-4, "Adam's", gt=0, le=100)
     schedule: Schedule = setting(
         "constant", "cosine: the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine"
     )

@@ -39,7 +39,7 @@ class GcnSettings(ReconstructionSettings):
     )
     laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
     bending_weight: float = setting(0.0, "of the mean of 1 - cos between neighbouring faces, beside a Chamfer distance as printed", ge=0)
-    learning_rate: float = setting(6e-3, "two hundred times the supplement's, for trainings a hundred times shorter", gt=0)
+    learning_rate: float = setting(6e-3, "two hundred times the supplement's, for trainings a hundred times shorter", gt=0, le=100)
     schedule: Schedule = setting(
         "cosine", "the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine; the supplement's is constant"
     )
@@ -67,7 +67,7 @@ class SingleImageSettings(GcnSettings):
     configuration: Literal["table-11"] = setting("table-11", "the network there is", changes="definition")
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
     encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1, le=2**16)
-    learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0)
+    learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0, le=100)
     batch_size: int = setting(4, "more steps in the time; the supplement has 64", ge=1)
     epochs: int = setting(30, "minutes on a CPU; the supplement has at most 40, of more objects and all views", ge=1)
     patience: int | None = setting(None, "the supplement names none", ge=1)

@@ -48,7 +48,7 @@ class ImplicitSettings(ReconstructionSettings):
         "group for implicit-any, whose batches have more or fewer images, and batch for the others",
     )
     encoder_width: float = setting(0.25, "share of the tables' channels", gt=0, le=2)
-    learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0)
+    learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0, le=100)
     schedule: Schedule = setting("cosine", "rises for a twentieth of all steps, then falls to 0: distances settle in its last third")
     gradient_limit: float | None = setting(1.0, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
     batch_size: int = setting(4, "as `train-gcn`'s: steps count more than the size of a batch", ge=1)

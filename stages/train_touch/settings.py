@@ -10,7 +10,7 @@ from pipeline.training.settings import TrainingSettings
 class TouchTrainingSettings(TrainingSettings):
     """How the local network that reads photographs is trained on simulated presses."""
 
-    learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0)
+    learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0, le=100)
     schedule: Schedule = setting("cosine", "a training of fixed length ends with small steps")
     epochs: int = setting(
         11, "of 1,800 presses, 1,200 steps; all are taken: the error on simulated presses does not tell when to stop for photographs", ge=1

@@ -12,7 +12,9 @@ from pipeline.training.settings import TrainingSettings
 class UnetSettings(TrainingSettings):
     """How the network that reads touches is trained (supplement 2.1 and 2.2, Table 5)."""
 
-    learning_rate: float = setting(2e-3, "forty times the supplement's, for networks sixteen times smaller and trainings of minutes", gt=0)
+    learning_rate: float = setting(
+        2e-3, "forty times the supplement's, for networks sixteen times smaller and trainings of minutes", gt=0, le=100
+    )
     schedule: Schedule = setting("cosine", "rises, then falls to 0: depths are a sixth nearer (RMS) than at a constant rate of 1e-3")
     batch_size: int = setting(8, "more steps in the same time than the supplement's 32", ge=1)
     epochs: int = setting(30, "the supplement has at most 114", ge=1)

@@ -170,6 +170,7 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
     [
         ("configuration=touch", "unknown configuration touch; choose from implicit-touch"),
         ("min_grasps=6", "min_grasps is 6, max_grasps 5"),
+        ("learning_rate=1e39", "learning_rate: .*100"),  # beyond float32
         ("features=5000", "features: .*4096"),  # could not be read again
         ("blocks=101", "blocks: .*100"),
         ("spacing=0.001", "spacing: .*0.00125"),  # more cells than a mesh may have
