@@ -383,6 +383,18 @@ def test_two_objects_of_one_name_are_an_error(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match="two objects are called a"):
         manifest(folder("directory", tmp_path), folder("directory", tmp_path)).objects()
+    drawn = {"kind": "procedural", "licence": "x", "count": {"bottle": 1}}
+    with pytest.raises(InvalidInput, match=r"called bottle-0000: a procedural one and .* let one procedural source make the class"):
+        manifest(drawn | {"seed": 0}, drawn | {"seed": 1}).objects()
+
+
+def test_files_of_the_pybullet_wheel_point_up_as_their_source_says_unless_they_say():
+    files = {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj", "up": "x"}}
+    named = manifest({"kind": "pybullet", "licence": "x", "up": "y", "files": files})
+    assert {item.object_id: item.source["up"] for item in named.objects()} == {"duck": "y", "bunny": "x"}
+    assert named.with_units(None, "z").objects()[1].source["up"] == "z"
+    with pytest.raises(InvalidInput, match=r"no 'dukc.obj' in .*; correct the path of duck"):
+        manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "dukc.obj"}}}).objects()
 
 
 def test_an_object_is_what_its_files_hold_wherever_they_lie(tmp_path):

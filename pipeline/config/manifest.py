@@ -186,8 +186,10 @@ def _check_names(found: Sequence[Object]) -> None:
         without_controls(item.category)
     for one, other in pairwise(found):
         if one.object_id == other.object_id:
-            both = f"{one.source.get('file', 'one')} and {other.source.get('file', 'another')}"
-            raise InvalidInput(f"two objects are called {one.object_id}: {both}; rename one")
+            both = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))
+            raise InvalidInput(
+                f"two objects are called {one.object_id}: {both}; rename a file, or let one procedural source make the class"
+            )
 
 
 def load_manifest(name_or_path: str) -> Manifest:

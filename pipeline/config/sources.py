@@ -107,8 +107,8 @@ class PybulletFile(BaseModel):
 
     file: str
     """Its path in `pybullet_data`."""
-    up: Literal["x", "y", "z"] = "z"
-    """Axis of the file that points up."""
+    up: Literal["x", "y", "z"] | None = None
+    """Axis of the file that points up; by default the source's."""
 
 
 class Pybullet(MeshSource):
@@ -134,5 +134,5 @@ class Pybullet(MeshSource):
         numbered = [(f"random-{n:03d}", f"random_urdfs/{n:03d}/{n:03d}.obj", self.up) for n in range(self.random_urdfs)]
         for name, file, up in [*named, *numbered]:
             if not (data / file).is_file():
-                raise InvalidInput(f"{data / file} is missing; reinstall the pinned packages")
+                raise InvalidInput(f"there is no {file!r} in {data}; correct the path of {name}, or reinstall the pinned packages")
             yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))

@@ -20,6 +20,8 @@ from pipeline.formats.file_content import read_file
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
 
+UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float")
+"""What pydantic adds to an entry's place for each type that it may have."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 """Limits of a description file: a larger one would take minutes to read."""
 
@@ -165,7 +167,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in found if item["type"] == "literal_error"}
     guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in found if item["loc"] in choices}
-    lines = []
+    lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has a complaint for each
     for item in found:
         place = item["loc"]
         inside = any(other[: len(place)] == place and other != place for other in places)
@@ -174,12 +176,17 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         if item["type"] == "union_tag_not_found":
             place = (*place, item["ctx"]["discriminator"].strip("'"))
         value = "" if item["type"] == "value_error" else _shown(item["input"])  # ours say what they want
-        lines.append(_describe(item["type"], ".".join(map(str, place)), item["msg"], guesses.get(place), value))
-    return "; ".join(lines)
+        name = ".".join(str(part) for part in place if not UNION_MEMBER.fullmatch(str(part)))
+        lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
+    return "; ".join(
+        ", or ".join([first, *(line.removeprefix(f"{name}: ") for line in others)]) for name, (first, *others) in lines.items()
+    )
 
 
 def _shown(value: object) -> str:
-    """Quote a number or a text, if it is short."""
+    """Quote a number, a text or nothing, if it is short."""
+    if value is None:
+        return " (it is null)"
     short = len(value) <= 60 if isinstance(value, str) else abs(value) < 10**60 if isinstance(value, int) else isinstance(value, float)
     return f" (it is {value!r})" if short else ""
 

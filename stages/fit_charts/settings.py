@@ -50,8 +50,8 @@ class ChartSettings(ObjectSettings):
     side: int = setting(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
     device: str = setting(
         "cpu",
-        "where it is done; a GPU's charts differ in the last digits, and in what these lead to",
-        pattern="^(cpu|cuda|mps|xpu)(:[0-9]+)?$",
+        "where it is done, cpu, cuda or cuda:NUMBER; a GPU's charts differ in the last digits, and in what these lead to",
+        pattern="^(cpu|cuda(:[0-9]{1,3})?)$",
     )
 
     @field_validator("cloud", mode="before")

@@ -20,7 +20,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
-from pipeline.training.device import torch_threads
+from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -61,6 +61,7 @@ class FitCharts(ObjectStage):
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
+        device_of(settings.device)  # says what is wrong before the first object
         with torch_threads(1):
             folder = models[NETWORKS[settings.cloud]] if settings.cloud in NETWORKS else None
             model = load_touch_model(folder, settings.device) if folder else None

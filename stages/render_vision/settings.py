@@ -21,7 +21,7 @@ class VisionSettings(ObjectSettings):
         "factor of the focal lengths of the scene's cameras, which suit objects of 0.5 m: 5 shows objects of 0.1 m as large; where more "
         "fits, the run says how much",
         ge=0.01,
-        le=100,
+        le=10_000,
         changes="definition",
     )
     resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)

@@ -6,8 +6,10 @@ from pipeline.config.settings import ObjectSettings, setting
 class SurfaceSettings(ObjectSettings):
     """How meshes become points on their exterior surface (supplement 1.1, 1.2)."""
 
-    points: int = setting(10_000, "the supplement's S^obj (1.1)", gt=0)
-    diagonal: float = setting(0.5, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", gt=0, changes="definition")
+    points: int = setting(10_000, "the supplement's S^obj (1.1)", ge=10)
+    diagonal: float = setting(
+        0.5, "bounding-box diagonal that objects are scaled to, m: the authors' 1 × 0.5", ge=1e-3, le=100, changes="definition"
+    )
     directions: int = setting(
         256,
         "directions of which two must be free for a point to be exterior: 64 miss 0.1 % of the surface, more find ever narrower gaps",

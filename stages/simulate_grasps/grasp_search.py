@@ -104,13 +104,14 @@ class GraspSearch:
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         fault = None
         if not rests:
-            fault = f"fingers still move after {steps} steps"
+            fault = f"fingers still move after {steps} steps (simulate-grasps.settle_steps)"
         elif not ((angles >= hand.lower) & (angles <= hand.upper)).all():
             fault = "a joint is pushed beyond its limit"
         elif hand_gap(hand, ik.boxes, frames) < 0:
             fault = "links of the hand overlap"
         elif penetration > self.settings.penetration_limit:
-            fault = f"a rigid link is more than {1e3 * self.settings.penetration_limit:g} mm inside the object"
+            limit = f"{1e3 * self.settings.penetration_limit:g} mm inside the object (simulate-grasps.penetration_limit)"
+            fault = f"a rigid link is more than {limit}"
 
         def contacts() -> list[Contact | None]:
             return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]

@@ -76,7 +76,8 @@ class GraspSettings(ObjectSettings):
     )
     grid_cell: float = setting(
         0.005,
-        "m, side of a cell of the distance grid: 2.5 mm finds no more and takes half as long again, with 10 mm one link was 0.2 mm deep",
+        "m, side of a cell of the distance grid, or of one of 6 million cells where that is larger: 2.5 mm finds no more and takes half as "
+        "long again, with 10 mm one link was 0.2 mm deep",
         ge=1e-5,
         le=1,
     )

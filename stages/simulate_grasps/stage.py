@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -143,11 +144,11 @@ class _Grasping:
         if self.test is not None:
             self.test.load(mesh, thing.points)
         search = GraspSearch(self.hand, thing, self.physics, settings, self._planner(thing, unit))
-        kept, touched = self._search(search, unit)
+        kept, touched, faults = self._search(search, unit)
         if len(kept) < settings.grasps:
             raise InvalidInput(
-                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: the hand has no room around the object "
-                f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m); scale it to between one and five hands, "
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {faults.most_common(1)[0][0]}; scale it "
+                f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m) to between one and five hands, "
                 f"or raise simulate-grasps.attempts"
             )
         stored = [self._stored(grasp) for grasp in kept]
@@ -174,21 +175,25 @@ class _Grasping:
             return TouchPlanner(self.hand, thing, self.settings)
         return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
 
-    def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]]]:
-        """Attempt grasps until no better ones are needed; the best ones, and which sensors touched in each attempt."""
+    def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]], Counter[str]]:
+        """Attempt grasps until no better ones are needed; the best ones, which sensors touched in each attempt, why attempts failed."""
         settings = self.settings
         kept: list[Grasp] = []
-        touched = []
+        touched, faults = [], Counter[str]()
         for number in range(SECOND_CHANCES * settings.attempts):
             full = len(kept) == settings.grasps
             if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
                 break
             grasp = search.attempt(unit.rng("simulate-grasps", number))
             touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
+            if grasp is None or grasp.fault is not None:
+                faults[
+                    f"the hand has no room around the object with clearance {settings.clearance:g} m" if grasp is None else str(grasp.fault)
+                ] += 1
             if grasp is not None and grasp.sound and settings.search == "hold":
                 grasp = replace(grasp, holds=self.test is None or HOLD_TESTS[settings.test].holds(self.test, self._stored(grasp)))
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
-        return kept, touched
+        return kept, touched, faults
 
     def _are_enough(self, kept: list[Grasp]) -> bool:
         """Tell whether no attempt could better these."""

@@ -50,10 +50,12 @@ class SimulatePresses(ObjectStage):
         return sensor_files([settings.sensor])
 
     def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Check that the gel is thicker than the deepest press."""
+        """Check that the gel is thicker than the deepest press, and that it has what `gel` scales."""
         sensor = pressed_sensor(settings)
         if settings.depth[1] >= sensor.w:
             raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
+        if settings.gel is not None and sensor.gel is None and sensor.membrane == 0:
+            raise InvalidInput(f"gel is {list(settings.gel)}, but {sensor.name} has neither membrane nor gel to scale; leave gel out")
 
     def constants(self, settings: PressSettings) -> Row:
         """Render the sensor with nothing in its gel."""

@@ -19,7 +19,7 @@ class TouchSettings(ObjectSettings):
     sphere_tolerance: float = setting(
         TOLERANCE,
         "greatest distance before the surface at which a sphere-traced ray stops, m; 1 µm would save a fifth of the time",
-        gt=0,
+        ge=1e-9,
         le=1e-3,
     )
     sphere_steps: int = setting(

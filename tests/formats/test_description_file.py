@@ -40,7 +40,9 @@ def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
         ({"name": "my gel"}, r"name: String should match pattern '.*' \(it is 'my gel'\)"),
         ({"rows": 1}, "rows"),
         ({"surface": {"heights": [[0.006, 0.006], [0.006, 0.006]], "along": "x"}}, "surface: along: x is how a bulge"),
-        ({"noise": "some"}, r"noise.* \(it is 'some'\)"),
+        ({"noise": "some"}, r"noise: Input should be 'none' \(it is 'some'\), or Input should be a valid number"),
+        ({"membrane": None}, r"membrane: Input should be a valid number \(it is null\)"),
+        ({"photograph": "x.png"}, "photograph"),
         ({"name": "a" * 200}, r"name: .* characters\. Its entries"),
         ({"lights": {}}, "lights"),
         ({"lights": "red"}, r"lights: it must be a mapping, {NAME: VALUE, …} \(it is 'red'\)"),
@@ -102,3 +104,20 @@ def test_missing_description_lists_the_shipped_ones() -> None:
 def test_aliases_tags_and_deep_nests_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         parse_yaml(text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({"diffuse": 2.0}, "diffuse 2.0 belongs to lights"),
+        ({"within": [-8.5, -5, 8.9, 5.8]}, r"within .* reaches beyond the gel, whose rim is 0.00\d+ m and .* in metres"),
+        ({"background": 5}, r"calibrated.background: it must be a list, \[VALUE, …\] \(it is 5\), or Input should be a valid string"),
+    ],
+)
+def test_calibrated_sensor_refuses_what_its_colours_would_not_follow(tmp_path: Path, changes: dict[str, Any], fault: str) -> None:
+    described = yaml.safe_load(description_path("sensor", "gelsight").read_text())
+    owner = described if "diffuse" in changes else described["calibrated"]
+    owner |= changes
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
+    with pytest.raises(InvalidInput, match=fault):
+        load_sensor(tmp_path / "mine.yaml")

@@ -144,10 +144,12 @@ def test_run_names_the_zoom_with_which_small_objects_fill_an_image_as_large_ones
     (line,) = warnings(plain, 0.0289, 0.01)
     found = re.search(r"with --set render-vision.zoom=(\S+) \(make: render-vision.zoom=\1 in SET\)", line)
     assert found, line
-    zoomed = plain.model_copy(update={"zoom": float(found[1])})
+    zoomed = VisionSettings(**plain.model_dump() | {"zoom": float(found[1])})
     assert warnings(zoomed, 0.0289) == []
     assert width(zoomed, 0.0289) == pytest.approx(width(plain, 0.144), rel=0.1)
     assert width(plain, 0.0289) < 0.25 * width(plain, 0.144)
     assert RenderVision().attributes(zoomed)["scene"]["cameras"][0]["focal"][0] == pytest.approx(float(found[1]) * 406.595)
+    (line,) = warnings(plain, 0.0005)  # of a millimetre: what is proposed can be set
+    VisionSettings(zoom=float(line.partition("render-vision.zoom=")[2].split()[0]))
     (line,) = warnings(plain, 0.144, 0.01)
     assert line.startswith("1 object smaller than 10 % of the image of camera front (ball-0.01): larger objects leave no room for a zoom")

@@ -24,7 +24,8 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
 
     Returns
     -------
-    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place; +inf stays.
+    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place, of a depth just
+    beyond the gel one unit; that stays beyond it. +inf stays.
 
     Raises
     ------
@@ -35,13 +36,21 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     rounded = np.empty(depth.shape, np.float32)
     near, far = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
-    _round(np.ascontiguousarray(depth).reshape(-1), gel_top(sensor), near, far, rounded.reshape(-1))
+    gel = gel_top(sensor)
+    beyond = np.float32(gel)
+    beyond = beyond if beyond >= gel else np.nextafter(beyond, np.float32(np.inf))
+    _round(np.ascontiguousarray(depth).reshape(-1), gel, beyond, near, far, rounded.reshape(-1))
     return rounded
 
 
 @compiled
-def _round(depth: NDArray[np.float64], gel: float, near: float, far: float, rounded: NDArray[np.float32]) -> None:
-    """Round to multiples of 1/near below `gel` and of 1/far beyond; 0 for not at all. Both are powers of two: scaling loses nothing."""
+def _round(depth: NDArray[np.float64], gel: float, beyond: np.float32, near: float, far: float, rounded: NDArray[np.float32]) -> None:
+    """Round to multiples of 1/near below `gel` and of 1/far beyond; 0 for not at all. Both are powers of two: scaling loses nothing.
+
+    `beyond` is the least float32 that is not below `gel`.
+    """
     for i in range(len(depth)):
         steps = near if depth[i] < gel else far
         rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps
+        if depth[i] >= gel > rounded[i]:  # what does not press into the gel does not after rounding
+            rounded[i] = beyond

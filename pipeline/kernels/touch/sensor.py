@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
@@ -20,6 +20,8 @@ MAX_PIXELS_PER_SIDE = 4096
 """Rows and columns of an image: more than any camera of a sensor has."""
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
+FILE_DIGIT = 1e-5
+"""m: to which `calibrate-sensor` rounds the part of the gel with contacts."""
 POSE_TOLERANCE = 1e-6
 """Largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic."""
 
@@ -91,13 +93,16 @@ class Sensor(BaseModel):
     lights: Annotated[Lights | None, Field(description="lamps of equations 2 to 5; a sensor has these or is calibrated")] = None
     calibrated: Annotated[Calibration | None, Field(description="colours fitted to photographs")] = None
     photograph: Annotated[
-        SkipJsonSchema[bytes | None], Field(exclude=True, repr=False, description="the background's PNG, which the loader reads")
+        SkipJsonSchema[Annotated[bytes, Strict()] | None],
+        Field(exclude=True, repr=False, description="the background's PNG, which the loader reads"),
     ] = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Sensor:
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
+        if self.calibrated is not None:
+            self._check_calibration(self.calibrated)
         if self.gel is not None and self.membrane > 0:
             raise ValueError(f"an elastic gel draws itself in around a contact: remove the membrane of {self.membrane} m, or the gel")
         if self.surface is not None and self.surface.radius is not None:
@@ -111,6 +116,16 @@ class Sensor(BaseModel):
                 f"range {self.range} m ends inside the gel, which is {top} m high: nothing that presses into it would be found"
             )
         return self
+
+    def _check_calibration(self, calibrated: Calibration) -> None:
+        if self.diffuse != 1:
+            raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
+        rim = np.array([self.width, self.height] * 2) / 2 + FILE_DIGIT
+        if calibrated.within is not None and (np.abs(calibrated.within) > rim).any():
+            raise ValueError(
+                f"calibrated.within {list(calibrated.within)} reaches beyond the gel, whose rim is {self.width / 2:g} m and "
+                f"{self.height / 2:g} m from its middle; state it in metres from there"
+            )
 
     def __repr__(self) -> str:
         return f"Sensor({self.name}, {self.shape} pixels, {1e3 * self.width:.3g} mm wide)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from pipeline.kernels.vision.camera import MAX_RESOLUTION, Camera, Coordinate
 
@@ -44,11 +44,19 @@ class NamedCamera(Camera):
         Labels its images.
     size
         Columns and rows of its images, kept whatever `render-vision.resolution` is. By default square.
+    resolution
+        Of a square image, the pixels per side that `focal` and `centre` are in.
     """
 
     name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")
     resolution: int = Field(256, gt=0, le=MAX_RESOLUTION)
     size: tuple[Side, Side] | None = None
+
+    @model_validator(mode="after")
+    def _has_one_size(self) -> NamedCamera:
+        if self.size is not None and "resolution" in self.model_fields_set:
+            raise ValueError(f"resolution {self.resolution} and size {list(self.size)} are two sizes of one image; leave resolution out")
+        return self
 
     @property
     def shape(self) -> tuple[int, int]:

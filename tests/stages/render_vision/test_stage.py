@@ -76,6 +76,7 @@ def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
 
 def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     described = yaml.safe_load(description_path("scene", "supplement").read_text())
+    del described["cameras"][0]["resolution"]
     wide = described["cameras"][0] | {"name": "wide", "size": [96, 48], "centre": [48, 24]}
     path = tmp_path / "wide.yaml"
     path.write_text(json.dumps(described | {"cameras": [wide]}))
@@ -83,6 +84,9 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     assert row["occluded"].shape == (GRASPS, 1, 48, 96, 3)
     path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
     with pytest.raises(InvalidInput, match="images of several sizes"):
+        load_scene(path)
+    path.write_text(json.dumps(described | {"cameras": [wide | {"resolution": 512}]}))
+    with pytest.raises(InvalidInput, match=r"resolution 512 and size \[96, 48\] are two sizes of one image"):
         load_scene(path)
 
 

@@ -9,9 +9,11 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.errors import InvalidInput
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
+from stages.registry import resolve
 
 SPHERE = trimesh.creation.icosphere(subdivisions=2)
 
@@ -152,3 +154,17 @@ def test_million_faces_need_a_higher_limit(tmp_path):
     assert "exceed max_faces = 500000" in failure.reason
     assert CliRunner().invoke(app, [*arguments, "--set", "max_faces=2000000"]).exit_code == 0
     assert DataDirectory(tmp_path / "data").collection(SURFACES).failure("million") is None
+
+
+@pytest.mark.parametrize(
+    ("assignment", "limit"),
+    [
+        ("sample-surfaces.points=1", "10 .it is 1"),  # has no extent, which later stages go by
+        ("sample-surfaces.diagonal=1e-9", "0.001"),  # its float32 points would all be one
+        ("sample-surfaces.diagonal=1e30", "100"),
+        ("simulate-touch.sphere_tolerance=1e-17", "1e-9|1e-09|0.000000001"),  # rays would pass through faces
+    ],
+)
+def test_settings_that_rounding_would_make_wrong_are_refused(assignment, limit):
+    with pytest.raises(InvalidInput, match=f"(greater|less) than or equal to ({limit})"):
+        resolve(assignment.partition(".")[0], "standard", [assignment])

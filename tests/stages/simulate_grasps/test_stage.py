@@ -120,6 +120,17 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
         process(*unit_of(shell, points, -normals))
 
 
+def test_attempts_that_fail_say_why() -> None:
+    """Twenty steps are too few for fingers to rest; the object has room."""
+    ball = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
+    settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20, "resting_speed": 1e-12})
+    told = pytest.raises(
+        InvalidInput, match=r"0 of 1 grasps found in 2 attempts: fingers still move after 20 steps \(simulate-grasps.settle_steps\)"
+    )
+    with SimulateGrasps().session(settings, {}) as process, told:
+        process(*unit_of(ball, *points_on(ball, 100, seed=0)))
+
+
 def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """A change of MuJoCo's side, or of which engines there are, makes no grasp again."""
     hashed: list[str] = []

@@ -129,3 +129,8 @@ def test_the_sensor_belongs_to_the_key(tmp_path):
     soft = elastic_sensor(tmp_path)
     settings = resolve("simulate-presses", "standard", [SENSOR.format(soft)])
     assert SimulatePresses().assets(settings) == [soft]
+
+
+def test_a_factor_of_a_gel_that_stays_flat_is_refused(surfaces):
+    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; leave gel out"):
+        run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")
