@@ -186,10 +186,10 @@ class _Grasping:
                 break
             grasp = search.attempt(unit.rng("simulate-grasps", number))
             touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
-            if grasp is None or grasp.fault is not None:
-                faults[
-                    f"the hand has no room around the object with clearance {settings.clearance:g} m" if grasp is None else str(grasp.fault)
-                ] += 1
+            if grasp is None:
+                faults[f"the hand has no room around the object with clearance {settings.clearance:g} m"] += 1
+            elif grasp.fault is not None:
+                faults[grasp.fault] += 1
             if grasp is not None and grasp.sound and settings.search == "hold":
                 grasp = replace(grasp, holds=self.test is None or HOLD_TESTS[settings.test].holds(self.test, self._stored(grasp)))
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
