@@ -110,7 +110,7 @@ def test_aliases_tags_and_deep_nests_are_refused(text: str, message: str) -> Non
     ("changes", "fault"),
     [
         ({"diffuse": 2.0}, "diffuse 2.0 belongs to lights"),
-        ({"within": [-8.5, -5, 8.9, 5.8]}, r"within .* reaches beyond the gel, whose rim is 0.00\d+ m and .* in metres"),
+        ({"within": [-8.5, -5, 8.9, 5.8]}, r"within .* lies far beyond the gel, whose rim is 0.00\d+ m and .* in metres"),
         ({"background": 5}, r"calibrated.background: it must be a list, \[VALUE, …\] \(it is 5\), or Input should be a valid string"),
     ],
 )

@@ -20,8 +20,6 @@ MAX_PIXELS_PER_SIDE = 4096
 """Rows and columns of an image: more than any camera of a sensor has."""
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
-FILE_DIGIT = 1e-5
-"""m: to which `calibrate-sensor` rounds the part of the gel with contacts."""
 POSE_TOLERANCE = 1e-6
 """Largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic."""
 
@@ -120,10 +118,9 @@ class Sensor(BaseModel):
     def _check_calibration(self, calibrated: Calibration) -> None:
         if self.diffuse != 1:
             raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
-        rim = np.array([self.width, self.height] * 2) / 2 + FILE_DIGIT
-        if calibrated.within is not None and (np.abs(calibrated.within) > rim).any():
+        if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # mm, say
             raise ValueError(
-                f"calibrated.within {list(calibrated.within)} reaches beyond the gel, whose rim is {self.width / 2:g} m and "
+                f"calibrated.within {list(calibrated.within)} lies far beyond the gel, whose rim is {self.width / 2:g} m and "
                 f"{self.height / 2:g} m from its middle; state it in metres from there"
             )
 
