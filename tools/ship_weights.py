@@ -1,4 +1,4 @@
-"""Copy a trained network, the U-Net that it needs and a card to where weights ship: `python -m tools.ship_weights DATA [MODELS]`."""
+"""Copy a trained network and the U-Net that it needs to where weights ship, and write its card: `python -m tools.ship_weights DATA`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ import yaml
 
 from benchmarks.provenance import commit
 from pipeline.config.manifest import load_manifest
+from pipeline.console import errors as progress
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
+from pipeline.inference.score import score_shipped
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import ROWS, model_name
+from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.store.directory import DataDirectory
-from stages.evaluate.evaluation_files import evaluation_name, read_figures, read_table
+from pipeline.store.storage import place
+from stages.evaluate.evaluation_files import read_figures, read_table
+from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
 
 NOT_FOR = (
     "other kinds of objects than it was trained on, objects larger than half a metre, other sensors, and any use in which a wrong surface "
@@ -28,10 +32,10 @@ MAX_BYTES = 5e6
 """Of all that ships."""
 
 
-def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCard:
-    """Copy a network with the U-Net of a data directory, and write its card from the evaluation there."""
-    directory, sources = DataDirectory(data), commit()  # before files change
-    directory.check_origins([model_name(network), evaluation_name()])
+def ship(data: Path) -> ModelCard:
+    """Copy the network and the U-Net of a data directory, measure them there as `report --shipped` does, and write the card."""
+    directory, sources, models, network = DataDirectory(data), commit(), SHIPPED, DEFAULT  # the commit before files change
+    directory.check_origins([model_name(network)])
     for old in models.glob("*"):
         if old.name != SENSORS:  # which has a command of its own
             shutil.rmtree(old) if old.is_dir() else old.unlink()
@@ -43,6 +47,8 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
             shutil.copyfile(folder / file, copied)
         there.with_name(f"{there.name}.json").write_bytes(record.read_bytes())
     record_of_network = directory.folder(model_name(network))
+    for left_out in score_shipped(place(data), progress):
+        raise StageError(f"{data}: the network was not given everything, {left_out}")
     learned = ObjectRows(data, ["points"], "train")
     manifest = load_manifest(record_of_network.options.get("--manifest", record_of_network.manifest))
     card = ModelCard(
@@ -54,7 +60,7 @@ def ship(data: Path, models: Path = SHIPPED, network: str = DEFAULT) -> ModelCar
         ),
         commit=sources,
         command=f"make weights; settings: {_settings(record_of_network.settings)}",
-        errors=_errors(directory.whole_folder(evaluation_name()), network),
+        errors=_errors(DataDirectory(data).whole_folder(SHIPPED_SCORES), network),
         not_for=NOT_FOR,
     )
     card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))
@@ -69,20 +75,17 @@ def check_size(weights: Path) -> None:
 
 
 def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:
-    """Read mean and median Chamfer distances by row and class."""
+    """Read mean and median Chamfer distances, of the network by what it was given and of looked-up training objects, by class."""
     figures, categories = read_figures(evaluation), np.array(read_table(evaluation, "objects")["category"])
     classes = {str(name): categories == name for name in np.unique(categories)} | {"all": np.full(len(categories), True)}
-    errors = {}
-    for row in [name for name, (of, _) in ROWS.items() if of == network] or [network]:
-        if row in figures:
-            chamfer = TABLE_3_FACTOR * figures[row].per_object("chamfer")
-            errors[row] = {
-                name: Error(
-                    objects=int(who.sum()), mean=round(float(chamfer[who].mean()), 4), median=round(float(np.median(chamfer[who])), 4)
-                )
-                for name, who in classes.items()
-            }
-    return errors
+    found = {}
+    for row, measured in figures.items():
+        chamfer = TABLE_3_FACTOR * measured.per_object("chamfer")
+        found[row.replace(SHIPPED_ROWS, f"{network}-")] = {
+            name: Error(objects=int(who.sum()), mean=round(float(chamfer[who].mean()), 4), median=round(float(np.median(chamfer[who])), 4))
+            for name, who in classes.items()
+        }
+    return found
 
 
 def _settings(settings: dict[str, object]) -> str:
@@ -90,5 +93,5 @@ def _settings(settings: dict[str, object]) -> str:
 
 
 if __name__ == "__main__":
-    shipped = ship(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else SHIPPED)
+    shipped = ship(Path(sys.argv[1]))
     print(f"{shipped.network}: {shipped.objects} objects of {shipped.manifest}, commit {shipped.commit}")
