@@ -34,7 +34,8 @@ MAX_BYTES = 5e6
 
 def ship(data: Path) -> ModelCard:
     """Copy the network and the U-Net of a data directory, measure them there as `report --shipped` does, and write the card."""
-    directory, sources, models, network = DataDirectory(data), commit(), SHIPPED, DEFAULT  # the commit before files change
+    directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
+    sources = commit()  # before files change
     directory.check_origins([model_name(network)])
     for old in models.glob("*"):
         if old.name != SENSORS:  # which has a command of its own

@@ -83,7 +83,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run did: the objects it made, those of them that failed, and the seconds these took.
+    """Summarise a run: objects made, how many of them failed, and seconds for all.
 
     The made rows are `held_back` where published rows of the shard have to be made again first.
     """

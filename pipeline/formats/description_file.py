@@ -21,7 +21,7 @@ Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", 
 Model = TypeVar("Model", bound=BaseModel)
 
 UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float")
-"""What pydantic adds to an entry's place for each type that it may have."""
+"""Part of a place in pydantic's errors that is no entry: the type tried, where an entry may have several."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 """Limits of a description file: a larger one would take minutes to read."""
 

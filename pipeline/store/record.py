@@ -35,7 +35,7 @@ ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]
 
 
 class Stored(BaseModel):
-    """The content of a JSON file that this project writes, or a part of it; unknown entries are errors."""
+    """Describe the content of a JSON file that this project writes, or a part of it; unknown entries are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -7,8 +7,8 @@ from typing import Any
 from lightning_fabric.plugins.precision.amp import MixedPrecision
 
 
-class MixedInside(MixedPrecision):
-    """Autocast a network's layers, but leave its inputs as they are: in bfloat16 a point of the scene is rounded by millimetres."""
+class MixedPrecisionLayers(MixedPrecision):
+    """Autocast a network's layers and keep its inputs: in bfloat16 a point of the scene is rounded by millimetres."""
 
     def convert_input(self, data: Any) -> Any:
         """Return the inputs."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import torch
 import torch.distributed
@@ -64,15 +64,18 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
     from lightning_fabric.strategies.ddp import DDPStrategy
 
-    from pipeline.training.mixed_precision import MixedInside
-
     together = process_group()
     _check_count(settings, name)
     try:
-        device, strategy = device_of(settings.accelerator).type, cast(Any, "auto")
+        device = device_of(settings.accelerator).type
+        precision: Any = settings.precision
         plugins: list[Any] = [TorchElasticEnvironment() if together else LightningEnvironment()]  # in a job of Slurm, too
-        if mixed := settings.precision == "bf16-mixed":
-            plugins.append(MixedInside(settings.precision, device))
+        if precision == "bf16-mixed":
+            from pipeline.training.mixed_precision import MixedPrecisionLayers
+
+            plugins.append(MixedPrecisionLayers(precision, device))
+            precision = None  # Fabric takes it from the plugin
+        strategy: Any = "auto"
         if settings.devices * settings.num_nodes > 1:
             from pipeline.training.own_processes import OwnProcesses
 
@@ -84,7 +87,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
             strategy=strategy,
             devices=settings.devices,
             num_nodes=settings.num_nodes,
-            precision=None if mixed else settings.precision,
+            precision=precision,
             plugins=plugins,
             loggers=TensorBoardLogger(folder, name=LOGS, version=""),
         )

@@ -110,8 +110,8 @@ class GraspSearch:
         elif hand_gap(hand, ik.boxes, frames) < 0:
             fault = "links of the hand overlap"
         elif penetration > self.settings.penetration_limit:
-            limit = f"{1e3 * self.settings.penetration_limit:g} mm inside the object (simulate-grasps.penetration_limit)"
-            fault = f"a rigid link is more than {limit}"
+            limit = 1e3 * self.settings.penetration_limit
+            fault = f"a rigid link is more than {limit:g} mm inside the object (simulate-grasps.penetration_limit)"
 
         def contacts() -> list[Contact | None]:
             return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]

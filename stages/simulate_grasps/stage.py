@@ -146,8 +146,9 @@ class _Grasping:
         search = GraspSearch(self.hand, thing, self.physics, settings, self._planner(thing, unit))
         kept, touched, faults = self._search(search, unit)
         if len(kept) < settings.grasps:
+            worst = faults.most_common(1)[0][0]
             raise InvalidInput(
-                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {faults.most_common(1)[0][0]}; scale it "
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {worst}; scale the object "
                 f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m) to between one and five hands, "
                 f"or raise simulate-grasps.attempts"
             )
@@ -176,7 +177,7 @@ class _Grasping:
         return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
 
     def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]], Counter[str]]:
-        """Attempt grasps until no better ones are needed; the best ones, which sensors touched in each attempt, why attempts failed."""
+        """Attempt grasps until no better ones are needed; return the best, which sensors touched in each attempt, and counts of faults."""
         settings = self.settings
         kept: list[Grasp] = []
         touched, faults = [], Counter[str]()

@@ -23,7 +23,7 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """The vertices of the touch charts of B items, with normals: P places for each item, where P is the most points that an item has.
+    """Hold the vertices of the touch charts of B items, with normals, in P places per item: as many as the item with the most vertices has.
 
     Attributes
     ----------

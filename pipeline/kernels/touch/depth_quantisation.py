@@ -24,8 +24,8 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
 
     Returns
     -------
-    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place, of a depth just
-    beyond the gel one unit; that stays beyond it. +inf stays.
+    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place. Depths beyond the gel
+    stay beyond it: one that would be rounded into it becomes the least float32 beyond it. +inf stays.
 
     Raises
     ------
