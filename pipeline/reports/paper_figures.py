@@ -27,7 +27,7 @@ from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
 from pipeline.reports.plots import save_figure
-from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, render_mesh
+from pipeline.reports.reconstruction_gallery import draw_gallery, nearest_middle_farthest, painted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
@@ -67,13 +67,17 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     if source.evaluation:
         names = source.evaluation.configurations
         ours = [name for name in names if not name.startswith(SHIPPED_ROWS)]
-        text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
+        text = (
+            "A row per object: those with the least error, then middling ones, then those with the most. A column per network; below each "
+            "picture the mean distance to the object. Touch charts are orange."
+        )
         for title, file, columns in (
-            ("Reconstructions by class and modality (Figure 5)", "reconstructions.png", ours),
+            ("Reconstructions by modality (Figure 5)", "reconstructions.png", ours),
             ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
         ):
             if columns:
-                shown = draw_gallery(source.directory, source.evaluation, folder / file, most, columns)
+                shown = nearest_middle_farthest(source.evaluation.ranked(columns), most)
+                draw_gallery(source.directory, source.evaluation, folder / file, shown, columns)
                 alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
                 figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures

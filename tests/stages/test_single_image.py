@@ -181,7 +181,7 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "single-image", observation=GRASP)
     with pytest.raises(StageError, match="needs an image: give an observation, or a data directory and an object"):
         predict(tmp_path / "out.ply", models, "single-image")
-    with pytest.raises(StageError, match=r"has no model touch: its models are single-image; train it with"):
+    with pytest.raises(StageError, match=r"has no model touch: its models are single-image; choose one of these, or train it with"):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
