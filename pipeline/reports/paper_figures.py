@@ -156,7 +156,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     model = load_touch_model(source.directory.whole_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
     tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
-    predicted, clouds = model.depth(tactile_images), model.clouds(tactile_images)
+    (predicted, pressed), clouds = model.maps(tactile_images), model.clouds(tactile_images)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
@@ -171,7 +171,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             pictures = [
                 ("tactile image", tactile_images[row]),
                 ("true depth", depth_colors(depths[row], sensor)),
-                ("predicted depth", depth_colors(np.where(model.mask(tactile_images[row : row + 1])[0], predicted[row], np.inf), sensor)),
+                ("predicted depth", depth_colors(np.where(pressed[row], predicted[row], np.inf), sensor)),
             ]
             for column, (title, image) in enumerate(pictures):
                 axes = figure.add_subplot(grid[row, column])
@@ -233,7 +233,7 @@ def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
 def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
     """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
     charts = vision_charts()
-    camera = fitted_camera(scene.camera.with_resolution(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
+    camera = fitted_camera(scene.square_camera(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
     shown = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES

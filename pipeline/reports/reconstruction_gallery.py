@@ -54,7 +54,7 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, s
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
     scene = dataset_scene(directory)
-    first_camera = scene.camera.with_resolution(PIXELS)
+    first_camera = scene.square_camera(PIXELS)
     with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         grid = figure.subplots(len(shown), 1 + len(columns), squeeze=False)

@@ -206,7 +206,7 @@ def test_paper_has_the_supplements_training():
     assert isinstance(settings, SingleImageSettings)
     assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.samples_per_object) == (1e-5, 64, 40, 24)
     assert (settings.schedule, settings.gradient_limit, settings.patience, settings.encoder_kernel) == ("constant", None, None, 3)
-    assert (settings.edge_weight, settings.laplacian_weight, settings.bending_weight, settings.seams) == (0, 0, 0, "open")
+    assert (settings.edge_weight, settings.seams) == (0, "open")
     network = settings.network(side=9)
     assert (network.gcn_layers, network.gcn_features, network.encoder_layers, network.encoder_norm) == (25, 250, 25, "instance")
     assert (network.encoder_linear, network.encoder_width, network.image) == (250, 1.0, "rendering")

@@ -34,7 +34,7 @@ def draw_unet(shown: Shown, path: Path) -> None:
     touched = np.flatnonzero(shown.rows["grasps"]["touch_success"][shown.grasp]).tolist()
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
     tactile_image, depth = shown.rows["touch"]["tactile_image"][shown.grasp, finger], depths[finger]
-    sensor, mask, predicted = model.sensor, model.mask(tactile_image[None])[0], model.depth(tactile_image[None])[0]
+    sensor, (predicted, mask) = model.sensor, (maps[0] for maps in model.maps(tactile_image[None]))
     apart = np.where(mask & in_gel(depth, sensor), np.abs(predicted - depth), 0)
     error = matplotlib.colormaps["magma"](np.clip(apart / 0.5e-3, 0, 1))[..., :3]
     panels: Panels = [

@@ -48,8 +48,6 @@ class FitOptions:
         How many are sought.
     elastic
         Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
-    thicknesses
-        Of an elastic gel, that are tried, in contact radii.
     poisson
         Poisson's ratio of an elastic gel.
     contact_weight
@@ -60,7 +58,6 @@ class FitOptions:
     position_degree: int | None = None
     shadows: int = 3
     elastic: bool | None = None
-    thicknesses: tuple[float, ...] = THICKNESSES
     poisson: float = 0.48
     contact_weight: float = CONTACT_WEIGHT
 
@@ -169,7 +166,7 @@ def _first_good(errors: Sequence[float]) -> int:
 def _gels(options: FitOptions) -> list[_GelShape]:
     """List the gels that are tried."""
     membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
-    layers = [_GelShape(True, thickness, options.poisson) for thickness in options.thicknesses if options.elastic is not False]
+    layers = [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
     return membranes + layers
 
 
