@@ -79,8 +79,8 @@ class TouchReader:
         (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
     model
         A network of `train-touch`, DATA/models/touch, or the folder of one of `calibrate-sensor --train`; by default `NAME-touch` beside
-        the sensor file, else the network that ships for the sensor. Either must have been trained for the sensor as its file describes it, but
-        for its pixels and its gel's modulus.
+        the sensor file, else the network that ships for the sensor. Either must have been trained for the sensor as its file describes
+        it, but for its pixels and its gel's modulus.
     device
         Where the network computes.
 

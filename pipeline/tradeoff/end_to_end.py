@@ -142,7 +142,7 @@ def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
     for stage in ("train-unet", "train-gcn"):
         assignments.append(f"{stage}.epochs={max(1, round(variant.epochs * setup.settings(stage).results()['epochs']))}")
     if variant.coarse < 1:
-        assignments.append(f"simulate-grasps.sensor={_coarse_sensor(_sensors(setup)[0], variant.coarse, folder).resolve()}")
+        assignments.append(f"simulate-grasps.sensor={coarse_sensor(_sensors(setup)[0], variant.coarse, folder).resolve()}")
     return replace(setup, objects=[item for item in setup.objects if item.object_id not in dropped], assignments=tuple(assignments))
 
 
@@ -152,7 +152,7 @@ def _sensors(setup: Setup) -> tuple[Sensor, ...]:
     return load_worn_sensors(sensor_names(load_hand(settings["hand"]), settings["sensor"]))
 
 
-def _coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
+def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
     """Describe a sensor with that share of its rows and columns in a file in the folder."""
     coarse = resample(sensor, *(max(2, round(share * size)) for size in sensor.shape))
     described = {**coarse.model_dump(mode="json", exclude_none=True, by_alias=True), "name": f"{sensor.name}_coarse"}

@@ -337,7 +337,11 @@ def test_implicit_networks_are_ordered_as_those_of_charts(evaluation, monkeypatc
     monkeypatch.setattr("pipeline.reports.orderings.read_values", lambda folders: values)
     found = {one.claim: one for one in orderings([evaluation[0]])}
     monkeypatch.undo()
-    assert {"implicit-occluded-touch < implicit-occluded", "implicit-touch: 2 grasps < 1"} <= found.keys()
+    assert {
+        "implicit-occluded-touch < implicit-occluded",
+        "implicit-touch: 2 grasps < 1",
+        "ring ×1: implicit-occluded-touch < implicit-occluded",
+    } <= found.keys()
     same = {one.claim: one for one in orderings([evaluation[0]])}["occluded-touch < occluded"]
     assert found["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
 

@@ -231,6 +231,8 @@ def test_empty_cloud_leaves_the_square() -> None:
     assert fits.residual.tolist() == fits.loss.tolist() == fits.iterations.tolist() == [0]
     np.testing.assert_array_equal(fits.vertices[0], chart_square()[0].numpy() * WIDTH)
     assert fit_charts([], WIDTH, []).vertices.shape == (0, 81, 3)
+    oblong = fit_charts([np.empty((0, 3))], WIDTH, generators(1), aspect=1.5)
+    np.testing.assert_array_equal(oblong.vertices[0], chart_square(aspect=1.5)[0].numpy() * WIDTH)
 
 
 def test_cap_is_recorded_with_the_charts_state() -> None:
@@ -243,7 +245,7 @@ def test_cap_is_recorded_with_the_charts_state() -> None:
 
 def test_a_chart_without_area_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
     square = torch.zeros(81, 3, dtype=torch.float64)
-    monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side: (square, chart_square(side)[1]))
+    monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side, aspect: (square, chart_square(side, aspect)[1]))
     fits = alone(POINT, FitOptions())
     assert fits.stop_rule.tolist() == [StopRule.collapsed]
     assert np.isfinite(fits.residual).all()
