@@ -45,15 +45,16 @@ def advise(
         fail("give either --within or --error")
     if data is not None and "://" in data:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
+    limit = None if error is None else parse_limit(error)  # read before anything, so that a slip in them is told first
+    seconds = 0.0 if within is None else parse_duration(within)
     described, place = load_manifest(manifest), Path(data or default_place(manifest, None) / preset)
     trades = _current(Setup(place, described.name, (), described.seed, preset, tuple(assignments or ())))
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
-    chosen = within_error(trades, workload, parse_limit(error)) if error else within_time(trades, workload, parse_duration(str(within)))
+    chosen = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
     show_tables(console, [_table(chosen, workload)])
     print_line(f"measured on {pluralise(len(trades[0].objects))}, {', '.join(sorted({trade.machine for trade in trades}))}")
-    seconds = sum(choice.seconds for choice in chosen)
     work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
-    print_line(f"{work}: {_duration(seconds)}, and seconds to start each stage, with these settings:")
+    print_line(f"{work}: {_duration(sum(choice.seconds for choice in chosen))}, and seconds to start each stage, with these settings:")
     changed = [*(assignments or ()), *(line for choice in chosen for line in choice.assignments())]
     print_line(f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed))
 

@@ -193,7 +193,7 @@ def score(
 
 def report(
     data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Objects in the figure of reconstructions at most, spread evenly.")] = 10,
+    most: Annotated[int, typer.Option(min=1, help="Objects in a figure of reconstructions at most: best, middling, worst.")] = 10,
     pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
     shipped: Annotated[
         bool, typer.Option("--shipped", help="Measure the network that ships too: its rows stand beside the others.")

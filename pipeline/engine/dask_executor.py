@@ -121,7 +121,7 @@ class Dask(Executor):
         """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
         for _ in range(self._tries):
             with suppress(KilledWorker):
-                client.gather([client.submit(dask_worker.open_ahead, packed, pure=False) for _ in range(self._workers(client))])
+                client.gather([client.submit(dask_worker.do, packed, [], 0.0, pure=False) for _ in range(self._workers(client))])
                 return
         raise StageError(
             f"{stage} cannot start: its process died each time while it opened (killed, or memory ran out?); "

@@ -50,11 +50,6 @@ def open_session(packed: bytes) -> Callable[[Unit], Result]:
     return _opened[2]
 
 
-def open_ahead(packed: bytes) -> None:
-    """Open a session ahead of the first job."""
-    open_session(packed)
-
-
 def close_session() -> None:
     """Close what is open; in the thread that opened it, as OpenGL demands."""
     global _opened

@@ -140,11 +140,12 @@ class ObservationReader:
         -------
         (T, side², 3) vertices, world, m, and (T,) bool: which sensors have a chart.
         """
-        width, clouds = self.unet.sensor.width, self.unet.clouds(tactile_images)
+        sensor, clouds = self.unet.sensor, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", number) for number in range(len(given))]
-        fits = fit_charts(given, width, generators, options=self._chart_settings().fit_options(width))
+        aspect, options = sensor.height / sensor.width, self._chart_settings().fit_options(sensor.width)
+        fits = fit_charts(given, sensor.width, generators, aspect=aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
 

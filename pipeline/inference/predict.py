@@ -288,7 +288,8 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
         networks = sorted({network_of(name) for name in trained})
         known = f"its models are {', '.join(networks)}" if networks else "there are none at all"
         guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
-        way = f"did you mean {guess}?" if guess else "train it with train-gcn, train-implicit, …"
+        train = f"{'choose one of these, or ' if networks else ''}train it with train-gcn, train-implicit, …"
+        way = f"did you mean {guess}?" if guess else train
         seed = f"seed-{training_seed}" if training_seed else ""
         raise StageError(f"{models / seed} has no model {configuration}: {known}; {way}")
     return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(network_of(configuration)), device)

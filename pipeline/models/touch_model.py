@@ -22,7 +22,7 @@ from pipeline.kernels.networks.local_network import LocalNetwork, pixel_position
 from pipeline.kernels.networks.photograph_drift import without_drift
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import COLOURS, network_input
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
@@ -32,7 +32,7 @@ IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
 SIDES_TOLERANCE = 0.03
 """By which the sides of photographs may differ from the sensor's: pixels that are not quite square."""
-SENSOR_MEANS = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
+SAME_SENSOR = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
 """What two descriptions of one sensor have in common, whatever their pixels, gel and background."""
 MM = 1e3
 
@@ -111,8 +111,8 @@ class TouchModel(ABC):
     untouched: NDArray[np.uint8]
 
     @abstractmethod
-    def depth(self, images: np.ndarray) -> NDArray[np.float32]:
-        """Predict the depth D from the sensor plane.
+    def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Predict the depth D from the sensor plane, and where something touched.
 
         Parameters
         ----------
@@ -121,7 +121,7 @@ class TouchModel(ABC):
 
         Returns
         -------
-        (N, H, W) float32, m; meant where `mask` holds.
+        (N, H, W) float32, m, meant at the pixels that touched; and (N, H, W) bool, which these are.
 
         Raises
         ------
@@ -129,13 +129,9 @@ class TouchModel(ABC):
             The images are not this sensor's.
         """
 
-    @abstractmethod
-    def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
-        """Find the pixels that touched, (N, H, W) bool; parameters and errors as `depth`."""
-
     def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
-        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `depth`."""
-        depth, mask = self.depth(images), self.mask(images)
+        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `maps`."""
+        depth, mask = self.maps(images)
         seen = resample(self.sensor, *depth.shape[1:])
         return [masked_points(*maps, seen) for maps in zip(depth, mask, strict=True)]
 
@@ -151,19 +147,15 @@ class UnetTouchModel(TouchModel):
     network: UNet
     mask_threshold: float
 
-    def depth(self, images: np.ndarray) -> NDArray[np.float32]:
-        """Predict the depth D."""
+    def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Predict the depth D, and find the pixels whose colour differs from the untouched image's."""
         self._check(images)
         parameter = next(self.network.parameters())
         with torch.inference_mode():
             batches = torch.split(torch.tensor(images, device=parameter.device), IMAGES_AT_ONCE)
             share = torch.cat([self.network(network_input(batch, parameter.dtype)) for batch in batches])
-            return (share * self.sensor.w).float().cpu().numpy()
-
-    def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
-        """Find the pixels whose colour differs from the untouched image's."""
-        self._check(images)
-        return contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
+            depth = (share * gel_top(self.sensor)).float().cpu().numpy()
+        return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
     def check_sensor(self, sensor: Sensor) -> None:
         """Raise `InvalidInput` where the sensor is another one."""
@@ -227,19 +219,15 @@ class LocalTouchModel(TouchModel):
         depth, contact = torch.cat(parts).unbind(dim=1)
         return GelReading(depth.float().numpy(), (contact > 0).numpy())
 
-    def depth(self, images: np.ndarray) -> NDArray[np.float32]:
-        """Predict the depth D: of the gel at rest, less its indentation."""
+    def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Predict the depth D, of the gel at rest less its indentation, and find the contact."""
         reading = self.read(images)
         rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
-        return np.maximum(rest - reading.indentation, 0).astype(np.float32)
-
-    def mask(self, images: np.ndarray) -> NDArray[np.bool_]:
-        """Find the contact."""
-        return self.read(images).contact
+        return np.maximum(rest - reading.indentation, 0).astype(np.float32), reading.contact
 
     def check_sensor(self, sensor: Sensor) -> None:
         """Raise `InvalidInput` where the sensor is another one, but for its number of pixels and how its gel gives way."""
-        if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SENSOR_MEANS):
+        if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SAME_SENSOR):
             raise InvalidInput(
                 f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-touch for it"
             )

@@ -166,9 +166,10 @@ def _counted(number: int, what: str, share: str = "") -> tuple[str, str]:
 
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
-    """Draw the pictures of the first page, of an evaluated object if there is one."""
-    reconstructed = source.evaluation.better_half(source.object_ids) if source.evaluation else []
-    shown = spread_evenly(reconstructed or source.object_ids, CANDIDATES)
+    """Draw the pictures of the first page, of an object of the better half of those that were evaluated, if there are any."""
+    ranked = source.evaluation.ranked(source.evaluation.configurations) if source.evaluation else []
+    reconstructed = [name for name in ranked if name in source.object_ids]
+    shown = spread_evenly(reconstructed[: -(-len(reconstructed) // 2)] or source.object_ids, CANDIDATES)
     object_id, grasp = clearest_grasp(source, shown, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
     pictures = []
     for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):

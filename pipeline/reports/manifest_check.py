@@ -256,7 +256,7 @@ def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], pic
         for number, (caption, source) in enumerate(shown.items()):
             mesh, _, _ = normalised_mesh(source, SurfaceSettings())
             small = figure.add_subplot(grid[1 + number // PER_ROW, number % PER_ROW])
-            small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.camera.with_resolution(PIXELS), mesh.vertices)))
+            small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))
             small.axis("off")
             small.set_title(caption, fontsize=7)
     save_figure(figure, picture)

@@ -177,7 +177,7 @@ class ObjectPages:
     def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
         """Render the object, from where the dataset's camera is."""
         mesh = read_mesh(rows["surfaces"])
-        return render_mesh(self._renderer, mesh, fitted_camera(self.scene.camera.with_resolution(2 * THUMBNAIL), mesh.vertices))
+        return render_mesh(self._renderer, mesh, fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices))
 
     def _contact_areas(self, rows: Rows) -> NDArray[np.float64]:
         """Read or compute the (grasp, sensor) area of the pixels that the surface presses on, m²."""

@@ -31,7 +31,7 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
     """
     rows, sensors, scene = source.rows(object_id), source.sensors(), dataset_scene(source.directory)
     mesh = read_mesh(rows["surfaces"])
-    camera = fitted_camera(scene.camera.with_resolution(PIXELS), mesh.vertices, FILL)
+    camera = fitted_camera(scene.square_camera(PIXELS), mesh.vertices, FILL)
     with Renderer(scene, PIXELS) as renderer:
         maker = BandMaker(renderer, scene=scene, hand=source.hand(), sensors=sensors)
         with maker.grasp_view(rows, grasp) as view:

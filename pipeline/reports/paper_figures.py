@@ -27,7 +27,7 @@ from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
 from pipeline.reports.plots import save_figure
-from pipeline.reports.reconstruction_gallery import draw_gallery, painted_mesh, render_mesh
+from pipeline.reports.reconstruction_gallery import draw_gallery, nearest_middle_farthest, painted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from pipeline.store.storage import exists
@@ -67,13 +67,17 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     if source.evaluation:
         names = source.evaluation.configurations
         ours = [name for name in names if not name.startswith(SHIPPED_ROWS)]
-        text = "A row per object, a column per network; below each picture the mean distance to the object. Touch charts are orange."
+        text = (
+            "A row per object: those with the least error, then middling ones, then those with the most. A column per network; below each "
+            "picture the mean distance to the object. Touch charts are orange."
+        )
         for title, file, columns in (
-            ("Reconstructions by class and modality (Figure 5)", "reconstructions.png", ours),
+            ("Reconstructions by modality (Figure 5)", "reconstructions.png", ours),
             ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
         ):
             if columns:
-                shown = draw_gallery(source.directory, source.evaluation, folder / file, most, columns)
+                shown = nearest_middle_farthest(source.evaluation.ranked(columns), most)
+                draw_gallery(source.directory, source.evaluation, folder / file, shown, columns)
                 alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
                 figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures
@@ -152,7 +156,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     model = load_touch_model(source.directory.whole_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
     tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
-    predicted, clouds = model.depth(tactile_images), model.clouds(tactile_images)
+    (predicted, pressed), clouds = model.maps(tactile_images), model.clouds(tactile_images)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
@@ -167,7 +171,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             pictures = [
                 ("tactile image", tactile_images[row]),
                 ("true depth", depth_colors(depths[row], sensor)),
-                ("predicted depth", depth_colors(np.where(model.mask(tactile_images[row : row + 1])[0], predicted[row], np.inf), sensor)),
+                ("predicted depth", depth_colors(np.where(pressed[row], predicted[row], np.inf), sensor)),
             ]
             for column, (title, image) in enumerate(pictures):
                 axes = figure.add_subplot(grid[row, column])
@@ -229,7 +233,7 @@ def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
 def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
     """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
     charts = vision_charts()
-    camera = fitted_camera(scene.camera.with_resolution(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
+    camera = fitted_camera(scene.square_camera(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
     shown = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES

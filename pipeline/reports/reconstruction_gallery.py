@@ -19,7 +19,6 @@ from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
-from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.plots import save_figure
 from pipeline.reports.report_source import Evaluation, dataset_scene
 from pipeline.reports.second_view import fitted_camera
@@ -37,17 +36,25 @@ FILL = 0.8
 """Share of a picture's side that the object takes up; reconstructions may be larger."""
 
 
-def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, most: int, names: Sequence[str]) -> list[str]:
-    """Draw these models' reconstructions of at most `most` test objects, each above its mean distance; return the objects' names.
+def nearest_middle_farthest(ranked: Sequence[str], most: int) -> list[str]:
+    """Choose at most that many of ranked objects, a third of them from the beginning, the middle and the end each."""
+    if len(ranked) <= most:
+        return list(ranked)
+    first, middle, last = (len(part) for part in np.array_split(np.arange(most), 3))
+    start = (len(ranked) - middle) // 2
+    return [*ranked[:first], *ranked[start : start + middle], *ranked[len(ranked) - last :]]
+
+
+def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, shown: Sequence[str], names: Sequence[str]) -> None:
+    """Draw these models' reconstructions of test objects, each above its mean distance.
 
     Each model is shown with the fewest and the most grasps that it was given. The camera is the dataset's, turned and zoomed to the object.
     """
     predictions, objects = evaluation.tables, evaluation.object_ids
-    shown = spread_evenly(objects, most)
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
     scene = dataset_scene(directory)
-    first_camera = scene.camera.with_resolution(PIXELS)
+    first_camera = scene.square_camera(PIXELS)
     with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
         grid = figure.subplots(len(shown), 1 + len(columns), squeeze=False)
@@ -62,7 +69,6 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, m
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh, camera), "" if row else title, f"{error:.1f} mm")
         save_figure(figure, path)
-    return shown
 
 
 def _cases(table: Arrays) -> list[int]:

@@ -188,10 +188,10 @@ class Evaluation:
                 predictions.append(Prediction(name, given, bool(table["grasps_given"][case]), case, figures))
         return predictions
 
-    def better_half(self, object_ids: Sequence[str]) -> list[str]:
-        """Choose the half of these objects that was reconstructed best, rounded up; those that were not evaluated are left out."""
-        errors = {name: best(made).figures["mean_distance"] for name in object_ids if (made := self.predictions(name))}
-        return sorted(errors, key=lambda name: errors[name])[: -(-len(errors) // 2)]
+    def ranked(self, names: Sequence[str]) -> list[str]:
+        """Sort the objects by the mean distance of these networks' reconstructions from their first grasps, the nearest first."""
+        made = {one: [made for made in self.predictions(one) if made.network in names] for one in self.object_ids}
+        return sorted(made, key=lambda one: float(np.mean([prediction.figures["mean_distance"] for prediction in made[one]])))
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""

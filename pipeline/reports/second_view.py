@@ -98,7 +98,7 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
     -------
     A camera close to the hand, from another side, and one in its direction that sees the whole object.
     """
-    camera = scene.camera.with_resolution(resolution)
+    camera = scene.square_camera(resolution)
     handle, mesh = grasp.object_mesh
     whole: PosedMesh = (handle, np.eye(4))
     held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]

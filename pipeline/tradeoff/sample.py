@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.config.objects import Object
 from pipeline.formats.file_content import regular_stat
+from pipeline.rng import numpy_rng
 
 FEWEST, MOST = 4, 32
 """Objects of a sample: fewer say nothing of the spread, more tell little that is new."""
@@ -23,9 +24,9 @@ def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]
     """
     if len(objects) <= count:
         return list(objects)
-    rng = np.random.default_rng(seed)
     chosen: set[str] = set()
     for split in sorted({item.split for item in objects}):
+        rng = numpy_rng(seed, "tradeoff-sample", split)
         own = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
         share = max(1, round(count * len(own) / len(objects)))
         ends = np.linspace(0, len(own), share + 1).astype(int)  # one out of each of as many equal parts

@@ -38,16 +38,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class State:
-    """Hold the tensors that a training changes: the network, Adam and, if the settings ask for it, the running average of the weights."""
+    """Hold the tensors that a training changes: those of the network and of Adam."""
 
     module: nn.Module
     optimizer: torch.optim.Optimizer
-    average: nn.Module | None = None
-
-    @property
-    def modules(self) -> dict[str, nn.Module]:
-        """Name the modules as the file does."""
-        return {"module": self.module} | ({} if self.average is None else {"average": self.average})
 
 
 def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progress) -> None:
@@ -64,7 +58,7 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
     progress
         The training's progress.
     """
-    tensors = {f"{part}/{name}": value for part, module in state.modules.items() for name, value in module.state_dict().items()}
+    tensors = {f"module/{name}": value for name, value in state.module.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in state.optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
@@ -75,7 +69,7 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
     """Restore the state from the checkpoint in `folder`; return the best weights and the progress.
 
-    The modules must have the type and device that they are trained with: the moments take those of their parameters. Without a
+    The module must have the type and device that it is trained with: the moments take those of their parameters. Without a
     checkpoint, or with one that a crash of the machine cut short, nothing changes: the training starts from the beginning.
     """
     try:
@@ -85,8 +79,7 @@ def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
             progress = Progress(**json.loads(file.metadata()["progress"]))
     except (FileNotFoundError, SafetensorError):
         return {}, Progress()
-    for part, module in state.modules.items():
-        module.load_state_dict(_below(part, tensors))
+    state.module.load_state_dict(_below("module", tensors))
     moments: dict[int, dict[str, Tensor]] = defaultdict(dict)
     for name, value in _below("optimizer", tensors).items():
         index, moment = name.split("/")

@@ -167,7 +167,7 @@ class Items:
         """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
         return {
             "configuration": configuration,
-            "network": config.model_dump(mode="json", exclude={"checkpointing"}),
+            "network": config.model_dump(mode="json"),
             "camera": None if self.camera is None else self.camera.tolist(),
             "resolution": self.resolution,
             "background": self.background,

@@ -24,7 +24,6 @@ from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.digest import of_json
 from pipeline.store.storage import read_bytes
 from pipeline.training import checkpoint
-from pipeline.training.averaging import averaged, running_average
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
@@ -38,6 +37,8 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
     from lightning_fabric import Fabric
 
 METRICS = "metrics.json"
+MAX_LOSS_GROWTH = 1e4
+"""A loss above the first epoch's mean by this factor stops the training: no later epoch mends it."""
 
 
 def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
@@ -117,8 +118,7 @@ class _Training:
         self.adam = torch.optim.Adam(self.module.parameters(), lr=settings.learning_rate)
         wrapped: Any = fabric.setup(self.module, self.adam)
         self.network, self.optimizer = wrapped
-        self.average = running_average(self.module, settings.weight_average)
-        self.state = checkpoint.State(self.module, self.adam, self.average)
+        self.state = checkpoint.State(self.module, self.adam)
         self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
         if len(set(gathered(fabric, of_json(asdict(self.progress))))) > 1:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
@@ -196,9 +196,7 @@ class _Training:
         except InvalidInput as error:
             raise self.failure(str(error), items) from error
         before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
-        self.check_size(
-            items, "loss", float(loss.detach()), limit=self.settings.max_loss_growth * before or math.inf
-        )  # nothing is a multiple of 0
+        self.check_size(items, "loss", float(loss.detach()), limit=MAX_LOSS_GROWTH * before or math.inf)  # nothing is a multiple of 0
         weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
         fabric.backward(weighted)
         gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
@@ -208,8 +206,6 @@ class _Training:
             torch.nn.utils.clip_grads_with_norm_(self.module.parameters(), self.settings.gradient_limit, norm)
         self.set_rate()
         self.optimizer.step()
-        if self.average is not None:
-            self.average.update_parameters(self.module)
         mean: Any = fabric.all_reduce(weighted.detach())
         return float(mean)
 
@@ -233,20 +229,14 @@ class _Training:
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 
     def validate_epoch(self) -> None:
-        """Compute the metrics of the weights, or of their average; keep them if they are the best so far, and go to the next epoch."""
+        """Compute the metrics of the weights; keep them if they are the best so far, and go to the next epoch."""
+        progress = self.progress
         self.network.eval()
-        with averaged(self.module, self.average):
-            self._keep_best(self._metrics())
-
-    def _metrics(self) -> dict[str, float]:
         try:
             with torch.no_grad():
-                return self.learner.validate(self.network)
+                metrics = self.learner.validate(self.network)
         except InvalidInput as error:
-            raise StageError(f"{self.name}: the validation of epoch {self.progress.epoch + 1} failed: {error}") from error
-
-    def _keep_best(self, metrics: dict[str, float]) -> None:
-        progress = self.progress
+            raise StageError(f"{self.name}: the validation of epoch {progress.epoch + 1} failed: {error}") from error
         row = {"train_loss": progress.sums / self.steps, **metrics}
         if not math.isfinite(row["loss"]):
             raise StageError(f"{self.name}: the validation loss of epoch {progress.epoch + 1} is {row['loss']}; lower learning_rate")

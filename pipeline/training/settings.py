@@ -21,12 +21,6 @@ class TrainingSettings(Settings):
         "constant", "cosine: the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine"
     )
     gradient_limit: float | None = setting(None, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
-    weight_average: float | None = setting(
-        None,
-        "share of the running average of the weights that each step keeps, 0.99 say; it is what is validated and kept; null has none",
-        gt=0,
-        lt=1,
-    )
     image_gain: float = setting(
         0.0, "an item's image has each of its colours scaled by a factor within 1 ± this, drawn for each item", ge=0, lt=1
     )
@@ -35,12 +29,6 @@ class TrainingSettings(Settings):
     batch_size: int = setting(16, "items a step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
-    max_loss_growth: float = setting(
-        1e4,
-        "a loss above the first epoch's mean by this factor stops the training: no later epoch mends it",
-        gt=1,
-        changes="definition",
-    )
     devices: int = setting(1, "processes per node that share a batch: the losses of one process, but for rounding", ge=1)
     num_nodes: int = setting(1, "nodes; more than one are started with torchrun or srun", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = setting(

@@ -55,7 +55,7 @@ class FitCharts(ObjectStage):
 
     def cost(self, settings: ChartSettings) -> Cost:
         """Estimate the touches of an object, as measured on one core."""
-        steps = (1.5 if settings.tight else 1.0) * 0.01 / settings.learning_rate
+        steps = (7.0 if settings.tight else 1.0) * 0.01 / settings.learning_rate
         return Cost(seconds=TOUCHES * 0.1 * steps * settings.step_samples / 500, kilobytes=20)
 
     @contextmanager
@@ -73,8 +73,9 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
     poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
     clouds = _clouds(inputs, touched, sensor, model)
     generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
-    fits = fit_charts(clouds, sensor.width, generators, options=settings.fit_options(sensor.width), device=settings.device)
-    charts = np.tile(chart_square(settings.side)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
+    aspect, options = sensor.height / sensor.width, settings.fit_options(sensor.width)
+    fits = fit_charts(clouds, sensor.width, generators, aspect=aspect, options=options, device=settings.device)
+    charts = np.tile(chart_square(settings.side, aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
     charts[touched] = fits.vertices
     vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
     row = {"vertices": np.stack(vertices).reshape(charts.shape).astype(np.float32)}

@@ -3,7 +3,7 @@
 from typing import Annotated, Literal
 
 from pipeline.config.settings import ObjectSettings, described_by, setting
-from pipeline.kernels.touch.sphere_tracing import MAX_STEPS, TOLERANCE
+from pipeline.kernels.touch.sphere_tracing import TOLERANCE
 
 
 class TouchSettings(ObjectSettings):
@@ -21,11 +21,6 @@ class TouchSettings(ObjectSettings):
         "greatest distance before the surface at which a sphere-traced ray stops, m; 1 µm would save a fifth of the time",
         ge=1e-9,
         le=1e-3,
-    )
-    sphere_steps: int = setting(
-        MAX_STEPS,
-        "steps after which a sphere-traced ray is intersected exactly; more steps cost time and gain nothing",
-        ge=1,
     )
     gel_bits: int | None = setting(
         26,

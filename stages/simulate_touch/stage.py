@@ -105,7 +105,7 @@ def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchS
     if settings.tracer == "ray":
         exact = ray_depth(faces, pose, sensor)
     else:
-        exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance, max_steps=settings.sphere_steps)
+        exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
     gel = press_gel(depth, sensor)
     row: Row = {"depth": depth, "tactile_image": image_of_gel(gel.indentation, sensor, rng)}

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, RADIUS, SINGLE_IMAGE, NetworkConfig, Seams, TouchEdges
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, Seams, TouchEdges
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
@@ -37,8 +37,6 @@ class GcnSettings(ReconstructionSettings):
         "of the surplus area; the supplement has none",
         ge=0,
     )
-    laplacian_weight: float = setting(0.0, "of the mean squared difference of a vertex's displacement to its neighbours', likewise", ge=0)
-    bending_weight: float = setting(0.0, "of the mean of 1 - cos between neighbouring faces, beside a Chamfer distance as printed", ge=0)
     learning_rate: float = setting(6e-3, "two hundred times the supplement's, for trainings a hundred times shorter", gt=0, le=100)
     schedule: Schedule = setting(
         "cosine", "the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine; the supplement's is constant"
@@ -52,11 +50,6 @@ class GcnSettings(ReconstructionSettings):
     epochs: int = setting(30, "minutes on a CPU; the supplement has 260", ge=1)
     patience: int | None = setting(70, "the supplement's", ge=1)
     loss_points: int = setting(3000, "points sampled on the prediction and drawn from the object's for the loss", ge=1)
-    checkpoint_passes: bool = setting(False, "recompute each pass in the backward one: less memory, more time", changes="speed")
-
-    def network(self, side: int, radius: float = RADIUS) -> NetworkConfig:
-        """Describe the network of these settings; parameters as of any family's."""
-        return cast(NetworkConfig, super().network(side, radius)).model_copy(update={"checkpointing": self.checkpoint_passes})
 
 
 class SingleImageSettings(GcnSettings):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import torch
 from torch import Tensor
@@ -12,9 +12,9 @@ from pipeline.engine.stage import Cost
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.metrics.surface_regularisers import bending, edge_length, laplacian, neighbouring_faces, neighbouring_vertices
+from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import sample_surface
-from pipeline.kernels.networks.network_configurations import RADIUS
+from pipeline.kernels.networks.network_configurations import RADIUS, NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
 from pipeline.models.families import model_name
 from pipeline.models.observation import NetworkBatch
@@ -25,16 +25,14 @@ from stages.train_gcn.settings import GcnSettings, SingleImageSettings
 
 
 class GcnLearner(ReconstructionLearner):
-    """Minimise the distance between the predicted surface and the object's (supplement 3.3), and the terms that the settings weight."""
+    """Minimise the distance between the predicted surface and the object's (supplement 3.3), and the length of its edges."""
 
     target, arrays, seeded_as = SURFACES, ("points",), "train-gcn"
 
     def __init__(self, network: Any, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         super().__init__(network, train, valid, settings, seed)
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
-        self._faces, self._edges, self._pairs = torch.tensor(faces), neighbouring_vertices(faces), neighbouring_faces(faces)
-        sphere = torch.tensor(network.config.radius * network.charts.vertices + network.config.centre)  # (V, 3), m
-        self._start = network.merge_coinciding(sphere[None])
+        self._edges = neighbouring_vertices(faces)
         self._unit: float = TABLE_3_FACTOR * (RADIUS / network.config.radius) ** 2  # of m²: objects of any size are learned alike
 
     def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
@@ -42,10 +40,13 @@ class GcnLearner(ReconstructionLearner):
         return [items.target(item) for item in chosen]
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
-        """Compute the mean Chamfer distance of the items, and the roughness of their surfaces."""
+        """Compute the mean Chamfer distance of the items, and the weighted length of their edges, which the supplement does not have."""
         seen = self.stack(network, batch)
         deformed = network(**vars(seen))
-        return self._chamfer(deformed, seen, batch).mean() + self._roughness(deformed)
+        total: Tensor = self._chamfer(deformed, seen, batch).mean()
+        if weight := self._unit * self.settings.edge_weight:
+            total = total + weight * edge_length(self.network.merge_coinciding(deformed), self._edges).mean()
+        return total
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
         """Compute the Chamfer distance of each item."""
@@ -63,21 +64,6 @@ class GcnLearner(ReconstructionLearner):
             surface = target.points.to(predicted) if predicted.is_cuda else target
             distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
         return self._unit * torch.stack(distances)
-
-    def _roughness(self, deformed: Tensor) -> Tensor:
-        """Compute the weighted regularisers of vision charts (B, V, 3), which the supplement does not have; mean over the items."""
-        settings, total = self.settings, deformed.new_zeros(())
-        if not (settings.edge_weight or settings.laplacian_weight or settings.bending_weight):
-            return total
-        surface = self.network.merge_coinciding(deformed)
-        if settings.edge_weight:
-            total = total + self._unit * settings.edge_weight * edge_length(surface, self._edges).mean()
-        if settings.laplacian_weight:
-            moved = surface - self._start.to(surface)
-            total = total + self._unit * settings.laplacian_weight * laplacian(moved, self._edges).mean()
-        if settings.bending_weight:
-            total = total + settings.bending_weight * bending(surface, self._faces, self._pairs).mean()
-        return total
 
 
 class TrainGcn(ReconstructionTraining):
@@ -97,7 +83,7 @@ class TrainGcn(ReconstructionTraining):
 
     def cost(self, settings: GcnSettings, objects: int) -> Cost:
         """Estimate about a second per item at the tables' sizes on one core, less in proportion to the network's."""
-        network = settings.network(SIDE)
+        network = cast(NetworkConfig, settings.network(SIDE))
         share = network.gcn_layers * network.gcn_features**2 / (20 * 250**2)
         items = objects * settings.samples_per_object * settings.epochs
         return Cost(seconds=items * (0.02 + 0.9 * share), kilobytes=8000 * share + 500)

@@ -15,7 +15,7 @@ from pipeline.kernels.networks.contact_mask import contact_mask
 from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import network_input
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Place
 from pipeline.training.augmentation import vary_image
@@ -126,8 +126,10 @@ class UnetLearner(Learner):
         tactile_images, untouched = tactile_images.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
         mask = contact_mask(tactile_images, untouched, self.settings.mask_threshold)
         given = network_input(varied.to(parameter.device), parameter.dtype)
-        return network(given) * self.train.sensor.w, depth.to(parameter), mask
+        return network(given) * gel_top(self.train.sensor), depth.to(parameter), mask
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
-        compute = masked_depth_loss if self.settings.loss == "depth" else projected_chamfer_loss
-        return compute(predicted, depth, mask, width=self.train.sensor.width, gel=self.gel)
+        sensor = self.train.sensor
+        if self.settings.loss == "depth":
+            return masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=self.gel)
+        return projected_chamfer_loss(predicted, depth, mask, width=sensor.width, gel=self.gel, aspect=sensor.height / sensor.width)

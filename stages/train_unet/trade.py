@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.engine.trade import Trade
+from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.models.touch_model import load_touch_model
 from pipeline.store.directory import DataDirectory
 from stages.train_unet.learner import load_touches
@@ -17,8 +18,8 @@ def depth_errors(data: Path, reference: Path) -> dict[str, float]:
     touches = load_touches(data, "test")
     model = load_touch_model(DataDirectory(data).whole_folder("models/unet"), "cpu")
     tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
-    contact = depth < touches.sensor.w
-    squares = np.where(contact, (model.depth(tactile_images) - depth).astype(np.float64), 0.0) ** 2
+    contact = in_gel(depth, touches.sensor)
+    squares = np.where(contact, (model.maps(tactile_images)[0] - depth).astype(np.float64), 0.0) ** 2
     own = {int(number): touches.where[:, 0] == number for number in np.unique(touches.where[:, 0])}
     return {str(number): 1e6 * float(np.sqrt(squares[rows].sum() / contact[rows].sum())) for number, rows in own.items()}
 

@@ -106,7 +106,7 @@ def _models(models: Path) -> None:
     (gcn := models / ".work" / "gcn").mkdir()
     described: dict[str, Any] = {
         "configuration": NAME,
-        "network": config.model_dump(mode="json", exclude={"checkpointing"}),
+        "network": config.model_dump(mode="json"),
         "camera": [[16, 0, 0, 0], [0, 16, 0, 0], [0, 0, 1, 0]],
         "resolution": [PIXELS, PIXELS],
         "charts": {"side": 3, "max_iterations": 5, "samples": 50},

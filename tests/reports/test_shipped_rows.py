@@ -15,6 +15,7 @@ from pipeline.cli import app
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.models.shipped_weights import DEFAULT
+from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results_summary import summarise
 from pipeline.store.directory import DataDirectory
@@ -79,7 +80,13 @@ def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypat
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
     assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
-    assert len(evaluation.better_half(["a", "b", "d"])) == 1  # of the two that were evaluated
+    errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in ("a", "b")}
+    assert evaluation.ranked(evaluation.configurations) == sorted(errors, key=errors.get)
+
+
+@pytest.mark.parametrize(("most", "shown"), [(1, "a"), (2, "ad"), (3, "adg"), (5, "abcdg"), (7, "abcdefg"), (9, "abcdefg")])
+def test_a_figure_shows_the_nearest_middling_and_farthest_objects(most, shown):
+    assert "".join(nearest_middle_farthest("abcdefg", most)) == shown
 
 
 def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypatch):

@@ -260,7 +260,7 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
-    description = {"configuration": name, "network": config.model_dump(mode="json", exclude={"checkpointing"}), "camera": camera}
+    description = {"configuration": name, "network": config.model_dump(mode="json"), "camera": camera}
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}

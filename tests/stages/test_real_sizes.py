@@ -29,8 +29,6 @@ from tests.stages.tiny_dataset import manifest, run_stage
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
 NONE = (
     "train-gcn.configuration=none",
-    "train-gcn.bending_weight=0.01",
-    "train-gcn.laplacian_weight=0.1",
     "train-gcn.validation_items=1",
     *SMALL,
 )

@@ -181,7 +181,7 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "single-image", observation=GRASP)
     with pytest.raises(StageError, match="needs an image: give an observation, or a data directory and an object"):
         predict(tmp_path / "out.ply", models, "single-image")
-    with pytest.raises(StageError, match=r"has no model touch: its models are single-image; train it with"):
+    with pytest.raises(StageError, match=r"has no model touch: its models are single-image; choose one of these, or train it with"):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
@@ -206,7 +206,7 @@ def test_paper_has_the_supplements_training():
     assert isinstance(settings, SingleImageSettings)
     assert (settings.learning_rate, settings.batch_size, settings.epochs, settings.samples_per_object) == (1e-5, 64, 40, 24)
     assert (settings.schedule, settings.gradient_limit, settings.patience, settings.encoder_kernel) == ("constant", None, None, 3)
-    assert (settings.edge_weight, settings.laplacian_weight, settings.bending_weight, settings.seams) == (0, 0, 0, "open")
+    assert (settings.edge_weight, settings.seams) == (0, "open")
     network = settings.network(side=9)
     assert (network.gcn_layers, network.gcn_features, network.encoder_layers, network.encoder_norm) == (25, 250, 25, "instance")
     assert (network.encoder_linear, network.encoder_width, network.image) == (250, 1.0, "rendering")

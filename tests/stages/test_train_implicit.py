@@ -123,7 +123,7 @@ def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
         assert mesh.is_watertight
     predict(tmp_path / "closed.ply", data / "models", NAME, data=data, object_id="d", surface="closed", resolution=64)
     assert trimesh.load(tmp_path / "closed.ply").is_watertight
-    with pytest.raises(StageError, match=r"no model touch: its models are implicit-touch; train it with"):
+    with pytest.raises(StageError, match=r"no model touch: its models are implicit-touch; choose one of these, or train it with"):
         predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
 
 

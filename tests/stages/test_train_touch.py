@@ -114,7 +114,7 @@ def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTo
     nothing = model.read(presses_at_rest := unseen.untouched[None])
     assert nothing.indentation.max() < 1e-4  # presses are up to 1.2 mm deep
     assert not nothing.contact.any()
-    assert model.depth(presses_at_rest) == pytest.approx(SENSOR.w, abs=1e-4)
+    assert model.maps(presses_at_rest)[0] == pytest.approx(SENSOR.w, abs=1e-4)
 
 
 def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchM
     np.testing.assert_array_equal(own.indentation, same.indentation)
     larger = np.repeat(np.repeat(press.image, 2, axis=0), 2, axis=1)[None]
     assert model.read(larger).indentation[0, ::2, ::2] == pytest.approx(own.indentation[0], abs=1e-4)
-    assert model.clouds(larger)[0].shape == (int(model.mask(larger).sum()), 3)
+    assert model.clouds(larger)[0].shape == (int(model.maps(larger)[1].sum()), 3)
     with pytest.raises(InvalidInput, match="1 times as wide as high"):
         model.read(np.zeros((1, 40, 40, 3), np.uint8))
     with pytest.raises(InvalidInput, match=r"the untouched photograph is uint8 \(4, 4, 3\)"):

@@ -197,11 +197,11 @@ def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) 
     assert model.mask_threshold == 0.001
     felt = RowsInMemory(9, seed=1).arrays
     tactile_images = felt["tactile_image"].reshape(-1, *SENSOR.shape, 3)  # 54: more than a batch
-    depth, mask, clouds = model.depth(tactile_images), model.mask(tactile_images), model.clouds(tactile_images)
+    (depth, mask), clouds = model.maps(tactile_images), model.clouds(tactile_images)
     assert depth.shape == mask.shape == tactile_images.shape[:3]
     assert (depth.dtype, mask.dtype) == (np.float32, np.bool_)
     assert ((depth > 0) & (depth < SENSOR.w)).all()
-    assert np.abs(depth[50] - model.depth(tactile_images[50:51])[0]).max() < 1e-7
+    assert np.abs(depth[50] - model.maps(tactile_images[50:51])[0][0]).max() < 1e-7
     assert (mask.any(axis=(1, 2)) == felt["touch_success"].reshape(-1)).all()
     x, y = pixel_centres(SENSOR)
     for cloud, image, touched in zip(clouds, depth, mask, strict=True):

@@ -50,6 +50,8 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
         (["tradeoff", "--data", "s3://bucket/x"], "measure into a folder on this machine"),
         (["advise"], "give either --within or --error"),
         (["advise", "--within", "3h", "--error", "1mm"], "give either --within or --error"),
+        (["advise", "--within", "3 years", "--data", "/nonexistent"], "'3 years' is not a time"),
+        (["advise", "--error", "x", "--data", "/nonexistent"], "'x' is not an error"),
         (
             ["advise", "--within", "3h", "--data", "/nonexistent"],
             "sample-surfaces: not measured yet; run `vt-pipeline tradeoff sample-surfaces",

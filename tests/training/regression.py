@@ -91,5 +91,5 @@ def settings(**changes: Any) -> TrainingSettings:
 def run(folder: Path, seed: int = 0, kill_at: int | None = None, precision: str = "32-true") -> dict[str, Tensor]:
     """Train, or die at a step; the final weights."""
     learner = Regression(kill_at=kill_at, seed=seed)
-    fit(learner, folder, seed, precision=precision, schedule="cosine", gradient_limit=1.0, weight_average=0.9)
+    fit(learner, folder, seed, precision=precision, schedule="cosine", gradient_limit=1.0)
     return learner.network.state_dict()

@@ -12,7 +12,7 @@ import numpy as np
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.reports.contact_sheet_page import depth_colors
+from pipeline.reports.contact_sheet_page import depth_colors, spread_evenly
 from pipeline.reports.paper_figures import colored_charts, draw_local_points
 from pipeline.reports.reconstruction_gallery import draw_gallery, two_coloured
 from schemas.catalogue import ARTIFACTS
@@ -34,7 +34,7 @@ def draw_unet(shown: Shown, path: Path) -> None:
     touched = np.flatnonzero(shown.rows["grasps"]["touch_success"][shown.grasp]).tolist()
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
     tactile_image, depth = shown.rows["touch"]["tactile_image"][shown.grasp, finger], depths[finger]
-    sensor, mask, predicted = model.sensor, model.mask(tactile_image[None])[0], model.depth(tactile_image[None])[0]
+    sensor, (predicted, mask) = model.sensor, (maps[0] for maps in model.maps(tactile_image[None]))
     apart = np.where(mask & in_gel(depth, sensor), np.abs(predicted - depth), 0)
     error = matplotlib.colormaps["magma"](np.clip(apart / 0.5e-3, 0, 1))[..., :3]
     panels: Panels = [
@@ -131,5 +131,6 @@ def draw_implicit(shown: Shown, path: Path) -> None:
 
 def draw_reconstructions(shown: Shown, path: Path) -> None:
     """Reconstructions of some test objects by each network."""
-    assert shown.source.evaluation is not None
-    draw_gallery(shown.source.directory, shown.source.evaluation, path, OBJECTS, shown.source.evaluation.configurations)
+    evaluation = shown.source.evaluation
+    assert evaluation is not None
+    draw_gallery(shown.source.directory, evaluation, path, spread_evenly(evaluation.object_ids, OBJECTS), evaluation.configurations)

@@ -47,6 +47,7 @@ def fit_charts(
     width: float,
     generators: Sequence[torch.Generator],
     *,
+    aspect: float = 1.0,
     options: FitOptions | None = None,
     device: torch.device | str = "cpu",
 ) -> ChartFits:
@@ -61,6 +62,8 @@ def fit_charts(
     generators
         N CPU generators, one per chart. A chart follows from its cloud, its generator and the options, to the bit on a CPU with one
         thread; not from the charts beside it.
+    aspect
+        The sensor's height over its width.
     options
         `FitOptions()` if None.
     device
@@ -82,7 +85,7 @@ def fit_charts(
     if not 0 < width < np.inf:
         raise ValueError(f"sensor width {width} m: it must be positive and finite")
     options = options or FitOptions()
-    square, faces = chart_square(options.side)
+    square, faces = chart_square(options.side, aspect)
     fits = ChartFits(
         vertices=np.repeat(square.numpy()[None] * width, len(clouds), axis=0),
         residual=np.zeros(len(clouds)),

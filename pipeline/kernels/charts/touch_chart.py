@@ -11,18 +11,20 @@ MAX_SIDE = 101
 """More vertices would be finer than any tactile image resolves."""
 
 
-def chart_square(side: int = SIDE) -> tuple[Tensor, Tensor]:
+def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]:
     """Make a planar chart as large as the sensor, in the plane z = 0 of the sensor frame.
 
     Parameters
     ----------
     side
         Vertices along a side; odd, so that one of them, with index side² // 2, is the centre.
+    aspect
+        The sensor's height over its width.
 
     Returns
     -------
     vertices
-        (side², 3) float64 in sensor widths, x and y from -1/2 to 1/2, row by row as pixels are: x runs along a row, y from row to row.
+        (side², 3) float64 in sensor widths: x from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels are.
     faces
         (2 (side - 1)², 3) int64, wound so that normals are +z.
 
@@ -34,7 +36,7 @@ def chart_square(side: int = SIDE) -> tuple[Tensor, Tensor]:
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
         raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
     along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5
-    y, x = torch.meshgrid(along, along, indexing="ij")
+    y, x = torch.meshgrid(aspect * along, along, indexing="ij")
     vertices = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(-1, 3)
     index = torch.arange(side * side).reshape(side, side)
     corner, right, below, across = (part.reshape(-1) for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))

@@ -80,21 +80,30 @@ def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], s
 
 
 @compiled
-def conflicts(world: Float64Array, half: Float64Array, owner: NDArray[np.intp], fingers: int, gap: float) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b. World frames (O, C, 4, 4) of boxes."""
+def conflicts(
+    world: Float64Array,
+    half: Float64Array,
+    first: NDArray[np.intp],
+    second: NDArray[np.intp],
+    owner: NDArray[np.intp],
+    fingers: int,
+    gap: float,
+) -> NDArray[np.bool_]:
+    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b.
+
+    World frames (O, C, 4, 4) of boxes; pairs of boxes, the first one of a finger `owner` with a lower number than the second one's.
+    """
     options = len(world)
     conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)
-    for k in range(len(owner)):
-        for m in range(len(owner)):
-            if 0 <= owner[k] < owner[m]:
-                reach = radius[k] + radius[m] + gap
-                found = conflicts[owner[k], owner[m]]
-                for i in range(options):
-                    for j in range(options):
-                        if not found[i, j]:
-                            a, b = world[i, k], world[j, m]
-                            x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
-                            if np.sqrt(x * x + y * y + z * z) < reach:
-                                found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
+    for k, m in zip(first, second):  # noqa: B905 - as numba has it
+        reach = radius[k] + radius[m] + gap
+        found = conflicts[owner[k], owner[m]]
+        for i in range(options):
+            for j in range(options):
+                if not found[i, j]:
+                    a, b = world[i, k], world[j, m]
+                    x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
+                    if np.sqrt(x * x + y * y + z * z) < reach:
+                        found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
     return conflicts

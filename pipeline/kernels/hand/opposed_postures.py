@@ -141,7 +141,7 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
 
 
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
-    """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other: a few hundred of every width at most."""
+    """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other; of two motors few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
     every = np.arange(len(ik.joint_angles))
     first, second = (every[ik.free[:, finger]] if finger >= 0 else every[:1] for finger in fingers)

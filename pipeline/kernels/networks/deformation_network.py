@@ -7,7 +7,6 @@ from functools import partial
 
 import torch
 from torch import Tensor, nn
-from torch.utils.checkpoint import checkpoint
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
@@ -103,8 +102,6 @@ class DeformationNetwork(nn.Module):
             cameras=None if camera is None else camera.to(start).expand(len(counts), 3, 4),
             graph=graph,
         )
-        if self.config.checkpointing and torch.is_grad_enabled():
-            step = partial(checkpoint, step, use_reentrant=False, preserve_rng_state=False)
         for _ in range(self.config.passes):
             vision = vision + self._tie_seams(step(vision))
         return self._to_world(vision)

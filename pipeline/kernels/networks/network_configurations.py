@@ -83,8 +83,6 @@ class NetworkConfig(NetworkInputs):
     touch_edges
         "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
         vision charts and of touch charts are each other's neighbours.
-    checkpointing
-        Whether a pass is computed again for the gradient instead of kept: less memory for about a third more time, same results.
     """
 
     encoder_linear: int | None = Field(default=None, gt=0, le=2**16)
@@ -95,7 +93,6 @@ class NetworkConfig(NetworkInputs):
     splits: int = Field(default=1, ge=0, le=MAX_SPLITS)
     seams: Seams = "open"
     touch_edges: TouchEdges = "centres"
-    checkpointing: bool = False
 
 
 CONFIGURATIONS: Mapping[str, NetworkConfig] = {

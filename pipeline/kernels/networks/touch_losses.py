@@ -68,13 +68,17 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
     return each.mean()
 
 
-def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor) -> Tensor:
+def projected_chamfer_loss(
+    predicted: Tensor, depth: Tensor, mask: Tensor, *, width: float, gel: float | Tensor, aspect: float = 1.0
+) -> Tensor:
     """Compute the mean over the batch of the Chamfer distance between predicted and true local points.
 
     Parameters
     ----------
     predicted, depth, mask, width, gel
         As `masked_depth_loss`.
+    aspect
+        The sensor's height over its width.
 
     Returns
     -------
@@ -95,15 +99,15 @@ def projected_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, wi
     for item in range(len(predicted)):
         row, col = mask[item].nonzero(as_tuple=True)
         if len(row):
-            clouds = [_points(image[item, row, col], row, col, mask.shape[1:], width) for image in (predicted, true)]
+            clouds = [_points(image[item, row, col], row, col, mask.shape[1:], width, aspect) for image in (predicted, true)]
             total = total + chamfer(*clouds)
     return total / len(predicted)
 
 
-def _points(depth: Tensor, row: Tensor, col: Tensor, shape: torch.Size, width: float) -> Tensor:
+def _points(depth: Tensor, row: Tensor, col: Tensor, shape: torch.Size, width: float, aspect: float) -> Tensor:
     """(n, 3) points of pixels, sensor frame, sensor widths."""
     x = (col.to(depth.dtype) + 0.5) / shape[1] - 0.5
-    y = (row.to(depth.dtype) + 0.5) / shape[0] - 0.5
+    y = ((row.to(depth.dtype) + 0.5) / shape[0] - 0.5) * aspect
     return torch.stack([x, y, depth / width], dim=1)
 
 

@@ -37,7 +37,7 @@ DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 
 
 @dataclass(frozen=True)
-class FitOptions:
+class ColourFitOptions:
     """What is fitted.
 
     Attributes
@@ -48,8 +48,6 @@ class FitOptions:
         How many are sought.
     elastic
         Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
-    thicknesses
-        Of an elastic gel, that are tried, in contact radii.
     poisson
         Poisson's ratio of an elastic gel.
     contact_weight
@@ -60,12 +58,11 @@ class FitOptions:
     position_degree: int | None = None
     shadows: int = 3
     elastic: bool | None = None
-    thicknesses: tuple[float, ...] = THICKNESSES
     poisson: float = 0.48
     contact_weight: float = CONTACT_WEIGHT
 
 
-FIT_FOR_DEPTH = FitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
+FIT_FOR_DEPTH = ColourFitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
 """For a sensor whose photographs a network shall read: colours are those of contacts, where the ball's slopes are known, and of the elastic
 gels the one that predicts the rings around them best is taken. A membrane leaves a step at walls, which no network can read."""
 
@@ -107,7 +104,7 @@ class _GelShape:
 
 
 def fit_colours(
-    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: FitOptions
+    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: ColourFitOptions
 ) -> ColourFit:
     """Fit the gel, coefficients and shadows.
 
@@ -166,10 +163,10 @@ def _first_good(errors: Sequence[float]) -> int:
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
 
-def _gels(options: FitOptions) -> list[_GelShape]:
+def _gels(options: ColourFitOptions) -> list[_GelShape]:
     """List the gels that are tried."""
     membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
-    layers = [_GelShape(True, thickness, options.poisson) for thickness in options.thicknesses if options.elastic is not False]
+    layers = [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]
     return membranes + layers
 
 

@@ -97,7 +97,8 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     sensor
         Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
     rng
-        Draws everything; equal states give equal presses, for other pixel counts the same press in other pixels.
+        Draws everything; equal states give equal presses, for other pixel counts the same press in other pixels, but for one that lies
+        between the pixels at the rim: then another is drawn.
     ranges
         By default those of `PressRanges`.
     shapes
@@ -130,7 +131,7 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     x, y = x - middle[0], y - middle[1]
     u, v = turn[1] * x + turn[0] * y, turn[1] * y - turn[0] * x
     relief = SHAPES[name](u, v, Drawn(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
-    if not (relief > -np.inf).any():  # at the rim, between the pixels: put it into the middle
+    if not (relief > -np.inf).any():  # at the rim, between the pixels
         return random_press(sensor, rng, ranges, names)
     return Press(name, press_relief(relief, sensor, depth))
 

@@ -13,9 +13,6 @@ from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
 from pipeline.kernels.touch.scan_conversion import scan_convert
 from pipeline.kernels.touch.sensor import Sensor
 
-RAY_TOLERANCE = 1e-15
-"""Sensor widths: distance between a pixel's ray and the ray that float64 arithmetic intersects, for faces in the sensor frame."""
-
 
 def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
     """Compute the depth map of a sensor by exact intersection.

@@ -27,9 +27,7 @@ SLIVER = 1e-3
 `TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
 
 
-def sphere_traced_depth(
-    faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, *, tolerance: float = TOLERANCE, max_steps: int = MAX_STEPS
-) -> NDArray[np.float64]:
+def sphere_traced_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, *, tolerance: float = TOLERANCE) -> NDArray[np.float64]:
     """Compute the depth map of a sensor by sphere tracing; the result is that of `ray_depth` to within `tolerance`.
 
     Parameters
@@ -42,8 +40,6 @@ def sphere_traced_depth(
         Gives the grid of rays and their range.
     tolerance
         m, > 0: a ray ends at most this far before the surface, measured along the ray.
-    max_steps
-        Steps after which a ray counts as unsettled.
 
     Returns
     -------
@@ -56,13 +52,13 @@ def sphere_traced_depth(
     """
     local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
-    depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance=tolerance, max_steps=max_steps)
+    depth, settled = trace_spheres(local[:, :, ~sliver], sensor, tolerance=tolerance)
     depth = np.minimum(depth, local_depth(local[:, :, sliver], sensor))
     return np.where(settled, depth, local_depth(local, sensor))
 
 
 def trace_spheres(
-    local: NDArray[np.float64], sensor: Sensor, *, tolerance: float, max_steps: int
+    local: NDArray[np.float64], sensor: Sensor, *, tolerance: float, max_steps: int = MAX_STEPS
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Trace spheres along every ray, without exact intersection of unsettled rays.
 
@@ -70,8 +66,10 @@ def trace_spheres(
     ----------
     local
         (3 axes, 3 corners, N) faces from `cull_faces`, sensor frame, m, none flatter than `SLIVER`.
-    sensor, tolerance, max_steps
+    sensor, tolerance
         As in `sphere_traced_depth`.
+    max_steps
+        Steps after which a ray counts as unsettled.
 
     Returns
     -------

@@ -105,3 +105,10 @@ class Scene(BaseModel):
     def camera(self) -> NamedCamera:
         """The first camera, whose images networks are shown."""
         return self.cameras[0]
+
+    def square_camera(self, resolution: int) -> Camera:
+        """Make a camera of square images where the first one is, for pictures whose view is chosen anew; it sees its lesser side."""
+        first = self.camera
+        x, y = (resolution / min(first.shape) * length for length in first.focal)
+        centre = (resolution / 2, resolution / 2)
+        return Camera(position=first.position, rotation=first.rotation, focal=(x, y), centre=centre, resolution=resolution)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import RAY_TOLERANCE, local_depth, ray_depth
+from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import (
@@ -23,6 +23,8 @@ from tests.strategies import EPS, random_rotation, scales, seeds, sliver
 SMALL = coarse(6)
 X, Y = pixel_centres(SMALL)
 HEIGHTS = (0.001, 0.03)
+RAY_TOLERANCE = 1e-15
+"""Sensor widths: distance between a pixel's ray and the ray that float64 arithmetic intersects, for faces in the sensor frame."""
 
 
 def slivers(rng: np.random.Generator) -> np.ndarray:
