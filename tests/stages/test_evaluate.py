@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 import zarr
 from rich.console import Console
 
@@ -57,7 +56,6 @@ def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Pa
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, COUNT)
     for name in CONFIGURATIONS:

@@ -1,7 +1,7 @@
 """Chart fitting: against a plain loop, on clouds of every kind, together and alone."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -21,15 +21,6 @@ TIGHT = FitOptions(halt=2.3e-4, residual_limit=1e-4 / WIDTH)
 NOISE = 6e-5
 """m: below this, 500 points a step jitter more than 4000 do."""
 Cloud = NDArray[np.float64]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    """As `fit-charts` does it: many small tensors are slower on several threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
