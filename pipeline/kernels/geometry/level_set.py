@@ -19,6 +19,8 @@ MIN_VALUE_SHARE = 1e-3
 """Values around the surface are at least this share of the largest, so that no two vertices of the mesh coincide."""
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 """Corners of a cell, in libigl's order."""
+CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
+"""Of each of these the places, in a grid's values, that all cells have there."""
 
 
 def level_set_mesh(
@@ -46,7 +48,8 @@ def level_set_mesh(
         How much the field changes at most per unit: 1 for a signed distance.
     halvings
         The field is computed on a grid 2^halvings times as wide; its cells are then halved, and the field is computed only at points
-        where it can be 0 given `slope` and its neighbours. 0 computes it at all points, and needs no slope.
+        where it can be 0 given `slope` and its neighbours, and on along the surface that is found. 0 computes it at all points, and needs
+        no slope.
     dense_points, dense_radius
         The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
 
@@ -74,12 +77,15 @@ def level_set_mesh(
     values = np.zeros(count.astype(np.int64) + 1)
     _evaluate(values, np.ones(values.shape, bool), field, low, step)
     for _ in range(halvings):
-        reach, step = np.sqrt(3) * step * slope, step / 2
+        reach, step = np.sqrt(3) / 2 * step * slope, step / 2  # a cell's middle is as far from its corners
         values = _double_resolution(values)
-        where = np.abs(values) <= reach
+        known = np.abs(values) <= reach
         if dense_points is not None:
-            _mark_cells_around(where, np.asarray(dense_points) - low, step, dense_radius)
-        _evaluate(values, where, field, low, step)
+            _mark_cells_around(known, np.asarray(dense_points) - low, step, dense_radius)
+        _evaluate(values, known, field, low, step)
+        while (beside := _corners(_crossed(values)) & ~known).any():
+            _evaluate(values, beside, field, low, step)
+            known |= beside
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -107,12 +113,24 @@ def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
+def _crossed(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the cells that the surface goes through."""
+    inside = values < 0
+    corners = np.stack([inside[at] for at in CORNERS])
+    return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
+
+
+def _corners(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mark the corners of cells."""
+    marked = np.zeros(np.add(cells.shape, 1), bool)
+    for at in CORNERS:
+        marked[at] |= cells
+    return marked
+
+
 def _marching_cubes(values: NDArray[np.float64], low: Points, step: float) -> tuple[Points, NDArray[np.int64]]:
     """Run marching cubes on the cells that the surface goes through."""
-    inside = values < 0
-    ends = [slice(None, -1), slice(1, None)]
-    corners = np.stack([inside[tuple(ends[end] for end in corner)] for corner in CELL_CORNERS])
-    cells = np.argwhere(corners.any(axis=0) & ~corners.all(axis=0))  # (N, 3)
+    cells = np.argwhere(_crossed(values))  # (N, 3)
     if not len(cells):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     flat = np.ravel_multi_index(tuple(np.moveaxis(cells[:, None] + CELL_CORNERS, 2, 0)), values.shape)  # (N, 8)
