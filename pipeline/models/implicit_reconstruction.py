@@ -40,9 +40,11 @@ class ImplicitReconstructor(Reconstructor):
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so."""
 
+        errors = self.network.errors_at_touches(code)
+
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
             queries = torch.from_numpy(points).to(code.overall)
-            parts = [self.network.decode_with_touches(code, part[None])[0] for part in torch.split(queries, QUERIES)]
+            parts = [self.network.decode_with_touches(code, part[None], errors)[0] for part in torch.split(queries, QUERIES)]
             return np.asarray(torch.cat(parts).double().cpu().numpy())
 
         config = self.network.config

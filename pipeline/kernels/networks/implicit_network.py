@@ -29,6 +29,12 @@ INITIAL_OUTPUT_SCALE = 0.1
 FINGER_DEPTH = 0.015
 """m: depth of the finger behind a touched point, where the object cannot be."""
 
+BELOW = 0.004
+"""m below a touched surface at which it says little: the object may end there."""
+
+SURE, DOUBTED = 0.001, 4.0
+"""The surface that was felt is followed for `SURE` m, and for `DOUBTED` times the network's error there."""
+
 SMALLEST_REACH = 1e-6
 """m: below this reach no point is near a touch; squares of shares of it leave float32."""
 
@@ -48,7 +54,7 @@ class ImplicitConfig(NetworkInputs):
     spacing
         Of the grid that a reconstruction's mesh is made on, m.
     touch_reach
-        Around what was felt, a reconstruction goes by it: m at which its weight has fallen to 1/e. 0 goes by the network alone.
+        Around what was felt, a reconstruction goes by it: m at which its weight has fallen to 1/e at most. 0 goes by the network alone.
     """
 
     encoder_layers: Literal[12, 15, 18, 25] = 12
@@ -218,8 +224,8 @@ class ImplicitNetwork(nn.Module):
         """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
         return self._decode(code, queries)[0]
 
-    def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, Tensor | None]:
-        """Predict as `decode`; also returns what was felt nearest to the queries, (B, N, TOUCH_FEATURES), of a network with touch."""
+    def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
+        """Predict as `decode`; a network with touch also returns what `TouchPoints.features_at` does."""
         unit, felt = self._unit(queries), None
         parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
         if self.encoder is not None:
@@ -234,24 +240,46 @@ class ImplicitNetwork(nn.Module):
             parts.append(pooled)
         if code.touches is not None:
             felt = code.touches.features_at(unit)
-            parts.append(felt)
+            parts.append(felt[0])
         hidden: Tensor = self.first(torch.cat(parts, dim=2))
         for block in self.blocks:
             hidden = hidden + block(hidden)
         last: Tensor = self.last(hidden.relu())[..., 0]
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
 
-    def decode_with_touches(self, code: Encoding, queries: Tensor) -> Tensor:
+    def errors_at_touches(self, code: Encoding) -> Tensor | None:
+        """Predict the distances of the points that were felt, (B, P) m, which are 0 in truth; None where nothing is to be followed."""
+        felt = code.touches
+        if felt is None or self.config.touch_reach < SMALLEST_REACH or not bool(felt.touched.any()):
+            return None
+        return self.decode(code, felt.points * self.config.radius + felt.points.new_tensor(self.config.centre))
+
+    def decode_with_touches(self, code: Encoding, queries: Tensor, errors: Tensor | None) -> Tensor:
         """Predict distances as `decode`, but follow the touches near them: for reconstructions.
 
-        A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. At a distance d from
-        the nearest touched point, and the finger above it, the height above its tangent plane has the weight exp(-(d / touch_reach)⁴), the
-        network the rest. Near the point this is flat: the height decides on the sign, however far off the network is.
+        A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. Its error at the
+        nearest touched point is taken away, less and less the farther that is. Then, at a distance d from that point and the finger above
+        it, the height above its tangent plane has the weight exp(-(d / reach)⁴), the network the rest. Near the point this is flat: the
+        height decides on the sign, however far off the network is. The reach grows with the error: where the network is right, its
+        curved surface is better than a plane, and a thin object has another side.
+
+        Parameters
+        ----------
+        code, queries
+            As for `decode`.
+        errors
+            From `errors_at_touches`.
         """
         (predicted, felt), radius = self._decode(code, queries), self.config.radius
-        if felt is None or self.config.touch_reach < SMALLEST_REACH:
+        if felt is None or errors is None:
             return predicted
-        heights, weights = heights_above_touches(felt, self.config.touch_reach / radius, FINGER_DEPTH / radius)
+        (features, nearest), reach = felt, self.config.touch_reach
+        error = errors.gather(1, nearest)
+        squared = features[..., :3].square().sum(dim=-1) * radius**2
+        touched = features[..., 3:6].any(dim=-1)
+        predicted = predicted - error * torch.exp(-squared / (2 * reach) ** 2) * touched
+        own_reach = (DOUBTED * error.abs() + SURE).clamp(max=reach) / radius
+        heights, weights = heights_above_touches(features, own_reach, finger=FINGER_DEPTH / radius, below=min(BELOW, reach) / radius)
         return torch.lerp(predicted, radius * heights, weights)
 
     def touched_points(self, code: Encoding) -> NDArray[np.float64]:

@@ -52,19 +52,32 @@ class TouchPoints:
         """Describe each point: (B, P, `POINT_FEATURES`)."""
         return torch.cat([self.points, self.normals, self.touched.to(self.points)[..., None]], dim=2)
 
-    def features_at(self, queries: Tensor) -> Tensor:
-        """Compute features (B, N, `TOUCH_FEATURES`) of queries (B, N, 3), radii from the centre; zeros where there is no such point."""
-        return torch.cat([self._nearest_features(queries, side) for side in self._sides], dim=2)
+    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute the features of queries.
+
+        Parameters
+        ----------
+        queries
+            (B, N, 3) radii from the centre.
+
+        Returns
+        -------
+        (B, N, `TOUCH_FEATURES`), zeros where there is no such point; and (B, N) int64, which point is the nearest touched one.
+        """
+        if not self.points.shape[1]:
+            none = queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES)
+            return none, torch.zeros(none.shape[:2], dtype=torch.int64, device=none.device)
+        nearest = [side.find(queries) for side in self._sides]
+        parts = [self._nearest_features(queries, *found) for found in zip(nearest, self._sides, strict=True)]
+        return torch.cat(parts, dim=2), nearest[0]
 
     @cached_property
     def _sides(self) -> tuple[NearestPoints, NearestPoints]:
         return NearestPoints(self.points, self.touched), NearestPoints(self.points, self.outside)
 
-    def _nearest_features(self, queries: Tensor, side: NearestPoints) -> Tensor:
-        if not self.points.shape[1]:
-            return queries.new_zeros(*queries.shape[:2], NEAREST_POINT_FEATURES)
-        nearest = side.find(queries)[..., None].expand(-1, -1, 3)
-        offset, normal = queries - self.points.gather(1, nearest), self.normals.gather(1, nearest)
+    def _nearest_features(self, queries: Tensor, nearest: Tensor, side: NearestPoints) -> Tensor:
+        at = nearest[..., None].expand(-1, -1, 3)
+        offset, normal = queries - self.points.gather(1, at), self.normals.gather(1, at)
         height = (offset * normal).sum(dim=2, keepdim=True)
         distance = offset.norm(dim=2, keepdim=True)
         features = torch.cat([offset, normal, height, *(torch.exp(-distance / scale) for scale in SCALES)], dim=2)
@@ -104,7 +117,7 @@ class NearestPoints:
         return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
 
 
-def heights_above_touches(felt: Tensor, reach: float, finger: float) -> tuple[Tensor, Tensor]:
+def heights_above_touches(felt: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
     """Compute the heights of queries above the tangent planes of the touched points nearest to them.
 
     Parameters
@@ -112,18 +125,20 @@ def heights_above_touches(felt: Tensor, reach: float, finger: float) -> tuple[Te
     felt
         (..., `TOUCH_FEATURES`) features of the queries.
     reach
-        Distance at which a height's weight is 1/e, radii.
+        (...) distance at which a height's weight is 1/e, radii.
     finger
         Depth of the finger above the plane, radii: the object is not there, so height up to it adds nothing to the distance.
+    below
+        Depth below the plane at which a height's weight is 1/e, radii: the object may be thin.
 
     Returns
     -------
     Heights (...), radii, and their weights (...): exp(-(distance / reach)⁴), zeros where nothing was touched.
     """
     offset, normal, height = felt[..., :3], felt[..., 3:6], felt[..., 6]
-    beyond = height - height.clamp(0, finger)
-    squared = offset.square().sum(dim=-1) - height.square() + beyond.square()
-    return height, torch.exp(-((squared / reach**2) ** 2)) * normal.any(dim=-1)
+    across = offset.square().sum(dim=-1) - height.square()
+    beyond = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
+    return height, torch.exp(-((across / reach**2 + beyond.square()) ** 2)) * normal.any(dim=-1)
 
 
 def chart_normals(vertices: Tensor) -> Tensor:

@@ -9,7 +9,15 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.implicit_network import FINGER_DEPTH, IMPLICIT_CONFIGURATIONS, ImplicitConfig, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import (
+    BELOW,
+    DOUBTED,
+    FINGER_DEPTH,
+    IMPLICIT_CONFIGURATIONS,
+    SURE,
+    ImplicitConfig,
+    ImplicitNetwork,
+)
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from tests.kernels.networks.test_deformation_network import inputs
 
@@ -93,23 +101,34 @@ def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
     seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
     code = network.encode(**seen)
+    errors = network.errors_at_touches(code)
+    assert errors is not None
+    torch.testing.assert_close(errors, network.decode(code, flat[None]))
+    assert errors.abs().min() > 1e-5
 
-    def both(*points: tuple[float, float, float]) -> tuple[torch.Tensor, torch.Tensor]:
-        asked = torch.tensor([points], dtype=torch.float64)
-        return network.decode_with_touches(code, asked)[0], network.decode(code, asked)[0]
+    def both(points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        return network.decode_with_touches(code, points[None], errors)[0], network.decode(code, points[None])[0]
 
-    (on, above, below, *_), (alone, *_) = both((0.02, 0.02, 0.6), (0.02, 0.02, 0.601), (0.02, 0.02, 0.599))
-    assert alone.abs() > 1e-4
-    torch.testing.assert_close(torch.stack([on, above, below]), torch.tensor([0, 1e-3, -1e-3], dtype=torch.float64), atol=3e-6, rtol=0)
-    assert on.abs() < 1e-12
-    reach, weight = SMALL.touch_reach, np.exp(-1)
-    trusting, alone = both(
-        (0.0, 0.0, 0.6 - reach), (0.02 + reach, 0.0, 0.6), (0.0, 0.0, 0.6 + FINGER_DEPTH), (0.0, 0.0, 0.6 + FINGER_DEPTH + reach)
-    )
-    heights = torch.tensor([-reach, 0, FINGER_DEPTH, FINGER_DEPTH + reach], dtype=torch.float64)
-    weights = torch.tensor([weight, weight, 1, weight], dtype=torch.float64)  # in the finger there is nothing
-    torch.testing.assert_close(trusting, weights * heights + (1 - weights) * alone)
-    torch.testing.assert_close(*both((0.0, 0.0, 0.7)))
+    assert both(flat)[0].abs().max() < 1e-12
+    above, below = (both(flat + torch.tensor([0, 0, height], dtype=torch.float64))[0] for height in (1e-3, -1e-3))
+    torch.testing.assert_close(above, torch.full_like(above, 1e-3))  # in the finger there is nothing
+    torch.testing.assert_close(below, torch.full_like(below, -1e-3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(*both(torch.tensor([[0.0, 0.0, 0.75]], dtype=torch.float64)))
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0, -0.003), (0.004, 0.0, 0.0), (0.0, -0.001, FINGER_DEPTH + 0.002), (0.005, 0.002, -0.001)])
+def test_touches_are_followed_as_far_as_the_network_errs_there(shift: tuple[float, float, float]):
+    network, seen = small(), given([1])
+    flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)
+    code = network.encode(**seen | {"touch_vertices": flat[None], "touched": torch.tensor([True])})
+    query, error = flat[4] + torch.tensor(shift, dtype=torch.float64), network.decode(code, flat[None, 4:5]).item()
+    found = network.decode_with_touches(code, query[None, None], network.errors_at_touches(code)).item()
+    (x, y, height), reach = shift, min(SMALL.touch_reach, SURE + DOUBTED * abs(error))
+    away = max(height - FINGER_DEPTH, 0) / reach + min(height, 0) / BELOW
+    weight = np.exp(-(((x**2 + y**2) / reach**2 + away**2) ** 2))
+    fading = np.exp(-(x**2 + y**2 + height**2) / (2 * SMALL.touch_reach) ** 2)
+    alone = network.decode(code, query[None, None]).item() - error * fading
+    assert found == pytest.approx(weight * height + (1 - weight) * alone, rel=1e-9)
 
 
 @pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {"touch_reach": 1e-30}, {}])
@@ -118,7 +137,7 @@ def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[
     if not changes:
         seen |= {"touched": torch.tensor([False, False])}
     code, asked = network.encode(**seen), torch.cat([asked, seen["touch_vertices"].reshape(1, -1, 3)], dim=1)
-    assert torch.equal(network.decode_with_touches(code, asked), network.decode(code, asked))
+    assert torch.equal(network.decode_with_touches(code, asked, network.errors_at_touches(code)), network.decode(code, asked))
 
 
 def test_encode_rejects_superfluous_missing_or_infinite_input():

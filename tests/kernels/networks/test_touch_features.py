@@ -40,7 +40,7 @@ def test_query_features_hold_the_height_above_the_nearest_touch():
     item = touches_by_item(charts, torch.tensor([True, False]), [2])
     heights = torch.tensor([-0.1, 0.0, 0.05, 0.2], dtype=torch.float64)
     queries = torch.stack([torch.zeros(4), torch.zeros(4), RADIUS + heights], dim=1)
-    found = item.features_at(queries[None])[0]
+    found = item.features_at(queries[None])[0][0]
     assert found.shape == (4, TOUCH_FEATURES)
     touched, outside = found[:, :NEAREST_POINT_FEATURES], found[:, NEAREST_POINT_FEATURES:]
     torch.testing.assert_close(touched[:, 6], heights)
@@ -53,7 +53,7 @@ def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
     items = touches_by_item(charts, torch.tensor([True, True]), [1, 0, 1])
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
-    first, none, second = items.features_at(torch.stack([queries, queries, 2 * queries]))
+    (first, none, second), _ = items.features_at(torch.stack([queries, queries, 2 * queries]))
     assert items.present.tolist() == [[True] * 25, [False] * 25, [True] * 25]
     assert not none.any()
     assert not first[:, NEAREST_POINT_FEATURES:].any()
@@ -63,7 +63,10 @@ def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
 def test_items_that_felt_nothing_have_zeros():
     items = touches_by_item(torch.zeros(0, 25, 3), torch.zeros(0, dtype=torch.bool), [0, 0])
     assert items.point_features.shape == (2, 0, 7)
-    assert not items.features_at(torch.ones(2, 4, 3)).any()
+    features, nearest = items.features_at(torch.ones(2, 4, 3))
+    assert features.shape == (2, 4, TOUCH_FEATURES)
+    assert not features.any()
+    assert not nearest.any()
 
 
 @pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])
