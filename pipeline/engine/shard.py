@@ -279,10 +279,10 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
 
 
 def _labels(plan: Plan[ShardOutput]) -> Row:
-    """Labels of dimensions that the inputs have too."""
+    """Read the labels of dimensions that the inputs have too, from their shards of the same number: others may not be made again yet."""
     labels: Row = {}
     for collection in plan.inputs:
-        shard = collection.first
+        shard = collection.shard(plan.units[0].name)
         for name, array in plan.output.artifact.arrays.items():
             if array.is_coordinate and shard.has(name):
                 labels[name] = shard.read(name)

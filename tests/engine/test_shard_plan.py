@@ -112,6 +112,15 @@ def test_what_an_input_was_made_from_is_checked_too(tmp_path):
     plan_of(request(tmp_path, stage=Halve()))
 
 
+def test_a_shard_is_made_of_inputs_whose_other_shards_are_not_made_again_yet(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=2))
+    for shard in (0, 1):  # as `make` goes through them, each through all stages
+        for stage in (MakeNoise(), TakeMean()):
+            assert run(request(tmp_path, stage=stage, settings={"samples": 7}), shard)
+    assert not any(problems_below(tmp_path).values())
+
+
 def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
