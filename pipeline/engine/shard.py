@@ -56,7 +56,8 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
             plan.settings = stage.resolve_settings(plan.settings, roots)
             stage.check_inputs(plan.settings, roots)
     plan.units = [_unit(plan, item) for item in items]
-    plan.key = shard_key(((unit.key, unit.split) for unit in plan.units), number, shards, request.manifest, plan.missing)
+    rows = ((unit.key, unit.split) for unit in plan.units)
+    plan.key = shard_key(rows, number, shards, request.manifest, plan.missing, _labels(plan) if items else None)
     return plan
 
 

@@ -121,6 +121,15 @@ def test_a_shard_is_made_of_inputs_whose_other_shards_are_not_made_again_yet(tmp
     assert not any(problems_below(tmp_path).values())
 
 
+def test_labels_that_an_input_changed_are_taken_over_and_nothing_is_computed(tmp_path):
+    for stage in (MakeNoise(), TakeMean(), MakeNoise(asset="finger")):
+        run(request(tmp_path, stage=stage))
+    assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["thumb"]
+    assert run(request(tmp_path, stage=TakeMean())) == 0
+    assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["finger"]
+    assert plan_of(request(tmp_path, stage=TakeMean())).up_to_date()
+
+
 def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
