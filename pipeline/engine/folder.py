@@ -16,7 +16,7 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.local_copy import local_copy
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
@@ -118,9 +118,11 @@ def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
 
 
 def _finished(plan: Plan[FolderOutput], work: Path, filled: Path) -> FolderRecord | None:
-    """Read the record of a run that was killed after it had filled the folder."""
+    """Read the record of a run that was killed after it had filled the folder, or had moved it to its place too."""
     try:
         record = read_record(filled, FolderRecord)
     except StoreError:
         return None
-    return record if (record.key, record.files) == (plan.key, hashes_of(work)) else None
+    if record.key != plan.key:
+        return None
+    return record if record.files == hashes_of(work) or not changed_files(plan.output.target(record), record.files) else None

@@ -91,6 +91,11 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert not make(tmp_path)
     assert (folder / "mean.json").exists()
     unpublish()
+    work.rename(folder)  # and killed before its record was there
+    assert not make(tmp_path)
+    assert record(tmp_path).location == folder.name
+    assert not list(work.parent.glob("*/"))
+    unpublish()
     (work / "mean.json").write_text("[]")
     assert make(tmp_path), "it is not what was written"
 
