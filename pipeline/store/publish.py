@@ -9,7 +9,6 @@ from typing import Any
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
-from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, changed_files, shard_name, versioned
 from pipeline.store.garbage import collect, note_replaced
 from pipeline.store.local_copy import local_copy
@@ -123,7 +122,7 @@ class FolderOutput:
 
     def is_sound(self) -> bool:
         """Whether the published folder holds what was written: every file is read."""
-        return self.record is not None and hashes_of(self.path.with_name(self.record.location)) == self.record.files
+        return self.record is not None and not changed_files(self.path.with_name(self.record.location), self.record.files)
 
     def target(self, record: FolderRecord) -> Place:
         """Return the path of the folder that is published with a record."""

@@ -100,6 +100,17 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert make(tmp_path), "it is not what was written"
 
 
+def test_hidden_files_belong_to_no_folder(tmp_path):
+    class Watched(Average):
+        def make(self, job: DatasetJob) -> dict[str, Any]:
+            (job.folder / ".DS_Store").write_text("of the system")
+            return super().make(job)
+
+    run(request(tmp_path))
+    assert make(tmp_path, Watched())
+    assert set(record(tmp_path).files) == {"mean.json"}
+
+
 def test_a_file_that_was_deleted_is_made_again(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
