@@ -100,15 +100,24 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert make(tmp_path), "it is not what was written"
 
 
-def test_hidden_files_belong_to_no_folder(tmp_path):
-    class Watched(Average):
+def test_hidden_files_are_kept_until_a_folder_is_finished_and_belong_to_none(tmp_path, monkeypatch):
+    class Learns(Average):
         def make(self, job: DatasetJob) -> dict[str, Any]:
-            (job.folder / ".DS_Store").write_text("of the system")
+            (job.folder / ".checkpoint").write_text("all that was learned")
             return super().make(job)
 
+    def killed(folder: Path) -> None:
+        raise KeyboardInterrupt
+
     run(request(tmp_path))
-    assert make(tmp_path, Watched())
+    with monkeypatch.context() as during:
+        during.setattr("pipeline.engine.folder.hashes_of", killed)
+        with pytest.raises(KeyboardInterrupt):
+            make(tmp_path, Learns())
+    assert list(tmp_path.glob(".work/models/average/*/.checkpoint"))
+    assert make(tmp_path, Learns())
     assert set(record(tmp_path).files) == {"mean.json"}
+    assert not list(tmp_path.rglob(".checkpoint"))
 
 
 def test_a_file_that_was_deleted_is_made_again(tmp_path):
