@@ -17,7 +17,7 @@ from pipeline.errors import InvalidInput
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
+from pipeline.store.publish import FolderOutput, withdraw
 from pipeline.store.storage import Place, exists
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -95,6 +95,8 @@ def score_shipped(data: Place, console: Console) -> list[str]:
         weights = hashlib.sha256(shipped_record().read_bytes()).hexdigest()
         settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=weights)
         _measured(directory, EvaluateShipped(), settings, console)
+    else:  # what was measured before is of a dataset that is gone
+        withdraw(directory.folder_record(SHIPPED_SCORES))
     return reasons
 
 

@@ -156,6 +156,17 @@ def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_pa
     assert [folder.stale for folder in read_account(tmp_path).folders] == [None, None]
 
 
+@pytest.mark.parametrize(("name", "maker"), [("shipped", "report --shipped"), ("theirs", "score")])
+def test_an_outdated_score_names_the_command_that_makes_it(tmp_path, name, maker):
+    run(request(tmp_path))
+    make(tmp_path)
+    outdated = record(tmp_path).model_copy(update={"inputs": {"noise": "0" * 64}, "stage": "evaluate-shipped"})
+    (tmp_path / "scores").mkdir()
+    (tmp_path / f"scores/{name}.json").write_bytes(serialise_with_checksum(outdated))
+    with pytest.raises(StoreError, match=f"made from other noise than the current ones; run `vt-pipeline {maker}` again"):
+        DataDirectory(tmp_path).check_origins([f"scores/{name}"])
+
+
 def test_a_changed_or_missing_file_is_found(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
