@@ -97,7 +97,8 @@ class Catalogue(MeshSource):
         folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
         try:
-            lines = csv.DictReader(io.StringIO(read_file(file, MAX_CATALOGUE_BYTES).decode(), newline=""), restval="")
+            text = read_file(file, MAX_CATALOGUE_BYTES).decode("utf-8-sig")  # spreadsheets write a byte-order mark
+            lines = csv.DictReader(io.StringIO(text, newline=""), restval="")
             if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
                 raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
             for line in lines:
