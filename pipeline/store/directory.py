@@ -219,7 +219,7 @@ class DataDirectory:
         Raises
         ------
         StoreError
-            One was made from something else; the message names both, and the stage to run again.
+            One was made from something else, or has other splits; the message names both, and what to run again.
         """
         checked: set[str] = set()
         waiting = list(names)
@@ -248,6 +248,12 @@ class DataDirectory:
                     if current.shards and (row.object_id not in current or current.row(row.object_id).digest != row.inputs[origin]):
                         raise StoreError(
                             f"{shard.path}: {name} of {row.object_id} was made from other {origin} than the current ones; {again}"
+                        )
+                    if current.shards and (split := current.row(row.object_id).split) != row.split:
+                        maker = current.shard(row.object_id).record.stage
+                        raise StoreError(
+                            f"{shard.path} has other splits than {origin}: {row.object_id} is {row.split} in {name} and {split} there; "
+                            f"run {maker} and {shard.record.stage} again with one manifest, which computes nothing"
                         )
         return sorted(used)
 

@@ -258,6 +258,18 @@ def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
     assert digest(tmp_path) != whole
 
 
+def test_artifacts_with_other_splits_do_not_belong_together(tmp_path):
+    for stage, split in ((MakeNoise(), "train"), (TakeMean(), "train"), (MakeNoise(), "test")):
+        run(request(tmp_path, stage=stage, items=objects(5, split=split)))
+    other = (
+        "mean/0000-of-0001.* has other splits than noise: a is train in mean and test there; run make-noise and take-mean again with one"
+    )
+    with pytest.raises(StoreError, match=other):
+        plan_of(request(tmp_path, stage=Compare()))
+    assert run(request(tmp_path, stage=TakeMean(), items=objects(5, split="test"))) == 0
+    assert run(request(tmp_path, stage=Compare(), items=objects(5, split="test"))) == 5
+
+
 def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
     items = objects(6, b="bad", c="crash")
     run(request(tmp_path, items=items, executor=Dask(2)))
