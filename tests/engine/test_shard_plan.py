@@ -21,7 +21,7 @@ from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -181,6 +181,15 @@ def test_failures_are_tried_again_when_asked(tmp_path):
     assert run(request(tmp_path, items=items)) == 0
     assert run(request(tmp_path, items=items, retry=True)) == 1
     assert published(tmp_path).failure("b") is None
+
+
+def test_a_dry_run_counts_failures_that_wait_and_are_tried_again(tmp_path):
+    items = objects(3, b="bad")
+    for name in "ab":
+        leave_row(request(tmp_path, items=items), name)
+    foreseen = [[one.missing for _, one in forecast(request(tmp_path, items=items, **asked))] for asked in ({}, {"retry": True})]
+    assert foreseen == [[1], [2]]
+    assert run(request(tmp_path, items=items, retry=True)) == 2
 
 
 def test_strict_refuses_what_failed_before(tmp_path):
