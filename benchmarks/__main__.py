@@ -23,8 +23,9 @@ NAMES = "surfaces", "grasps", "vision", "depth", "chamfer", "unet", "charts", "g
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
 INTRODUCTION = """# Side by side with what one would pick instead
 
-`make bench-peers` measures each peer in one run, on one core of the same machine, with the same meshes and sensor poses. Times are
-processor times; notes below each table say what is not comparable. A ratio above 1 is in our favour. Commands are those of their commit.
+`make bench-peers` measures the peers of a table in one run, on one core of the same machine, with the same meshes and sensor poses; the
+command above a table names its dataset. Times are processor times; notes below each table say what is not comparable. A ratio above 1 is in
+our favour. Commands are those of their commit.
 """
 
 

@@ -82,8 +82,8 @@ def compare(name: str, balls: BallSet, held_out: list[Photograph], folder: Path 
     if name == "gelsight":
         taxim = load_taxim()
         for shadow in (False, True):
-            image = partial(_taxim, taxim, shadow, radius)
-            ways.append(("Taxim" + ", shadows" * shadow, image, partial(image, held_out[0], shipped)))
+            timed = partial(_render, taxim, shadow, _heights(radius, held_out[0], shipped))
+            ways.append(("Taxim" + ", shadows" * shadow, partial(_taxim, taxim, shadow, radius), timed))
     if folder is not None:
         images = [added(untouched, radius)(photograph, shipped) for photograph in held_out]
         draw_calibration(held_out, images, folder / f"sensors-{name}.png")
@@ -144,11 +144,19 @@ def _errors(image: NDArray[np.uint8], one: Photograph, sensor: Sensor) -> tuple[
 
 
 def _taxim(taxim: Any, shadow: bool, radius: float, one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
-    """Make Taxim's image of the same contact by its geometry: the ball meets the gel in the circle."""
+    """Make Taxim's image of the same contact by its geometry."""
+    return _render(taxim, shadow, _heights(radius, one, sensor))
+
+
+def _heights(radius: float, one: Photograph, sensor: Sensor) -> NDArray[np.float32]:
+    """Compute the ball's height above the gel's face where it meets the gel in the circle, mm; negative in it."""
     distance, reach = distance_from(sensor, one.contact), one.contact.radius * sensor.pitch[1]
-    ball = np.sqrt(radius**2 - reach**2) - np.sqrt(np.maximum(radius**2 - distance**2, 0))  # above the gel's face, negative in it
-    height = np.where(distance < radius, ball, sensor.range)
-    image = taxim.render((1e3 * height).astype(np.float32), with_shadow=shadow)
+    ball = np.sqrt(radius**2 - reach**2) - np.sqrt(np.maximum(radius**2 - distance**2, 0))
+    return (1e3 * np.where(distance < radius, ball, sensor.range)).astype(np.float32)
+
+
+def _render(taxim: Any, shadow: bool, heights: NDArray[np.float32]) -> NDArray[np.uint8]:
+    image = taxim.render(heights, with_shadow=shadow)
     return np.rint(np.clip(255 * np.asarray(image), 0, 255)).astype(np.uint8)  # it gives 0 to 1
 
 

@@ -50,7 +50,8 @@ class Seen:
 def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
-    prepared = prepare_hand(GraspSettings())
+    stated = grasps.first.attributes["settings"]
+    prepared = prepare_hand(GraspSettings(hand=stated["hand"], sensor=stated.get("sensor")))
     hand, worn = prepared.hand, prepared.sensors
     found: dict[str, list[Seen]] = {}
     with Simulation(hand) as physics:

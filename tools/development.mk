@@ -56,7 +56,7 @@ test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of other
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
 	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
-faults: installed-dev  ## inject some 580 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
+faults: installed-dev  ## inject 600 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
 	@$(BIN)/python -m tests.faults --write docs/faults.md
 
 fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half an hour)

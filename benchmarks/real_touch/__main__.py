@@ -43,6 +43,7 @@ PAGE_END = """
 - **Look-up table**: the mean slope of each bin of four levels per colour, of all pixels in the contacts of the balls; slopes are
   integrated by Poisson's equation, and what lies above the rest is cut.
 - **Per-pixel network**: 8,834 parameters, from change of colour and position to slopes; fitted to the same pixels.
+  Both read the photographs as they are; ours first takes away the drift of the light.
 - **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
 - The table of the gel around the balls shows how far it is drawn in by the colours of contacts alone, where slopes are known (look-up
   table), and as ours reads it.

@@ -40,7 +40,7 @@ def calibrate_sensor(
     """
     from pipeline.inference.ball_photographs import read_photographs
     from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, write_sensor
-    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, FitOptions
+    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions
     from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
     from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.plots import draw_calibration
@@ -50,7 +50,7 @@ def calibrate_sensor(
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
     began = time.perf_counter()
-    usual = FIT_FOR_DEPTH if train else FitOptions()
+    usual = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(usual, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
         sensor = Sensor.model_validate(

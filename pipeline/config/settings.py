@@ -63,5 +63,8 @@ class ObjectSettings(Settings):
     """What stages over objects have in common."""
 
     object_seconds: int = setting(
-        3600, "a worker that is longer at one object is ended, and the object has failed: some meshes never end", ge=1, changes="speed"
+        3600,
+        "a worker that is longer at one object is ended, and after a second time the object has failed: some meshes never end",
+        ge=1,
+        changes="speed",
     )

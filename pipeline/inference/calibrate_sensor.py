@@ -18,7 +18,7 @@ from pipeline.formats.image_file import read_image
 from pipeline.inference.ball_photographs import MIN_PHOTOGRAPHS, reasons
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import calibrated_change
-from pipeline.kernels.touch.colour_fit import ColourFit, FitOptions, fit_background, fit_colours
+from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
 from pipeline.kernels.touch.optics import Calibration
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.atomic import write_at_once
@@ -83,7 +83,7 @@ def calibrate(
     untouched: NDArray[np.uint8],
     *,
     ball_radius: float,
-    options: FitOptions,
+    options: ColourFitOptions,
     left_out: dict[str, str],
 ) -> CalibrationResult:
     """Fit a sensor to every second photograph and test it on the others; then fit it to all.

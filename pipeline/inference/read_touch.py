@@ -22,6 +22,7 @@ from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.store.atomic import write_at_once
+from pipeline.store.record import named_location
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
@@ -77,9 +78,9 @@ class TouchReader:
     untouched
         (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
     model
-        Folder of a network of `train-touch`, or of `calibrate-sensor --train`; by default `NAME-touch` beside the sensor file, else the
-        network that ships for the sensor. Either must have been trained for the sensor as its file describes it, but for its pixels and
-        its gel's modulus.
+        A network of `train-touch`, DATA/models/touch, or the folder of one of `calibrate-sensor --train`; by default `NAME-touch` beside
+        the sensor file, else the network that ships for the sensor. Either must have been trained for the sensor as its file describes
+        it, but for its pixels and its gel's modulus.
     device
         Where the network computes.
 
@@ -101,7 +102,9 @@ class TouchReader:
         path = description_path("sensor", sensor)
         described = load_sensor(path)
         beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
-        folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
+        named = None if model is None else named_location(model.with_name(f"{model.name}.json"))  # DATA/models/touch names a folder
+        chosen = model if model is None or named is None else model.with_name(named)
+        folder = chosen or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
         if not (folder / DESCRIPTION).is_file():
             raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {WAY_OUT}")
         loaded = load_touch_model(folder, device)

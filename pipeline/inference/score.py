@@ -27,7 +27,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import evaluation_name, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
-from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, ScoreSettings, ShippedSettings, SurfaceSettings
+from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuringSettings, ScoreSettings, ShippedSettings
 from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_record
 
 
@@ -116,7 +116,7 @@ def _settings(directory: DataDirectory) -> dict[str, Any]:
     """Choose how surfaces are measured: as the networks' were, if some were evaluated."""
     if exists(directory.folder_record(evaluation_name())):
         settings = read_root(directory.whole_folder(evaluation_name()))["settings"]
-        chosen = {key: value for key, value in settings.items() if key in SurfaceSettings.model_fields}
+        chosen = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
     else:
         points = directory.collection(SURFACES).first.array("points").shape[1]
         chosen = {"points": min(ScoreSettings.model_fields["points"].default, points)}

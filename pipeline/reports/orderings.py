@@ -118,10 +118,10 @@ def _grasps(values: Values) -> Iterator[Claim]:
 
 
 def _rings(values: Values) -> Iterator[Claim]:
-    """Claim that with touch the error is least at the touch site, without it is not; and touch helps there more than further off."""
+    """Claim that with touch the error is least at the touch site, without it is not; and that there touch helps."""
     last = max((max(trainings[0].rings, default=0) for trainings in values.values()), default=0) - 1
-    for image in ("occluded", "unoccluded"):
-        felt, seen = f"{image}-touch", image
+    for seen in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):
+        felt = f"{seen}-touch"
         for (first, ring), (second, other) in (((felt, 0), (felt, last)), ((seen, last), (seen, 0)), ((felt, 0), (seen, 0))):
             if {first, second} <= values.keys() and (first, ring) != (second, other):
                 (smaller, sites), (larger, other_sites) = _ring(values[first], ring), _ring(values[second], other)

@@ -14,6 +14,8 @@ from pipeline.engine import keys
 from pipeline.engine.stage import DatasetStage
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, kilobytes, linked_copy, stages_before, times_of
@@ -82,13 +84,16 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
     """
     setup = replace(setup, network=NETWORK)
     setup = setup.with_objects(affordable(setup.objects, setup.seed, seconds, lambda sample: _foreseen(setup.with_objects(sample))))
-    console.print(f"{len(VARIANTS)} datasets of {len(setup.objects)} objects: about {_foreseen(setup) / 60:.0f} min, less what is measured")
+    console.print(
+        f"{len(_variants(setup))} datasets of {len(setup.objects)} objects: about {_foreseen(setup) / 60:.0f} min, less what is measured"
+    )
+    variants = _variants(setup)
     folder, learned = setup.data / FOLDER / END_TO_END, sum(item.split == "train" for item in setup.objects)
     metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
-    facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(VARIANTS)}
+    facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(variants)}
     measured = setup.begin(folder, END_TO_END, _key(setup), **facts)
     known = {point.label for point in measured.points}
-    for label, variant in VARIANTS.items():
+    for label, variant in variants.items():
         if label in known:
             continue
         data = folder / file_name(label)
@@ -100,6 +105,12 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
             shutil.rmtree(data)
     shutil.rmtree(folder, ignore_errors=True)
     return measured
+
+
+def _variants(setup: Setup) -> dict[str, Variant]:
+    """List the variants, without coarser touch where fingers wear different sensors: one file describes one."""
+    alike = len({sensor.name for sensor in _sensors(setup)}) == 1
+    return {label: variant for label, variant in VARIANTS.items() if alike or variant.coarse == 1}
 
 
 def _chain(setup: Setup) -> list[str]:
@@ -120,7 +131,7 @@ def _key(setup: Setup) -> str:
 def _foreseen(setup: Setup) -> float:
     """Foresee the seconds of all variants on one core."""
     often = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
-    return len(VARIANTS) * sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+    return len(_variants(setup)) * sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
 
 
 def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
@@ -131,18 +142,26 @@ def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
     for stage in ("train-unet", "train-gcn"):
         assignments.append(f"{stage}.epochs={max(1, round(variant.epochs * setup.settings(stage).results()['epochs']))}")
     if variant.coarse < 1:
-        worn = load_worn_sensors(sensor_names(load_hand(setup.settings("simulate-grasps").results()["hand"]), _sensor(setup)))[0]
-        rows, cols = (round(variant.coarse * size) for size in worn.shape)
-        coarse = worn.model_copy(update={"name": f"{worn.name}_coarse", "rows": rows, "cols": cols})
-        folder.mkdir(parents=True, exist_ok=True)
-        (file := folder / "coarse.yaml").write_text(yaml.safe_dump(coarse.model_dump(mode="json", exclude_none=True, by_alias=True)))
-        assignments.append(f"simulate-grasps.sensor={file.resolve()}")
+        assignments.append(f"simulate-grasps.sensor={coarse_sensor(_sensors(setup)[0], variant.coarse, folder).resolve()}")
     return replace(setup, objects=[item for item in setup.objects if item.object_id not in dropped], assignments=tuple(assignments))
 
 
-def _sensor(setup: Setup) -> str | None:
-    named: str | None = setup.settings("simulate-grasps").results()["sensor"]
-    return named
+def _sensors(setup: Setup) -> tuple[Sensor, ...]:
+    """Load the sensors that the hand wears, by mount."""
+    settings = setup.settings("simulate-grasps").results()
+    return load_worn_sensors(sensor_names(load_hand(settings["hand"]), settings["sensor"]))
+
+
+def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
+    """Describe a sensor with that share of its rows and columns in a file in the folder."""
+    coarse = resample(sensor, *(max(2, round(share * size)) for size in sensor.shape))
+    described = {**coarse.model_dump(mode="json", exclude_none=True, by_alias=True), "name": f"{sensor.name}_coarse"}
+    folder.mkdir(parents=True, exist_ok=True)
+    if coarse.photograph is not None:
+        (folder / "coarse.png").write_bytes(coarse.photograph)
+        described["calibrated"] |= {"background": "coarse.png"}
+    (file := folder / "coarse.yaml").write_text(yaml.safe_dump(described))
+    return file
 
 
 def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:

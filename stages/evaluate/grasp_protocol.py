@@ -37,7 +37,7 @@ from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
 from stages.evaluate.ground_truth import TestObjects
 from stages.evaluate.measure import Case, MeasuredCase, Protocol
-from stages.evaluate.settings import SurfaceSettings
+from stages.evaluate.settings import GraspMeasuringSettings
 
 ALL = "all"
 """The class of every object, the stop rule of every chart."""
@@ -56,7 +56,7 @@ class GraspProtocol(Protocol):
 
     def __init__(self, job: DatasetJob, models: Sequence[Any]) -> None:
         self.job, self.seen, self.felt = job, any(model.image for model in models), any(model.touch for model in models)
-        self.settings: SurfaceSettings = job.settings
+        self.settings: GraspMeasuringSettings = job.settings
         self.objects = TestObjects(job.data, arrays_of(models, charts=self.reads_charts), self.settings.points, self.stage)
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         rows = self.objects.rows

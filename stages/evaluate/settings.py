@@ -49,7 +49,7 @@ class MeasuringSettings(Settings):
     accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one", changes="speed")
 
 
-class SurfaceSettings(MeasuringSettings):
+class GraspMeasuringSettings(MeasuringSettings):
     """Choose what is measured of surfaces that were made from grasps (supplement 3.5, Tables 2 to 4)."""
 
     grasps: Annotated[tuple[Annotated[int, Field(ge=1)], ...], AfterValidator(_with_one)] = setting(
@@ -73,7 +73,7 @@ class SurfaceSettings(MeasuringSettings):
     )
 
 
-class EvaluationSettings(SurfaceSettings):
+class EvaluationSettings(GraspMeasuringSettings):
     """Choose which networks are measured."""
 
     configurations: Annotated[tuple[str, ...], AfterValidator(_known)] = setting(
@@ -84,7 +84,7 @@ class EvaluationSettings(SurfaceSettings):
     training_seed: int = setting(0, "whose networks are evaluated: those of the trainings with this setting", ge=0, changes="definition")
 
 
-class ScoreSettings(SurfaceSettings):
+class ScoreSettings(GraspMeasuringSettings):
     """Choose which files `vt-pipeline score` measures, and how; these settings are the command's."""
 
     method: str = setting(..., "name of the method, in tables", changes="definition", pattern=METHOD_NAME)
@@ -93,7 +93,7 @@ class ScoreSettings(SurfaceSettings):
     misplaced: bool = setting(False, "whether reconstructions that are far from their objects are measured too", changes="definition")
 
 
-class ShippedSettings(SurfaceSettings):
+class ShippedSettings(GraspMeasuringSettings):
     """Choose what the network that ships is given; these settings are those of `vt-pipeline report --shipped`."""
 
     configurations: tuple[str, ...] = setting(..., "what it is given: rows of the tables", changes="definition")

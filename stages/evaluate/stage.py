@@ -32,7 +32,7 @@ from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, Arrays, Figure, Figures, evaluation_name, long_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Protocol, measure, surfaces_group
-from stages.evaluate.settings import EvaluationSettings, SingleImageEvaluationSettings, SurfaceSettings
+from stages.evaluate.settings import EvaluationSettings, GraspMeasuringSettings, SingleImageEvaluationSettings
 from stages.evaluate.single_image_protocol import SingleImageProtocol
 from stages.evaluate.tables import evaluation_tables
 
@@ -137,7 +137,7 @@ class Evaluate(NetworkEvaluation):
 
     name = "evaluate"
     summary = "Every trained model on the test objects: the supplement's tables, beside its figures."
-    settings_type: ClassVar[type[SurfaceSettings]] = EvaluationSettings
+    settings_type: ClassVar[type[GraspMeasuringSettings]] = EvaluationSettings
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:

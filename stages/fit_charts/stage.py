@@ -55,7 +55,7 @@ class FitCharts(ObjectStage):
 
     def cost(self, settings: ChartSettings) -> Cost:
         """Estimate the touches of an object, as measured on one core."""
-        steps = (1.5 if settings.tight else 1.0) * 0.01 / settings.learning_rate
+        steps = (7.0 if settings.tight else 1.0) * 0.01 / settings.learning_rate
         return Cost(seconds=TOUCHES * 0.1 * steps * settings.step_samples / 500, kilobytes=20)
 
     @contextmanager

@@ -68,7 +68,7 @@ class Grasp:
         return opposition_angle([contact for contact in self.contacts if contact])
 
 
-class Plan(NamedTuple):
+class GraspPlan(NamedTuple):
     """A grasp before physics: pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
 
     hand_pose: NDArray[np.float64]
@@ -83,7 +83,7 @@ class GraspSearch:
     prepared_object: PreparedObject
     physics: Simulation
     settings: GraspSettings
-    plan: Callable[[np.random.Generator], Plan | None]
+    plan: Callable[[np.random.Generator], GraspPlan | None]
 
     def attempt(self, rng: np.random.Generator) -> Grasp | None:
         """Make one grasp, which depends on the search and `rng` alone; None where there is no plan."""

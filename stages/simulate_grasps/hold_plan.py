@@ -17,7 +17,7 @@ from pipeline.kernels.hand.load_residual import NO_LOAD, Load, lightest_grasp
 from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.opposed_postures import WIDTH_STEP, OpposedPostures, opposed_postures
 from pipeline.kernels.hand.pregrasp import frame_along
-from stages.simulate_grasps.grasp_search import Plan
+from stages.simulate_grasps.grasp_search import GraspPlan
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
@@ -74,7 +74,7 @@ class HoldPlanner:
         weights = central_weights(pairs, thing.centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
         return cls(hand, thing, settings, pinches, pairs, weights)
 
-    def __call__(self, rng: np.random.Generator) -> Plan | None:
+    def __call__(self, rng: np.random.Generator) -> GraspPlan | None:
         """Draw a few plans and return the best; None where the hand finds no room around the object."""
         best, plan = NO_LOAD, None
         for _ in range(self.settings.plans):
@@ -83,7 +83,7 @@ class HoldPlanner:
             pose, choices = drawn
             number, best = self._lightest(choices, best)
             if number >= 0:
-                plan = Plan(pose, choices.joint_angles(number))
+                plan = GraspPlan(pose, choices.joint_angles(number))
             if self._is_perfect(best):
                 break
         return plan

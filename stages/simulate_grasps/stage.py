@@ -32,7 +32,7 @@ from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.grasp_search import Grasp, GraspSearch, Plan, keep_best
+from stages.simulate_grasps.grasp_search import Grasp, GraspPlan, GraspSearch, keep_best
 from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
 from stages.simulate_grasps.settings import SECOND_CHANCES, GraspSettings
@@ -171,7 +171,7 @@ class _Grasping:
             **self._held(kept, stored),
         }
 
-    def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], Plan | None]:
+    def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
         if self.pinches is None:
             return TouchPlanner(self.hand, thing, self.settings)
         return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))

@@ -13,7 +13,7 @@ from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.object_distances import near_gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
-from stages.simulate_grasps.grasp_search import Plan
+from stages.simulate_grasps.grasp_search import GraspPlan
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
 
@@ -31,12 +31,12 @@ class TouchPlanner:
     prepared_object: PreparedObject
     settings: GraspSettings
 
-    def __call__(self, rng: np.random.Generator) -> Plan | None:
+    def __call__(self, rng: np.random.Generator) -> GraspPlan | None:
         """Draw a plan; None where the hand finds no room around the object."""
         for pose in islice(self.poses_with_room(rng), MAX_SEARCHES):
             choices = grasp_ik(self.prepared_hand.ik, self.prepared_object.field, pose, rounds=self.settings.ik_refinements, rng=rng)
             if len(choices.picks):
-                return Plan(pose, choices.joint_angles(0))
+                return GraspPlan(pose, choices.joint_angles(0))
         return None
 
     def poses_with_room(self, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:

@@ -20,7 +20,7 @@ INTRODUCTION = """\
 Each kernel that takes geometry is fed with the extremes of its range, and with shapes beyond it. A cell is the largest error against
 rational or 80-bit arithmetic. *Refused* means an error in words. The first table holds the shapes that kernels must take; the second holds
 those that they may refuse, but must not get wrong. Shapes are icospheres of 80 faces where nothing else is said, 0.1 m large where they lie
-away from the origin or are cut.
+away from the origin or are cut. Where a kernel's docstring promises less for a shape, that follows the error in brackets.
 """
 
 

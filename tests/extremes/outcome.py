@@ -32,4 +32,7 @@ def feed(kernel: Kernel, shape: Shape) -> Outcome:
         words = len(str(refusal).split()) > 3
         return Outcome("refused", "" if shape.beyond and words else f"refused: {refusal}")
     bound = kernel.bound_for(shape)
-    return Outcome(f"{error:.0e}" if error else "0", "" if error <= bound else f"the error is {error:.2g}; at most {bound:.2g} is promised")
+    wider = f" ({bound:.0e})" if bound != kernel.bound else ""
+    return Outcome(
+        f"{error:.0e}{wider}" if error else "0", "" if error <= bound else f"the error is {error:.2g}; at most {bound:.2g} is promised"
+    )

@@ -59,9 +59,10 @@ CACHES = ("inductor", "dask-scratch-space")
 
 INTRODUCTION = """# Faults
 
-The command below wrote this page. Each fault hits a copy of a small dataset (three objects, all eight stages) at a random moment or place.
-Then the stages run again, and the remedy of each message is followed. A fault passes if every digest equals the undisturbed dataset's,
-`validate` finds nothing, and nothing is left in the work area. [Reliability](reliability.md) lists the guarantees.
+The command below wrote this page. Each fault hits a copy of a small dataset (three objects, the stages from `sample-surfaces` to
+`evaluate`) at a random moment or place. Then the stages run again, and the remedy of each message is followed. A fault passes if every
+digest equals the undisturbed dataset's, `validate` finds nothing, and nothing is left in the work area. [Reliability](reliability.md)
+lists the guarantees.
 """
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 from PIL import Image
 from typer.testing import CliRunner
@@ -27,7 +26,6 @@ def test_the_demo_writes_a_closed_coloured_mesh_and_a_turntable(tmp_path, monkey
     save_touch_model(unet, UNet(4), sensor=spheres.SENSOR, untouched=untouched_image(spheres.SENSOR), mask_threshold=1e-3)
     publish(tmp_path, "models/unet", unet, "train-unet")
     monkeypatch.setattr("pipeline.inference.demo.shipped_models", lambda: tmp_path / "models")
-    torch.set_num_threads(1)
     folder = tmp_path / "demo"
     done = CliRunner().invoke(app, ["demo", str(folder)])
     assert done.exit_code == 0, done.output

@@ -5,7 +5,6 @@ import math
 import re
 
 import pytest
-import torch
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -22,7 +21,6 @@ from tests.stages import ball_dataset as spheres
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, ("train", "test", "test"))  # balls of radius 100, 120, 140 mm
     spheres.make_model(folder, "none", still=True)  # always a ball of 250 mm

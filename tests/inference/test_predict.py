@@ -32,7 +32,6 @@ FELT = 3  # of a grasp's four sensors
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 1)
     for name in ("none", "touch", "occluded-touch", "unoccluded"):

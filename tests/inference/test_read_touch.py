@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 import types
@@ -33,6 +34,7 @@ from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
+from pipeline.store.digest import of_json
 
 ROWS, COLS = 36, 48
 SENSOR = resample(load_sensor("gelsight"), ROWS, COLS).model_copy(update={"name": "my_gel"})
@@ -63,6 +65,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def reader(folder: Path) -> TouchReader:
     return TouchReader(folder / "my_gel.yaml", UNTOUCHED)
+
+
+def test_a_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "my_gel-touch", tmp_path / "models" / "touch-0123")
+    record = {"location": "touch-0123"}
+    (tmp_path / "models" / "touch.json").write_text(json.dumps({"checksum": of_json(record), **record}))
+    reader = TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path / "models" / "touch")
+    assert reader.network == str(tmp_path / "models" / "touch-0123")
 
 
 def test_files_hold_what_was_read(reader: TouchReader, tmp_path: Path) -> None:

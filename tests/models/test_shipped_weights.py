@@ -40,7 +40,6 @@ OBJECTS = spheres.objects(3, ("train", "test"))
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, ("train", "test"))
     spheres.make_implicit_model(folder, NETWORK, spacing=0.05, radius=0.4)  # the balls are larger than half a metre across their boxes

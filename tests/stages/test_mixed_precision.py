@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import torch
 from rich.console import Console
 
 from pipeline.engine.plan import Request
@@ -35,7 +34,6 @@ def best(data: Path, stage: str, precision: str) -> float:
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, SPLITS)
     return folder

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 from rich.console import Console
 from typer.testing import CliRunner
@@ -44,7 +43,6 @@ def vt(*arguments: object, fails: bool = False) -> str:
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 6, SPLITS)
     spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)

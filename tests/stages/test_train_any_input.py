@@ -44,7 +44,6 @@ def run_stage(data: Path, stage: str) -> None:
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory) -> Path:
-    torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, SPLITS)
     for stage in ("train-implicit", "evaluate"):

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.tradeoff.end_to_end import coarse_sensor
 from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
 from pipeline.tradeoff.measured import MeasuredTrade, trade_path
 from pipeline.tradeoff.sample import stratified
@@ -131,3 +136,17 @@ def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypa
 
 def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
     assert trade_path(made, STAGE) == made / "tradeoff" / "sample-surfaces.json"
+
+
+def test_a_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
+    fine = load_sensor("gelsight", shape=(30, 40))
+    calibrated = fine.calibrated
+    assert calibrated is not None
+    with io.BytesIO() as file:
+        Image.fromarray(untouched_image(fine)).save(file, "PNG")
+        seen = fine.model_copy(
+            update={"photograph": file.getvalue(), "calibrated": calibrated.model_copy(update={"background": "elsewhere.png"})}
+        )
+    coarse = load_sensor(coarse_sensor(seen, 0.5, tmp_path))
+    assert (coarse.shape, coarse.name) == ((15, 20), "gelsight_coarse")
+    assert np.abs(untouched_image(coarse).astype(int) - untouched_image(load_sensor("gelsight", shape=(15, 20)))).max() <= 3

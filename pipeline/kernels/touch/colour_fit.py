@@ -37,7 +37,7 @@ DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 
 
 @dataclass(frozen=True)
-class FitOptions:
+class ColourFitOptions:
     """What is fitted.
 
     Attributes
@@ -62,7 +62,7 @@ class FitOptions:
     contact_weight: float = CONTACT_WEIGHT
 
 
-FIT_FOR_DEPTH = FitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
+FIT_FOR_DEPTH = ColourFitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
 """For a sensor whose photographs a network shall read: colours are those of contacts, where the ball's slopes are known, and of the elastic
 gels the one that predicts the rings around them best is taken. A membrane leaves a step at walls, which no network can read."""
 
@@ -104,7 +104,7 @@ class _GelShape:
 
 
 def fit_colours(
-    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: FitOptions
+    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: ColourFitOptions
 ) -> ColourFit:
     """Fit the gel, coefficients and shadows.
 
@@ -163,7 +163,7 @@ def _first_good(errors: Sequence[float]) -> int:
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
 
-def _gels(options: FitOptions) -> list[_GelShape]:
+def _gels(options: ColourFitOptions) -> list[_GelShape]:
     """List the gels that are tried."""
     membranes = [_GelShape(False, width) for width in MEMBRANES if not options.elastic]
     layers = [_GelShape(True, thickness, options.poisson) for thickness in THICKNESSES if options.elastic is not False]

@@ -1,7 +1,7 @@
 """Chart fitting: against a plain loop, on clouds of every kind, together and alone."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -21,15 +21,6 @@ TIGHT = FitOptions(halt=2.3e-4, residual_limit=1e-4 / WIDTH)
 NOISE = 6e-5
 """m: below this, 500 points a step jitter more than 4000 do."""
 Cloud = NDArray[np.float64]
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    """As `fit-charts` does it: many small tensors are slower on several threads."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
 
 
 def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
@@ -231,6 +222,8 @@ def test_empty_cloud_leaves_the_square() -> None:
     assert fits.residual.tolist() == fits.loss.tolist() == fits.iterations.tolist() == [0]
     np.testing.assert_array_equal(fits.vertices[0], chart_square()[0].numpy() * WIDTH)
     assert fit_charts([], WIDTH, []).vertices.shape == (0, 81, 3)
+    oblong = fit_charts([np.empty((0, 3))], WIDTH, generators(1), aspect=1.5)
+    np.testing.assert_array_equal(oblong.vertices[0], chart_square(aspect=1.5)[0].numpy() * WIDTH)
 
 
 def test_cap_is_recorded_with_the_charts_state() -> None:
@@ -243,7 +236,7 @@ def test_cap_is_recorded_with_the_charts_state() -> None:
 
 def test_a_chart_without_area_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
     square = torch.zeros(81, 3, dtype=torch.float64)
-    monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side: (square, chart_square(side)[1]))
+    monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side, aspect: (square, chart_square(side, aspect)[1]))
     fits = alone(POINT, FitOptions())
     assert fits.stop_rule.tolist() == [StopRule.collapsed]
     assert np.isfinite(fits.residual).all()

@@ -17,6 +17,10 @@ def test_default_chart_is_the_supplements() -> None:
     assert vertices[1].tolist() == [-0.375, -0.5, 0]  # x runs along a row
 
 
+def test_a_chart_is_as_high_as_its_sensor() -> None:
+    assert chart_square(9, aspect=1.5)[0].max(dim=0).values.tolist() == [0.5, 0.75, 0]
+
+
 @pytest.mark.parametrize("side", [3, 5, 9])
 def test_faces_cover_the_square_once_and_look_up(side: int) -> None:
     vertices, faces = chart_square(side)

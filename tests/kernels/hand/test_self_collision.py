@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +14,7 @@ from pipeline.kernels.hand.box_gaps import box_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm, hand_gap
+from pipeline.kernels.hand.self_collision import choose_postures, finger_conflicts, fingers_clear_of_palm, hand_gap
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import EPS, random_rotation, scales, seeds
 
@@ -46,6 +48,15 @@ def test_choose_postures_drops_the_lesser_of_two_that_collide(hand: Hand) -> Non
     assert picks[0, :2].tolist() == [0, 1]
     values[1] = -np.inf
     assert not len(choose_postures(hand, boxes, frames=frames, values=values, gap=0.001))
+
+
+def test_fingers_may_touch_where_the_hand_file_allows_it(hand: Hand) -> None:
+    boxes = collision_boxes(hand)
+    frames = forward_kinematics(hand, np.eye(4), CROSSED)[None]
+    assert finger_conflicts(hand, boxes, frames, 0.001)[0, 1, 0, 0]
+    index, middle = (np.flatnonzero(hand.link_fingers == finger).tolist() for finger in (0, 1))
+    allowed = frozenset((min(a, b), max(a, b)) for a in index for b in middle)
+    assert not finger_conflicts(dataclasses.replace(hand, allowed_contacts=allowed), boxes, frames, 0.001).any()
 
 
 def test_choose_postures_without_options_or_boxes(hand: Hand) -> None:

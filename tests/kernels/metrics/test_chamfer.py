@@ -25,17 +25,13 @@ def gradients(distance: Tensor, *clouds: Tensor) -> list[Tensor]:
     return list(torch.autograd.grad(distance, clouds))
 
 
-def agree(count: int, other: int) -> None:
+@pytest.mark.parametrize(("count", "other"), [(1, 1), (1, 7), (300, 1), (1000, 700)])
+def test_chamfer_and_gradients_equal_brute_force(count: int, other: int) -> None:
     a, b = cloud(count, 1).requires_grad_(), cloud(other, 2).requires_grad_()
     fast, slow = chamfer(a, b), brute(a, b)
     torch.testing.assert_close(fast, slow, rtol=1e-13, atol=0)
     for mine, theirs in zip(gradients(fast, a, b), gradients(slow, a, b), strict=True):
         torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-18)
-
-
-@pytest.mark.parametrize(("count", "other"), [(1, 1), (1, 7), (300, 1), (1000, 700)])
-def test_chamfer_and_gradients_equal_brute_force(count: int, other: int) -> None:
-    agree(count, other)
 
 
 @pytest.mark.slow
@@ -51,23 +47,10 @@ def test_chamfer_of_full_size_clouds_equals_brute_force() -> None:
         torch.testing.assert_close(mine, theirs, rtol=1e-12, atol=1e-18)
 
 
-def test_float32_chamfer_is_accurate_to_its_points() -> None:
-    a, b = cloud(2000, 1, dtype=torch.float32), cloud(2000, 2, dtype=torch.float32)
-    torch.testing.assert_close(chamfer(a, b).double(), brute(a.double(), b.double()), rtol=1e-5, atol=0)
-
-
 def test_chamfer_gradient_equals_the_numerical_one() -> None:
     a, b = cloud(9, 3).requires_grad_(), cloud(6, 4).requires_grad_()
     assert torch.autograd.gradcheck(chamfer, (a, b))
     assert torch.autograd.gradcheck(squared_distances, (a, b))
-
-
-def test_identical_clouds_are_zero_apart_with_zero_gradient() -> None:
-    points = cloud(500, 5)
-    a, b = points.clone().requires_grad_(), points.clone().requires_grad_()
-    distance = chamfer(a, b)
-    assert distance.item() == 0
-    assert all((gradient == 0).all() for gradient in gradients(distance, a, b))
 
 
 def test_chamfer_of_copies_of_one_point() -> None:
@@ -119,7 +102,9 @@ def test_gpu_agrees_with_cpu(dtype: torch.dtype) -> None:
         (torch.zeros(0, 3), "no points"),
         (torch.zeros(4, 2), r"shape \(4, 2\)"),
         (torch.zeros(1, 4, 3), r"shape \(1, 4, 3\)"),
-        (torch.zeros(4, 3, dtype=torch.int64), "floating"),
+        (torch.zeros(4, 3, dtype=torch.int64), "torch.int64.*floating"),
+        (torch.zeros(4, 3, dtype=torch.bfloat16), "torch.bfloat16.*float32 and float64.*autocast"),
+        (torch.zeros(4, 3, dtype=torch.float16), "torch.float16"),
         (torch.tensor([[0.0, 0, np.nan], [0, 0, 0]]), "1 of 2 points"),
         (torch.tensor([[0.0, 0, np.inf]]), "infinity"),
     ],

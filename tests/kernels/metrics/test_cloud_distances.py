@@ -1,4 +1,6 @@
-"""Cloud distances, sampling floors and areas against brute force and closed forms."""
+"""Cloud distances, sampling floors and areas against rational arithmetic and closed forms, at any scale and position."""
+
+import math
 
 import numpy as np
 import pytest
@@ -6,9 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import (
+    CloudDistances,
     cloud_distances,
     nearest_squared,
     sampled_area,
@@ -16,11 +18,9 @@ from pipeline.kernels.metrics.cloud_distances import (
     sampling_floor,
     sampling_share,
 )
-
-
-def brute_force(query, points):
-    """Compute distances slowly: every pair, in float64."""
-    return np.array([min(float(np.dot(q - p, q - p)) for p in points) for q in query])
+from tests.kernels.degenerate_clouds import CLOUDS, KINDS, OFFSETS, cloud
+from tests.references import exact_distances as exact
+from tests.strategies import scales, seeds
 
 
 def sphere(radius, count, rng):
@@ -32,14 +32,36 @@ def plane(count, rng, *, width=1.0, height=0.0):
     return np.column_stack([rng.random((count, 2)) * width, np.full(count, height)])
 
 
-@pytest.mark.parametrize(("queries", "points"), [(1, 1), (1, 50), (50, 1), (80, 60)])
-def test_nearest_distances_are_those_of_all_pairs(queries, points):
-    rng = np.random.default_rng(3)
-    a, b = rng.normal(size=(queries, 3)), rng.normal(size=(points, 3))
-    np.testing.assert_allclose(nearest_squared(a, b), brute_force(a, b), rtol=1e-13)
+@given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
+def test_distances_are_those_of_exact_arithmetic(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
+    a, b = cloud(first, seed, scale, offset), cloud(second, seed + 1, scale, offset)
+    found = cloud_distances(a, b)
+    for each, ours, theirs in ((found.predicted, a, b), (found.truth, b, a)):
+        np.testing.assert_allclose(each, [float(squared) for squared in exact.nearest_squared(ours, theirs)], rtol=2e-15, atol=0)
+    assert found.chamfer == pytest.approx(exact.chamfer(a, b), rel=1e-14)
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(1e-4, 1e3), st.floats(0.1, 10))
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("kind", sorted(CLOUDS))
+def test_a_cloud_and_itself_agree_perfectly_in_any_type(kind: str, dtype: type[np.floating]) -> None:
+    points = cloud(kind, 1, 1.0, np.zeros(3)).astype(dtype)
+    found = cloud_distances(points, points[::-1])
+    assert found.chamfer == 0
+    assert found.precision_recall(0.0) == (1, 1)
+    assert found.f1(0.0) == 1
+
+
+@given(kind=KINDS, seed=seeds, power=st.integers(-20, 20))
+def test_doubling_lengths_quadruples_distances_and_areas_to_the_bit(kind: str, seed: int, power: int) -> None:
+    """From 1e-6 to 1e6."""
+    a, b = cloud(kind, seed, 1.0, np.zeros(3)), cloud("spread", seed, 1.0, np.zeros(3))
+    factor = 2.0**power
+    assert cloud_distances(a * factor, b * factor).chamfer == cloud_distances(a, b).chamfer * factor**2
+    assert sampled_area(b * factor) == sampled_area(b) * factor**2
+    assert sampling_floor(3.0 * factor**2, 7) == sampling_floor(3.0, 7) * factor**2
+
+
+@given(seeds, st.floats(1e-4, 1e3), st.floats(0.1, 10))
 def test_the_chamfer_distance_and_f1_are_symmetric_and_scale(seed, scale, tau):
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(30, 3)), rng.normal(size=(20, 3))
@@ -51,13 +73,6 @@ def test_the_chamfer_distance_and_f1_are_symmetric_and_scale(seed, scale, tau):
     assert there.f1(tau) <= there.f1(2 * tau)
     scaled = cloud_distances(scale * a, scale * b).f1(tau)
     assert there.f1(tau, scale) == pytest.approx(scaled, abs=0.1)  # a point on the very limit may round to either side
-
-
-def test_identical_clouds_are_zero_apart():
-    cloud = np.random.default_rng(0).normal(size=(100, 3))
-    found = cloud_distances(cloud, cloud)
-    assert found.chamfer == 0
-    assert found.f1(0.0) == 1
 
 
 def test_two_planes_that_face_each_other_are_twice_their_squared_distance_apart():
@@ -124,6 +139,11 @@ def test_with_normals_the_area_of_a_sphere_is_the_same():
     assert sampled_area(points[:2], points[:2] / 0.2) == pytest.approx(sampled_area(points[:2]), rel=1e-9)
 
 
+def test_copies_have_no_area_and_no_floor() -> None:
+    assert sampled_area(np.full((9, 3), 1e2)) == 0
+    assert sampling_floor(0.0, 1) == 0
+
+
 def test_precision_counts_predicted_points_and_recall_true_ones():
     truth = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]])
     predicted = np.array([[0, 0, 0.05], [0, 0, 0.2]])
@@ -134,26 +154,48 @@ def test_precision_counts_predicted_points_and_recall_true_ones():
     assert found.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
 
 
-def test_points_on_one_sided_and_empty_faces_are_drawn_from_what_has_an_area():
-    triangles = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 5], [0, 0, 5], [1, 0, 5]]], float)
-    points, face = sample_triangles(triangles, 500, np.random.default_rng(0))
-    assert (face == 0).all()
-    assert cloud_distances(points, points[:, [1, 0, 2]]).chamfer < 0.05
+def test_f1_of_nothing_right_and_of_one_side_right() -> None:
+    assert CloudDistances(np.array([1.0]), np.array([1.0])).f1(0.5) == 0
+    assert CloudDistances(np.array([0.0]), np.array([1.0])).f1(0.5) == 0
+    assert CloudDistances(np.array([0.0, 1.0]), np.array([0.0])).f1(0.0) == pytest.approx(2 / 3)
 
 
-@pytest.mark.parametrize("bad", [np.zeros((0, 3)), np.zeros((4, 2)), np.zeros(3), np.array([[0, np.nan, 0]]), np.array([[np.inf, 0, 0]])])
-def test_cloud_distances_rejects_invalid_clouds(bad):
-    with pytest.raises(ValueError, match=r"cloud|NaN"):
-        cloud_distances(bad, np.zeros((1, 3)))
-    with pytest.raises(ValueError, match=r"cloud|NaN"):
-        cloud_distances(np.zeros((1, 3)), bad)
+@pytest.mark.parametrize(
+    ("bad", "message"),
+    [
+        (np.zeros((0, 3)), "an empty cloud"),
+        (np.zeros((4, 2)), r"shape \(4, 2\); a cloud is"),
+        (np.zeros(3), r"shape \(3,\); a cloud is"),
+        *[(np.array([[0, 0, value], [0, 0, 0]]), "1 of .* are NaN, infinite") for value in (np.nan, np.inf, -np.inf)],
+    ],
+)
+def test_invalid_clouds_are_rejected(bad, message):
+    good = np.zeros((1, 3))
+    for call in (
+        lambda: nearest_squared(bad, good),
+        lambda: cloud_distances(bad, good),
+        lambda: cloud_distances(good, bad),
+        lambda: sampled_area(bad),
+    ):
+        with pytest.raises(ValueError, match=message):
+            call()
 
 
-def test_sampling_floor_and_area_reject_invalid_input():
-    with pytest.raises(ValueError, match="-1"):
-        sampling_floor(-1, 10)
-    with pytest.raises(ValueError, match="0 points"):
-        sampling_floor(1, 0)
+@pytest.mark.parametrize(("tau", "scale"), [(math.nan, 1.0), (-1e-9, 1.0), (1e-4, math.nan), (1e-4, 0.0), (1e-4, math.inf)])
+def test_precision_recall_rejects_invalid_threshold_or_scale(tau: float, scale: float) -> None:
+    found = CloudDistances(np.zeros(1), np.zeros(1))
+    for call in (found.precision_recall, found.f1):
+        with pytest.raises(ValueError, match=f"squared distance {tau}, scale {scale}"):
+            call(tau, scale)
+
+
+@pytest.mark.parametrize(("area", "count"), [(math.nan, 10), (math.inf, 10), (-1.0, 10), (1.0, 0)])
+def test_sampling_floor_rejects_invalid_area_or_count(area, count):
+    with pytest.raises(ValueError, match=f"area of {area} m² with {count} points"):
+        sampling_floor(area, count)
+
+
+def test_sampled_area_rejects_a_single_point():
     with pytest.raises(ValueError, match="give at least 2"):
         sampled_area(np.zeros((1, 3)))
 

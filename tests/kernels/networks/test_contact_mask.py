@@ -1,12 +1,18 @@
-"""Contact masks against section 2.2 pixel by pixel, and rejected images."""
+"""Contact masks against section 2.2 pixel by pixel and in fractions, and rejected images."""
+
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pipeline.kernels.networks.contact_mask import contact_mask
+from pipeline.kernels.tensor_checks import COLOURS, WHITE
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR
+from tests.strategies import seeds
 
 
 def slow_mask(tactile_images: np.ndarray, blank: np.ndarray, threshold: float) -> np.ndarray:
@@ -32,8 +38,19 @@ def test_contact_mask_equals_the_slow_twin(threshold: float) -> None:
     tactile_images = np.clip(blank + rng.integers(-20, 21, (2, 4, 7, 5, 3)) * rng.integers(0, 2, (2, 4, 7, 5, 1)), 0, 255).astype(np.uint8)
     expected = slow_mask(tactile_images, blank, threshold)
     assert 0 < expected.sum() < expected.size
-    given = torch.from_numpy(tactile_images), torch.from_numpy(blank)
-    assert (contact_mask(*given, threshold).numpy() == expected).all()
+    assert (contact_mask(torch.from_numpy(tactile_images), torch.from_numpy(blank), threshold).numpy() == expected).all()
+
+
+@given(seed=seeds, pixel=st.integers(0, 23))
+def test_contact_mask_is_exact_at_any_threshold(seed: int, pixel: int) -> None:
+    """At the squared norm of one of the pixels and the floats next to it, where a rounded product decides wrongly."""
+    blank, tactile_images = np.random.default_rng(seed).integers(0, 256, (2, 6, 4, 3), dtype=np.uint8)
+    blank[0], tactile_images[0] = 0, [[0, 0, 0], [1, 0, 0], [WHITE, 0, 0], [WHITE, WHITE, WHITE]]
+    squares = np.square(tactile_images.astype(int) - blank).reshape(-1, 3).sum(axis=1).tolist()
+    norm = squares[pixel] / WHITE**2
+    for threshold in map(float, (np.nextafter(norm, 0), norm, np.nextafter(norm, COLOURS))):
+        expected = [Fraction(square, WHITE**2) > Fraction(threshold) for square in squares]
+        assert contact_mask(torch.from_numpy(tactile_images), torch.from_numpy(blank), threshold).flatten().tolist() == expected
 
 
 def test_contact_mask_compares_the_squared_norm() -> None:
@@ -70,9 +87,10 @@ def test_a_press_is_seen_where_it_presses() -> None:
         (black(3, 4, 4), black(3, 4, 4), 0.001, r"\(\.\.\., H, W, 3\)"),
         (black(4, 3), black(4, 3), 0.001, r"\(4, 3\)"),
         (black(4, 4, 3), torch.zeros(4, 4, 3), 0.001, "uint8, untouched is torch.float32"),
-        (torch.zeros(4, 4, 3, dtype=torch.int64), black(4, 4, 3), 0.001, "int64"),
-        (black(4, 4, 3), black(4, 4, 3), -1.0, "threshold -1"),
+        (torch.zeros(4, 4, 3, dtype=torch.int64), black(4, 4, 3), 0.001, "images are torch.int64.*as they are stored, uint8"),
+        (black(4, 4, 3), black(4, 4, 3), -1e-9, "threshold -1e-09"),
         (black(4, 4, 3), black(4, 4, 3), 1e30, r"threshold 1e\+30"),
+        (black(4, 4, 3), black(4, 4, 3), float("inf"), "threshold inf"),
         (black(4, 4, 3), black(4, 4, 3), float("nan"), "threshold nan"),
     ],
 )

@@ -38,6 +38,14 @@ def test_the_derivative_is_that_of_differences() -> None:
     assert torch.autograd.gradcheck(lambda given: integrate_slopes(given, (0.2, 0.3)), (slopes,))
 
 
+def test_training_follows_reading_in_one_process() -> None:
+    with torch.inference_mode():
+        integrate_slopes(torch.zeros(1, 2, 13, 14), (0.2, 0.3))
+    slopes = torch.zeros(1, 2, 13, 14, requires_grad=True)
+    integrate_slopes(slopes, (0.2, 0.3)).sum().backward()
+    assert slopes.grad is not None
+
+
 def test_another_shape_is_an_error() -> None:
     with pytest.raises(ValueError, match=r"slopes have shape \(2, 4, 5\)"):
         integrate_slopes(torch.zeros(2, 4, 5), (1.0, 1.0))

@@ -37,14 +37,14 @@ def slow_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor) -> float:
     return sum(losses) / len(losses)
 
 
-def slow_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor) -> float:
+def slow_chamfer_loss(predicted: Tensor, depth: Tensor, mask: Tensor, aspect: float = 1.0) -> float:
     rows, cols = mask.shape[1:]
     losses = []
     for item in range(len(predicted)):
         clouds: tuple[list[tuple[float, ...]], list[tuple[float, ...]]] = ([], [])
         for row, col in np.ndindex(rows, cols):
             if mask[item, row, col]:
-                x, y = (col + 0.5) / cols - 0.5, (row + 0.5) / rows - 0.5
+                x, y = (col + 0.5) / cols - 0.5, aspect * ((row + 0.5) / rows - 0.5)
                 clouds[0].append((x, y, float(predicted[item, row, col]) / WIDTH))
                 clouds[1].append((x, y, min(float(depth[item, row, col]), GEL) / WIDTH))
         loss = 0.0
@@ -60,6 +60,8 @@ def test_losses_equal_their_slow_twins(seed: int) -> None:
     given = scene(seed=seed)
     assert float(masked_depth_loss(*given, width=WIDTH, gel=GEL)) == pytest.approx(slow_depth_loss(*given), rel=1e-12)
     assert float(projected_chamfer_loss(*given, width=WIDTH, gel=GEL)) == pytest.approx(slow_chamfer_loss(*given), rel=1e-12)
+    oblong = float(projected_chamfer_loss(*given, width=WIDTH, gel=GEL, aspect=1.5))
+    assert oblong == pytest.approx(slow_chamfer_loss(*given, aspect=1.5), rel=1e-12)
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -5,7 +5,7 @@ import pytest
 
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, contact_box
-from pipeline.kernels.touch.colour_fit import MEMBRANES, MODULUS, FitOptions, fit_colours
+from pipeline.kernels.touch.colour_fit import MEMBRANES, MODULUS, ColourFitOptions, fit_colours
 from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, left_out_error, sample_photographs
 from pipeline.kernels.touch.sensor import Gel, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
@@ -37,7 +37,7 @@ def of_degree(degree: int) -> Sensor:
 @pytest.mark.parametrize("degree", [0, 1])
 def test_degree_in_the_position_is_the_one_that_predicts_best(degree: int) -> None:
     sensor = of_degree(degree).model_copy(update={"noise": 1.0})
-    fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, FitOptions(shadows=0, elastic=False))
+    fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(shadows=0, elastic=False))
     assert fit.position_degree == degree
     assert fit.at_end == ()
 
@@ -48,13 +48,15 @@ def test_light_that_grows_with_the_depth_is_recognised() -> None:
     assert base.calibrated is not None
     optics = base.calibrated.model_copy(update={"depth": ((9.0,), (-4.0,), (0.0,))})
     sensor = base.model_copy(update={"calibrated": optics, "membrane": 0.5 * RADIUS})
-    fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, FitOptions(position_degree=0, shadows=0, elastic=False))
+    fit = fit_colours(
+        sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False)
+    )
     np.testing.assert_allclose(np.ravel(fit.calibration.depth), [9, -4, 0], atol=0.7)
 
 
 def test_membrane_as_wide_as_the_widest_that_is_tried_is_reported() -> None:
     wide = of_degree(0).model_copy(update={"membrane": MEMBRANES[-1] * RADIUS})
-    fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, FitOptions(position_degree=0, shadows=0, elastic=False))
+    fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False))
     assert fit.sensor.membrane == pytest.approx(wide.membrane)
     (line,) = fit.at_end
     assert "the membrane is as wide as the widest that is tried, 2 contact radii" in line
@@ -65,7 +67,7 @@ def test_gel_that_made_the_photographs_is_recognised(elastic: bool) -> None:
     """An elastic layer of two contact radii, or a membrane of half of one: the one is not taken for the other."""
     gel = {"gel": Gel(modulus=MODULUS, thickness=2 * RADIUS)} if elastic else {"membrane": 0.5 * RADIUS}
     sensor = of_degree(0).model_copy(update=gel)
-    fit = fit_colours(sensor, photographs(sensor, 5), untouched_image(sensor), BALL, FitOptions(position_degree=0, shadows=0))
+    fit = fit_colours(sensor, photographs(sensor, 5), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0))
     assert fit.sensor.membrane == pytest.approx(sensor.membrane, abs=1e-6)
     assert (fit.sensor.gel is not None) == elastic
     if fit.sensor.gel is not None:

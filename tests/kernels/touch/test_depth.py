@@ -20,8 +20,6 @@ from tests.kernels.touch.shapes import (
     coarse,
     pose_at,
     pressed_ball,
-    pybullet_triangles,
-    random_pose,
     sheet,
 )
 from tests.strategies import EPS, aspects, offsets, seeds, sliver
@@ -84,34 +82,6 @@ def test_tiny_objects(trace: Tracer, size: float) -> None:
     x, y = pixel_centres(SENSOR)
     depth = trace(box_faces(ball(2, size, x[50], y[50], 0.004)), np.eye(4), SENSOR)
     assert abs(depth[50, 50] - (0.004 - size)) <= 0.05 * size + 1e-7
-
-
-@tracers
-@pytest.mark.parametrize("offset", [0.0, 1.0, 1e2])
-def test_depth_ignores_offset(trace: Tracer, offset: float) -> None:
-    triangles = pybullet_triangles("duck.obj")
-    pose = random_pose(triangles, np.random.default_rng(4))
-    moved = pose.copy()
-    moved[:3, 3] += offset
-    sensor = coarse(30)
-    here, there = trace(box_faces(triangles), pose, sensor), trace(box_faces(triangles + offset), moved, sensor)
-    both = np.isfinite(here) & np.isfinite(there)
-    assert (np.isfinite(here) != np.isfinite(there)).sum() <= (1 if offset else 0)  # rounding moves rims
-    assert np.quantile(np.abs(here[both] - there[both]), 0.99) <= 2e-7
-
-
-@tracers
-def test_depth_ignores_winding_duplicates_and_order(trace: Tracer) -> None:
-    triangles = pybullet_triangles("random_urdfs/063/063.obj")
-    pose = random_pose(triangles, np.random.default_rng(5))
-    sensor = coarse(40)
-    depth = trace(box_faces(triangles), pose, sensor)
-    assert np.isfinite(depth).any()
-    for other in (triangles[:, ::-1], np.concatenate([triangles, triangles[:, [1, 2, 0]]]), triangles[::-1]):
-        changed = trace(box_faces(other), pose, sensor)
-        assert (np.isfinite(changed) == np.isfinite(depth)).all()
-        met = np.isfinite(depth)
-        assert np.abs(changed[met] - depth[met]).max() <= 1e-7
 
 
 def test_thousands_of_stacked_faces_need_bounded_memory() -> None:
@@ -192,9 +162,8 @@ def test_pressed_depth_ignores_offset(trace, seed, offset) -> None:
     moved = pose.copy()
     moved[:3, 3] += offset
     here, there = trace(box_faces(triangles), pose, SMALL), trace(box_faces(triangles + offset), moved, SMALL)
-    sure = np.isfinite(here) & (here < SMALL.w)  # beyond, near the silhouette, a surface is too steep to compare
+    sure = np.minimum(here, there) < SMALL.w  # beyond, near the silhouette, a surface is too steep to compare
     allowed = 16 * EPS * np.abs(offset).max() + 1e-14 + (trace is sphere_traced_depth) * TOLERANCE
-    assert np.isfinite(there[sure]).all()
     assert np.abs(there[sure] - here[sure]).max() <= allowed
 
 
@@ -206,7 +175,7 @@ def test_depth_ignores_mixed_up_faces(trace, seed) -> None:
     depth = trace(box_faces(triangles), pose, SMALL)
     doubled = np.concatenate([triangles, triangles[rng.random(len(triangles)) < 0.5]])
     doubled[rng.random(len(doubled)) < 0.5] = doubled[rng.random(len(doubled)) < 0.5][:1]  # one face, hundreds of times
-    mixed = np.concatenate([triangles, rng.permutation(doubled)[:, rng.permutation(3)]])
+    mixed = rng.permutation(np.concatenate([triangles[:, rng.permutation(3)], doubled[:, rng.permutation(3)]]))
     changed = trace(box_faces(mixed), pose, SMALL)
     np.testing.assert_array_equal(np.isfinite(changed), np.isfinite(depth))
     met = np.isfinite(depth)

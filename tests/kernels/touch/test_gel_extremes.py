@@ -60,7 +60,9 @@ def test_gel_touched_nowhere_everywhere_and_at_one_pixel(sensor: Sensor) -> None
         (one_pixel(0, sensor), 1),
     ):
         assert follows_equations(depth, sensor)
-        assert (impression(depth, sensor) > 0).sum() == local_points(depth.astype(np.float32), np.eye(4), sensor)[1] == pixels
+        points, count = local_points(depth.astype(np.float32), np.eye(4), sensor)
+        assert (impression(depth, sensor) > 0).sum() == count == pixels
+        assert (points[count:] == 0).all()
         assert not touch_success(depth, sensor)  # a surface in the sensor plane is no touch
     pressed = one_pixel(lowest / 2, sensor)
     assert follows_equations(pressed, sensor)

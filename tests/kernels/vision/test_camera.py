@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.vision.camera import camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import NamedCamera, Scene
 from tests.kernels.vision.shapes import CENTRE, SCENE, ball
 from tests.strategies import EPS, offsets, scales, seeds
 
@@ -98,6 +98,14 @@ def test_positions_that_are_not_finite_and_no_pixels_are_refused(bad) -> None:
         look_at(CAMERA, (0.0, bad, 0.0), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="0 pixels per side"):
         CAMERA.with_resolution(0)
+
+
+def test_the_square_camera_of_a_scene_sees_the_lesser_side_of_its_first_one() -> None:
+    stated = NamedCamera(name="wide", position=(1, 0, 0.5), rotation=(90, 0, 90), focal=(700, 700), centre=(320, 240), size=(640, 480))
+    square = SCENE.model_copy(update={"cameras": (stated,)}).square_camera(96)
+    assert square.shape == (96, 96)
+    assert square.focal == pytest.approx((140, 140))
+    assert (square.centre, square.position) == ((48, 48), stated.position)
 
 
 @given(offset=offsets, distance=scales, near=st.floats(-9, 0).map(lambda e: 10.0**e))
