@@ -18,7 +18,7 @@ def maker_of(folder: str) -> str:
     It repeats what trainings declare, because a folder that has not been made has no record, and readers cannot import stages.
     """
     if folder.startswith("scores/"):
-        return "`vt-pipeline score`"
+        return "`vt-pipeline report --shipped`" if folder == "scores/shipped" else "`vt-pipeline score`"
     if not (match := _MODEL.fullmatch(folder)):
         return "the stage that makes it"
     seed, family, network = match.groups()

@@ -288,7 +288,8 @@ def test_a_catalogue_that_cannot_be_used_is_named_with_the_reason(tmp_path, line
 
 
 def test_up_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
-    (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,licence\na,cup,a.obj,,CC0\nb,cup,b.obj,z,CC0\n")
+    lines = "object_id,category,file,up,licence\na,cup,a.obj,,CC0\nb,cup,b.obj,z,CC0\n"
+    (tmp_path / "catalogue.csv").write_text(lines, encoding="utf-8-sig")  # with a byte-order mark, as spreadsheets save it
     ups = {item.object_id: item.source["up"] for item in manifest(folder("catalogue", up="x")).objects(tmp_path)}
     assert ups == {"a": "x", "b": "z"}
 

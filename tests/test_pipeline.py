@@ -111,7 +111,7 @@ def test_again_nothing_is_done_and_no_file_changes(manifest, made):
 @pytest.mark.slow
 def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, made, tmp_path):
     for stage in GRASP_STAGES:
-        kept = ".work/models/**/checkpoint.safetensors" if stage.startswith("train") else ".work/*/rows/*/*.row"
+        kept = ".work/models/**/.checkpoint.safetensors" if stage.startswith("train") else ".work/*/rows/*/*.row"
         if stage != "evaluate":  # one model of one object: nothing to keep
             kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
         again = vt(*run_of(stage, manifest, tmp_path, "--executor", "serial"))

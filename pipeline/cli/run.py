@@ -94,7 +94,7 @@ def run(
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
-                _print_forecast(stage, path, foreseen)
+                _print_forecast(stage, path, foreseen, check)
             return
         for plan in make_plans(request, shard):
             run_plan(plan)
@@ -103,7 +103,7 @@ def run(
 NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 
 
-def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
+def _print_forecast(stage: str, path: Place, foreseen: Forecast, check: bool) -> None:
     if foreseen.up_to_date:
         print_line(f"{stage} {path}: up to date, {pluralise(foreseen.total)}")
         return
@@ -111,7 +111,8 @@ def _print_forecast(stage: str, path: Place, foreseen: Forecast) -> None:
         print_line(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
         return
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
-    print_line(f"{stage} {path}: would make {foreseen.missing} of {pluralise(foreseen.total)}, {size}")
+    uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
+    print_line(f"{stage} {path}: would make {foreseen.missing} of {pluralise(foreseen.total)}, {size}{uncounted}")
 
 
 def run_plan(plan: Plan[Any]) -> None:

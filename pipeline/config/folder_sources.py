@@ -46,28 +46,28 @@ class Directory(MeshSource):
 
     def each(self, root: Path | None) -> Iterator[Object]:
         """List every mesh file below the folder, hidden ones apart."""
-        folder, found = self._found(root)
+        folder, _, found = self._found(root)
         for item in found.objects:
             yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
 
-    def _found(self, root: Path | None) -> tuple[Path, Found]:
-        """Find the folder, and the objects in it."""
+    def _found(self, root: Path | None) -> tuple[Path, list[Path], Found]:
+        """Find the folder, all that is below it, and the objects among that."""
         folder = _folder(root or self.path, "a folder of meshes")
-        entries = list(islice(folder.rglob("*"), MAX_ENTRIES + 1))
+        entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
-        inner = [path.relative_to(folder) for path in sorted(entries) if not path.is_dir()]
+        inner = [path.relative_to(folder) for path in entries if not path.is_dir()]
         files = [file for file in inner if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
             raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
-        return folder, find_objects(files, self.layout)
+        return folder, entries, find_objects(files, self.layout)
 
     def remarks(self, root: Path | None) -> Iterator[str]:
         """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
-        folder, objects = self._found(root)
+        folder, entries, objects = self._found(root)
         yield from objects.remarks()
         found: dict[str, list[str]] = {}
-        for path in sorted(islice(folder.rglob("*"), MAX_ENTRIES)):
+        for path in entries:
             if path.is_symlink() and path.is_dir():
                 found.setdefault("links to folders are not followed; copy what they lead to", []).append(str(path.relative_to(folder)))
             elif path.suffix.lower() in UNREAD:
@@ -97,7 +97,8 @@ class Catalogue(MeshSource):
         folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
         try:
-            lines = csv.DictReader(io.StringIO(read_file(file, MAX_CATALOGUE_BYTES).decode(), newline=""), restval="")
+            text = read_file(file, MAX_CATALOGUE_BYTES).decode("utf-8-sig")  # spreadsheets write a byte-order mark
+            lines = csv.DictReader(io.StringIO(text, newline=""), restval="")
             if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
                 raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
             for line in lines:

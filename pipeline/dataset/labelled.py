@@ -46,20 +46,29 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     if artifact not in ARTIFACTS:
         raise StoreError(unknown("artifact", artifact, ARTIFACTS))
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
-    collection.first  # noqa: B018 (raises an error without shards)
+    first = collection.shards.index(collection.first)  # an error without shards
     shards = [_opened(shard) for shard in collection.shards]
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:
         return shards[0]
     lazy = [shard.map(_lazy, keep_attrs=True) for shard in shards]
-    whole: xarray.Dataset = xarray.concat(lazy, "object", data_vars="minimal", coords="minimal", compat="override")
+    sized = [one if shard.has_rows else _zeros(one, lazy[first]) for shard, one in zip(collection.shards, lazy, strict=True)]
+    whole: xarray.Dataset = xarray.concat(sized, "object", data_vars="minimal", coords="minimal", compat="override")
     return whole.assign_coords({name: label.compute() for name, label in whole.coords.items()}).sortby("object")
 
 
 def _lazy(array: xarray.DataArray) -> xarray.DataArray:
     """Let an array be read by as many objects as lie in a chunk of it."""
     return array.chunk({"object": array.encoding["chunks"][0]} if "object" in array.dims else {})
+
+
+def _zeros(shard: xarray.Dataset, other: xarray.Dataset) -> xarray.Dataset:
+    """Give a shard in which every object failed the arrays of another one, of its sizes."""
+    rows = {"object": [0] * shard.sizes["object"]}
+    arrays = {str(name): array.variable for name, array in other.data_vars.items() if "object" in array.dims}
+    zeros = {name: xarray.full_like(array.isel(rows), "" if array.dtype.kind in "OUT" else 0) for name, array in arrays.items()}
+    return shard.drop_vars(zeros.keys(), errors="ignore").assign(zeros)
 
 
 def _opened(shard: Shard) -> xarray.Dataset:

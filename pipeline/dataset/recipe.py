@@ -228,7 +228,7 @@ def read_recipe(path: Path) -> Recipe:
         the file and every such entry.
     """
     try:
-        head, _, lines = read_file(path, MAX_BYTES).decode().partition(OBJECTS)
+        head, _, lines = read_file(path, MAX_BYTES).decode().replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
         content = parse_yaml(head)
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"recipe {path} cannot be read as YAML: {error}") from error

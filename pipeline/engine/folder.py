@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,12 @@ from pipeline.engine.stage import DatasetJob, DatasetStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
+from pipeline.store.digest import hashes_of, is_hidden
+from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.local_copy import local_copy
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
-from pipeline.store.storage import names_in, remove
+from pipeline.store.storage import files_below, names_in, remove
 
 _WORK = re.compile("[0-9a-f]{16}")
 """Names of folders that are being filled; another one may be part of a longer name, as models/gcn/touch."""
@@ -73,6 +74,9 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     with local_copy(place, send=True) as work:
         filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
         record = _finished(plan, work, filled) or _fill(plan, work, filled, console)
+        for name in filter(is_hidden, files_below(work)):  # a checkpoint; from now on a killed run needs it no more
+            with suppress(OSError):  # one of the system's, which is in use
+                remove(work / name)
         plan.output.commit(work, record)
         filled.unlink()
     for folder in {place.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
@@ -118,9 +122,11 @@ def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
 
 
 def _finished(plan: Plan[FolderOutput], work: Path, filled: Path) -> FolderRecord | None:
-    """Read the record of a run that was killed after it had filled the folder."""
+    """Read the record of a run that was killed after it had filled the folder, or had moved it to its place too."""
     try:
         record = read_record(filled, FolderRecord)
     except StoreError:
         return None
-    return record if (record.key, record.files) == (plan.key, hashes_of(work)) else None
+    if record.key != plan.key:
+        return None
+    return record if record.files == hashes_of(work) or not changed_files(plan.output.target(record), record.files) else None

@@ -69,7 +69,7 @@ def _parsed(package: str, path: Path, changed: int) -> tuple[str, tuple[str, ...
     """Hash a file as its syntax tree, in which comments and layout decide nothing; most stages share most files."""
     if path.suffix != ".py":  # compiled
         return hashlib.sha256(path.read_bytes()).hexdigest(), ()
-    tree = ast.parse(path.read_text())
+    tree = ast.parse(path.read_bytes())
     return hashlib.sha256(syntax(tree).encode()).hexdigest(), tuple(_imports(tree, package))
 
 

@@ -56,7 +56,8 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
             plan.settings = stage.resolve_settings(plan.settings, roots)
             stage.check_inputs(plan.settings, roots)
     plan.units = [_unit(plan, item) for item in items]
-    plan.key = shard_key(((unit.key, unit.split) for unit in plan.units), number, shards, request.manifest, plan.missing)
+    rows = ((unit.key, unit.split) for unit in plan.units)
+    plan.key = shard_key(rows, number, shards, request.manifest, plan.missing, _labels(plan) if items else None)
     return plan
 
 
@@ -106,9 +107,14 @@ def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
 
 
 def missing(plan: Plan[ShardOutput]) -> list[Unit]:
-    """List the units that are asked for and whose row is neither published under its key nor waiting to be."""
+    """List the units that are asked for and whose row is neither published under its key nor waiting to be, or is tried again."""
     asked = (unit for unit in plan.units if plan.request.only in (None, unit.name))
-    return [unit for unit in asked if finished(plan, unit) is None and reusable(plan, unit) is None]
+    return [unit for unit in asked if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
+
+
+def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
+    """Whether there is a result that waits, other than a failure that is tried again."""
+    return result is not None and (unit.failure is not None or result.failure is None or not plan.tries_again(unit))
 
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
@@ -200,7 +206,7 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
 def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
     """Find what need not be made again: a row that waits, or the published one; one that is damaged is made again."""
     result = finished(plan, unit)
-    if result and result.failure and not unit.failure and plan.tries_again(unit):
+    if result and not _is_settled(plan, unit, result):
         plan.output.rows.discard(unit.name, unit.key)
         result = None
     shard, row = plan.output.shard, reusable(plan, unit)
@@ -279,10 +285,10 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
 
 
 def _labels(plan: Plan[ShardOutput]) -> Row:
-    """Labels of dimensions that the inputs have too."""
+    """Read the labels of dimensions that the inputs have too, from their shards of the same number: others may not be made again yet."""
     labels: Row = {}
     for collection in plan.inputs:
-        shard = collection.first
+        shard = collection.shard(plan.units[0].name)
         for name, array in plan.output.artifact.arrays.items():
             if array.is_coordinate and shard.has(name):
                 labels[name] = shard.read(name)

@@ -126,8 +126,8 @@ class ObjectStage(Stage):
 class DatasetJob:
     """What a dataset stage is told: what to read, and the folder to fill.
 
-    `folder` may hold what a killed run left there: continuing it is the stage's affair. What is random is keyed by
-    `seed` and names, as `numpy_rng` takes them.
+    `folder` may hold what a killed run left there: continuing it is the stage's affair. Hidden files in it are kept until it is
+    finished, then removed. What is random is keyed by `seed` and names, as `numpy_rng` takes them.
     """
 
     data: Place

@@ -36,7 +36,9 @@ TYPES = {"string": "sc:Text", "int64": "sc:Integer", "bool": "sc:Boolean", "floa
 
 def write_croissant(facts: Facts, about: About, folder: Path) -> None:
     """Write croissant.json beside the tables `data/SPLIT.parquet` of a folder."""
-    (folder / "croissant.json").write_text(json.dumps(croissant(facts, about, folder), indent=1, ensure_ascii=False) + "\n")
+    (folder / "croissant.json").write_text(
+        json.dumps(croissant(facts, about, folder), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
 
 
 def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:

@@ -160,7 +160,7 @@ def write_card(data: Place, facts: Facts, about: About, folder: Path) -> None:
         except PipelineError as error:
             errors.print(f"[yellow]warning:[/] the card has no picture: {escape(str(error))}")
             drawn = False
-    (folder / "README.md").write_text(card(facts, about, picture=drawn))
+    (folder / "README.md").write_text(card(facts, about, picture=drawn), encoding="utf-8")
 
 
 def card(facts: Facts, about: About, *, picture: bool) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.config.manifest import SPLITS
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
@@ -18,8 +19,6 @@ from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-
-SPLITS = ("train", "valid", "test")
 
 Kind = Literal["string", "int64", "bool", "float32", "float64", "image"]
 

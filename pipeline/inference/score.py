@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_companions import Companions
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
+from pipeline.store.publish import FolderOutput, withdraw
 from pipeline.store.storage import Place, exists
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -69,10 +71,20 @@ def score(
     if f"scores/{name}" == SHIPPED_SCORES:
         raise InvalidInput(f"--name {name}: that is the network that ships, which `report --shipped` measures; choose another name")
     directory = DataDirectory(data)
-    written = digest.of_json(hashes_of(folder, [str(path.relative_to(folder)) for path in surface_files(folder) if path.is_file()]))
     reads = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
-    settings = ScoreSettings(**_settings(directory), method=name, files=written, given=grasps, misplaced=misplaced)
+    settings = ScoreSettings(**_settings(directory), method=name, files=files_digest(folder), given=grasps, misplaced=misplaced)
     return _measured(directory, Score(folder, reads), settings, console)
+
+
+def files_digest(folder: Path) -> str:
+    """Compute the digest of a folder's reconstructions, and of the buffers that .gltf files name: OBJECT.bin."""
+    files = [path for path in surface_files(folder) if path.is_file()]
+    hashes = hashes_of(folder, [str(path.relative_to(folder)) for path in files])
+    for path in files:
+        with suppress(InvalidInput, OSError):  # one that cannot be used is named when all are checked
+            for name, content in Companions(path).items() if path.suffix.lower() == ".gltf" else ():
+                hashes[f"{path.relative_to(folder)} {name}"] = hashlib.sha256(content).hexdigest()
+    return digest.of_json(hashes)
 
 
 def score_shipped(data: Place, console: Console) -> list[str]:
@@ -95,6 +107,8 @@ def score_shipped(data: Place, console: Console) -> list[str]:
         weights = hashlib.sha256(shipped_record().read_bytes()).hexdigest()
         settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=weights)
         _measured(directory, EvaluateShipped(), settings, console)
+    else:  # what was measured before is of a dataset that is gone
+        withdraw(directory.folder_record(SHIPPED_SCORES))
     return reasons
 
 

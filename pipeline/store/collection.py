@@ -75,7 +75,7 @@ class Collection:
 
     @property
     def first(self) -> Shard:
-        """The first shard: attributes and constants are the same in all.
+        """The first shard with a row, for one in which every object failed lacks sizes; attributes and constants are the same in all.
 
         Raises
         ------
@@ -87,7 +87,7 @@ class Collection:
         if len({shard.record.constants_digest for shard in self.shards}) > 1:
             stage = self.shards[0].record.stage
             raise StoreError(f"{self.folder} has shards of different scenes or sensors; run `vt-pipeline run {stage}` for all shards")
-        return self.shards[0]
+        return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
 
     def processors(self) -> Counter[str]:
         """Count the rows by the kind of processor that computed them."""

@@ -40,8 +40,13 @@ def of_rows(rows: Iterable[tuple[str, str]], header: Mapping[str, Any]) -> str:
 
 
 def files_of(folder: Place) -> list[str]:
-    """List the files below a folder that its digest covers: all but logs."""
-    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/")]
+    """List the files below a folder that its digest covers: all but logs and hidden ones."""
+    return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/") and not is_hidden(name)]
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file, or a folder that it is in, is hidden: those of the system (`.DS_Store`, `.nfs…`), and checkpoints."""
+    return any(part.startswith(".") for part in name.split("/"))
 
 
 def hashes_of(folder: Place, names: Iterable[str] | None = None) -> dict[str, str]:

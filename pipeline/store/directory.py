@@ -180,7 +180,7 @@ class DataDirectory:
     def folder_problems(self, name: str) -> Iterator[str]:
         """Compare the files that the record of a folder names with what it says: a line for each that differs."""
         folder = self.folder_path(name)
-        return _differences(self.folder(name), folder, folder)
+        return _differences(name, self.folder(name), folder, folder)
 
     def whole_folder(self, name: str) -> Path:
         """Return the folder that a record names, or a copy of it on this machine's disk if it is in object storage.
@@ -194,7 +194,7 @@ class DataDirectory:
         local = folder if isinstance(folder, Path) else cache_of(folder)
         if local != folder and changed_files(local, record.files):
             copy(folder, local, files_below(folder).keys() & record.files)
-        if problem := next(_differences(record, local, folder), None):
+        if problem := next(_differences(name, record, local, folder), None):
             raise StoreError(f"{folder}: {problem}")
         return local
 
@@ -219,7 +219,7 @@ class DataDirectory:
         Raises
         ------
         StoreError
-            One was made from something else; the message names both, and the stage to run again.
+            One was made from something else, or has other splits; the message names both, and what to run again.
         """
         checked: set[str] = set()
         waiting = list(names)
@@ -249,13 +249,19 @@ class DataDirectory:
                         raise StoreError(
                             f"{shard.path}: {name} of {row.object_id} was made from other {origin} than the current ones; {again}"
                         )
+                    if current.shards and (split := current.row(row.object_id).split) != row.split:
+                        maker = current.shard(row.object_id).record.stage
+                        raise StoreError(
+                            f"{shard.path} has other splits than {origin}: {row.object_id} is {row.split} in {name} and {split} there; "
+                            f"run {maker} and {shard.record.stage} again with one manifest, which computes nothing"
+                        )
         return sorted(used)
 
     def _check_folder(self, name: str) -> list[str]:
         record, path = self.folder(name), self.folder_record(name)
-        again = f"run {record.stage} again with the settings in {path}, or delete that file if this folder is no longer needed"
+        again = f"run {made_by(name, record)} again with the settings in {path}, or delete that file if this folder is no longer needed"
         if unknown := sorted(record.inputs.keys() - ARTIFACTS.keys()):
-            raise StoreError(f"{path}: there is no artifact {unknown[0]}; delete the record and run {record.stage} again")
+            raise StoreError(f"{path}: there is no artifact {unknown[0]}; delete the record and run {made_by(name, record)} again")
         for artifact, made_from in record.inputs.items():
             if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
                 raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; {again}")
@@ -265,10 +271,15 @@ class DataDirectory:
         return [*record.inputs, *record.models]
 
 
-def _differences(record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
+def made_by(name: str, record: FolderRecord) -> str:
+    """Name what makes a folder: the stage that its record names, or the command, where it has a stage of its own."""
+    return maker_of(name) if name.startswith("scores/") else record.stage
+
+
+def _differences(name: str, record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
     for file, problem in changed_files(read, record.files).items():
-        yield f"{file} {problem}; delete {folder} and run {record.stage} again"
+        yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
 def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:

@@ -9,8 +9,7 @@ from typing import Any
 
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
-from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory, shard_name, versioned
+from pipeline.store.directory import DataDirectory, changed_files, shard_name, versioned
 from pipeline.store.garbage import collect, note_replaced
 from pipeline.store.local_copy import local_copy
 from pipeline.store.record import FolderRecord, Provenance, ShardRecord, named_location, read_record, serialise_with_checksum
@@ -123,19 +122,23 @@ class FolderOutput:
 
     def is_sound(self) -> bool:
         """Whether the published folder holds what was written: every file is read."""
-        return self.record is not None and hashes_of(self.path.with_name(self.record.location)) == self.record.files
+        return self.record is not None and not changed_files(self.path.with_name(self.record.location), self.record.files)
+
+    def target(self, record: FolderRecord) -> Place:
+        """Return the path of the folder that is published with a record."""
+        return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
     def commit(self, beside: Path, record: FolderRecord) -> Place:
-        """Move a finished folder to a name of its own, and publish its record; returns the folder's path.
+        """Move a finished folder to a name of its own, unless a killed run has, and publish its record; returns the folder's path.
 
         Raises
         ------
         StoreError
             In object storage: another run has published something meanwhile.
         """
-        location = versioned(self.record_path.stem, [record.key, record.files])
-        path = self.record_path.with_name(location)
-        _publish(self.directory, beside, path, self.record_path, record, {"location": location}, version_of(self.record_path))
+        path, version = self.target(record), version_of(self.record_path)
+        unmoved = beside if record.files.keys() <= files_below(beside).keys() else None
+        _publish(self.directory, unmoved, path, self.record_path, record, {"location": path.name}, version)
         self.refresh()
         return path
 
@@ -149,16 +152,17 @@ def withdraw(record_path: Place) -> None:
 
 def _publish(
     directory: DataDirectory,
-    beside: Path,
+    beside: Path | None,
     path: Place,
     record_path: Place,
     record: Provenance,
     fields: Mapping[str, Any],
     version: str | None,
 ) -> None:
-    """Move a group or folder to its place, then publish its record with these fields filled in, validated: it can be read."""
+    """Move a group or folder, if it is `beside`, to its place, then publish its record with these fields, validated: it can be read."""
     record = type(record).model_validate({**dict(record), **fields})
-    move_folder(beside, path)
+    if beside is not None:
+        move_folder(beside, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
         note_replaced(path.with_name(replaced))

@@ -13,6 +13,7 @@ from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDe
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.row_files import Chunks, encode_row
+from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, in_threads, names_in, read_bytes
 from schemas.catalogue import ARTIFACTS
@@ -23,10 +24,13 @@ def shard_of(object_id: str, shards: int) -> int:
     return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
-def shard_key(rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str, missing: Iterable[str] = ()) -> str:
-    """Compute the key of a shard from the keys and splits of its rows, and the names of the objects that it lacks."""
+def shard_key(
+    rows: Iterable[tuple[str, str]], number: int, shards: int, manifest: str, missing: Iterable[str] = (), labels: Row | None = None
+) -> str:
+    """Compute the key of a shard from the keys and splits of its rows, the names of the objects that it lacks, and its inputs' labels."""
     lacks = {"missing": names} if (names := list(missing)) else {}
-    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks})
+    labelled = {"labels": digest.of_arrays(labels)} if labels else {}
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
@@ -131,7 +135,10 @@ def _write(directory: DataDirectory, collection: Collection, members: Sequence[s
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
     missing = tuple(name for name in collection.missing if shard_of(name, shards) == number)
-    key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest, missing)
+    origins = {origin for row in rows for origin in row.inputs.keys() & ARTIFACTS.keys()}
+    labelled = {name for origin in origins for name, array in ARTIFACTS[origin].arrays.items() if array.is_coordinate}
+    labels = {name: constants[name] for name in labelled & constants.keys()}
+    key = shard_key(((row.key, row.split) for row in rows), number, shards, first.record.manifest, missing, labels)
     record = first.record.model_copy(update={"key": key, "rows": rows, "missing": missing})
     shapes = [collection.view(name).shapes() for name in members]
 

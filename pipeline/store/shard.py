@@ -46,6 +46,11 @@ class Shard:
         """Return the record of an object's row."""
         return self.record.rows[self.position[object_id]]
 
+    @property
+    def has_rows(self) -> bool:
+        """Whether some object came through; where none did, arrays have size 0, or are left out."""
+        return any(row.failure is None for row in self.record.rows)
+
     @cached_property
     def group(self) -> zarr.Group:
         """The opened group."""

@@ -12,7 +12,7 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, unversioned
+from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, made_by, unversioned
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -164,5 +164,5 @@ def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     yield from directory.folder_problems(name)
     record = directory.folder(name)
     others = set(files_of(directory.folder_path(name))) - record.files.keys()
-    yield from (f"{file} was not written by {record.stage}" for file in sorted(others))
+    yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(others))
     directory.check_origins([name])

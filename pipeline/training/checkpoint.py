@@ -17,7 +17,8 @@ from torch import Tensor, nn
 from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 
-FILE = "checkpoint.safetensors"
+FILE = ".checkpoint.safetensors"
+"""Hidden: it stays until the model is finished, of which it is no part."""
 
 
 @dataclass
@@ -95,9 +96,3 @@ def load_best(folder: Path) -> dict[str, Tensor]:
 
 def _below(part: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     return {name.removeprefix(f"{part}/"): value for name, value in tensors.items() if name.startswith(f"{part}/")}
-
-
-def discard(folder: Path) -> None:
-    """Remove the checkpoint of a finished training, and the unfinished files of killed ones."""
-    for path in folder.glob(f"{FILE}*"):
-        path.unlink()

@@ -45,7 +45,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     """Train until the epochs or the patience end; leaves the best epoch's weights in the learner's network.
 
     A killed training continues from the checkpoint in the folder, to the same weights, to the bit, as one that was not (on the same
-    machine). The checkpoint stays until the caller, who has saved the model, discards it.
+    machine). The checkpoint stays: whoever publishes the model removes it.
 
     Parameters
     ----------

@@ -21,7 +21,6 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
-from pipeline.training import checkpoint
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
@@ -187,7 +186,6 @@ class ReconstructionTraining(DatasetStage):
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))
-        checkpoint.discard(job.folder)
         return facts
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.touch_model import save_touch_model
-from pipeline.training import checkpoint
 from schemas.base import Artifact
 from schemas.presses import PRESSES
 from stages.train_touch.learner import train_local_network
@@ -45,5 +44,4 @@ class TrainTouch(DatasetStage):
         presses, valid = (StoredPresses(job.data, split, cache_megabytes=job.settings.cache_megabytes) for split in ("train", "valid"))
         network, facts = train_local_network(presses, valid, settings, folder=job.folder, seed=job.seed)
         save_touch_model(job.folder, network, sensor=presses.sensor, untouched=presses.untouched)
-        checkpoint.discard(job.folder)
         return facts | {"presses": {"train": len(presses), "valid": len(valid)}}

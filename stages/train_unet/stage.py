@@ -9,7 +9,6 @@ from pipeline.errors import StageError
 from pipeline.kernels.networks.unet import MIN_SIDE, UNet
 from pipeline.models.touch_model import save_touch_model
 from pipeline.rng import seeded_weights
-from pipeline.training import checkpoint
 from pipeline.training.loop import train
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -59,5 +58,4 @@ class TrainUnet(DatasetStage):
         facts = train(UnetLearner(network, touches, valid, settings), settings, folder=job.folder, seed=job.seed, name=self.name)
         threshold = settings.mask_threshold
         save_touch_model(job.folder, network, sensor=touches.sensor, untouched=touches.untouched, mask_threshold=threshold)
-        checkpoint.discard(job.folder)
         return facts | {"touches": {"train": len(touches), "valid": len(valid)}}

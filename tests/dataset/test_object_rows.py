@@ -140,6 +140,20 @@ def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_sha
         assert str(touch.category.sel(object="b").item()) == "knife"
 
 
+def test_a_shard_in_which_every_object_failed_takes_arrays_and_sizes_from_the_others(tmp_path):
+    ball_dataset.make_data(tmp_path, 3, ungrasped="b")
+    list(reshard(DataDirectory(tmp_path), 4))  # b is alone in the first shard of three
+    rows = ObjectRows(tmp_path, ["depth", "occluded"], None)
+    assert rows.object_ids == ["a", "c"]
+    assert (rows.size("depth", "grasp"), rows.size("occluded", "rgb")) == (5, 3)
+    for name, array in (("touch", "depth"), ("vision", "occluded")):
+        opened = open_artifact(tmp_path, name)
+        assert opened.ok.values.tolist() == [True, False, True]
+        assert opened[array].dtype == artifact_of(array).arrays[array].dtype
+        assert not opened[array].sel(object="b").values.any()
+        np.testing.assert_array_equal(opened[array].sel(object="c"), rows.read(array, "c"))
+
+
 def test_an_artifact_that_is_not_there_is_named(tmp_path):
     with pytest.raises(StoreError, match="unknown artifact taste; choose from surfaces"):
         open_artifact(tmp_path, "taste")

@@ -138,6 +138,11 @@ def test_check_makes_a_damaged_folder_again(tmp_path):
     assert plan_of(request(tmp_path, Average())).up_to_date()
     assert run(request(tmp_path, Average(), check=True)) == 5
     assert plan_of(request(tmp_path, Average(), check=True)).up_to_date()
+    for stray in (".DS_Store", "note.txt"):
+        (DataDirectory(tmp_path).folder_path("models/average") / stray).write_text("of mine")
+    assert plan_of(request(tmp_path, Average(), check=True)).up_to_date(), "what was written is there"
+    (line,) = problems_below(tmp_path)[tmp_path / "models/average.json"]
+    assert line == "note.txt was not written by average"
 
 
 def test_validate_tells_of_a_folder_whose_record_was_deleted(tmp_path):

@@ -91,8 +91,33 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert not make(tmp_path)
     assert (folder / "mean.json").exists()
     unpublish()
+    work.rename(folder)  # and killed before its record was there
+    assert not make(tmp_path)
+    assert record(tmp_path).location == folder.name
+    assert not list(work.parent.glob("*/"))
+    unpublish()
     (work / "mean.json").write_text("[]")
     assert make(tmp_path), "it is not what was written"
+
+
+def test_hidden_files_are_kept_until_a_folder_is_finished_and_belong_to_none(tmp_path, monkeypatch):
+    class Learns(Average):
+        def make(self, job: DatasetJob) -> dict[str, Any]:
+            (job.folder / ".checkpoint").write_text("all that was learned")
+            return super().make(job)
+
+    def killed(folder: Path) -> None:
+        raise KeyboardInterrupt
+
+    run(request(tmp_path))
+    with monkeypatch.context() as during:
+        during.setattr("pipeline.engine.folder.hashes_of", killed)
+        with pytest.raises(KeyboardInterrupt):
+            make(tmp_path, Learns())
+    assert list(tmp_path.glob(".work/models/average/*/.checkpoint"))
+    assert make(tmp_path, Learns())
+    assert set(record(tmp_path).files) == {"mean.json"}
+    assert not list(tmp_path.rglob(".checkpoint"))
 
 
 def test_a_file_that_was_deleted_is_made_again(tmp_path):
@@ -129,6 +154,17 @@ def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_pa
     make(tmp_path)
     assert make(tmp_path, Average(reads=("models/average",)))
     assert [folder.stale for folder in read_account(tmp_path).folders] == [None, None]
+
+
+@pytest.mark.parametrize(("name", "maker"), [("shipped", "report --shipped"), ("theirs", "score")])
+def test_an_outdated_score_names_the_command_that_makes_it(tmp_path, name, maker):
+    run(request(tmp_path))
+    make(tmp_path)
+    outdated = record(tmp_path).model_copy(update={"inputs": {"noise": "0" * 64}, "stage": "evaluate-shipped"})
+    (tmp_path / "scores").mkdir()
+    (tmp_path / f"scores/{name}.json").write_bytes(serialise_with_checksum(outdated))
+    with pytest.raises(StoreError, match=f"made from other noise than the current ones; run `vt-pipeline {maker}` again"):
+        DataDirectory(tmp_path).check_origins([f"scores/{name}"])
 
 
 def test_a_changed_or_missing_file_is_found(tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from pipeline.engine import keys
 from pipeline.engine.keys import NO_RESULTS, source_key, sources_hash, syntax
 from stages.registry import STAGES, load_stage
 
@@ -93,6 +94,14 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
     assert "stages.render_vision.stage" not in found["pipeline/rng.py"]
     assert set(expected.pop("pipeline/rng.py")) <= set(found.pop("pipeline/rng.py"))
     assert found == expected
+
+
+def test_code_is_read_in_its_own_encoding(tmp_path: Path) -> None:
+    hashes = set()
+    for encoding in ("utf-8", "latin-1"):
+        (path := tmp_path / f"{encoding}.py").write_bytes(f"# -*- coding: {encoding} -*-\nMICRO = 'µ'\n".encode(encoding))
+        hashes.add(keys._parsed("package", path, 0))
+    assert len(hashes) == 1
 
 
 def test_code_is_hashed_alike_by_every_version_of_python() -> None:

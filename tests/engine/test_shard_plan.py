@@ -21,7 +21,7 @@ from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -112,6 +112,24 @@ def test_what_an_input_was_made_from_is_checked_too(tmp_path):
     plan_of(request(tmp_path, stage=Halve()))
 
 
+def test_a_shard_is_made_of_inputs_whose_other_shards_are_not_made_again_yet(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage, shards=2))
+    for shard in (0, 1):  # as `make` goes through them, each through all stages
+        for stage in (MakeNoise(), TakeMean()):
+            assert run(request(tmp_path, stage=stage, settings={"samples": 7}), shard)
+    assert not any(problems_below(tmp_path).values())
+
+
+def test_labels_that_an_input_changed_are_taken_over_and_nothing_is_computed(tmp_path):
+    for stage in (MakeNoise(), TakeMean(), MakeNoise(asset="finger")):
+        run(request(tmp_path, stage=stage))
+    assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["thumb"]
+    assert run(request(tmp_path, stage=TakeMean())) == 0
+    assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["finger"]
+    assert plan_of(request(tmp_path, stage=TakeMean())).up_to_date()
+
+
 def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
@@ -163,6 +181,15 @@ def test_failures_are_tried_again_when_asked(tmp_path):
     assert run(request(tmp_path, items=items)) == 0
     assert run(request(tmp_path, items=items, retry=True)) == 1
     assert published(tmp_path).failure("b") is None
+
+
+def test_a_dry_run_counts_failures_that_wait_and_are_tried_again(tmp_path):
+    items = objects(3, b="bad")
+    for name in "ab":
+        leave_row(request(tmp_path, items=items), name)
+    foreseen = [[one.missing for _, one in forecast(request(tmp_path, items=items, **asked))] for asked in ({}, {"retry": True})]
+    assert foreseen == [[1], [2]]
+    assert run(request(tmp_path, items=items, retry=True)) == 2
 
 
 def test_strict_refuses_what_failed_before(tmp_path):
@@ -238,6 +265,18 @@ def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
     assert run(request(tmp_path, items=objects(5, split="test"))) == 0
     assert published(tmp_path).row("c").split == "test"
     assert digest(tmp_path) != whole
+
+
+def test_artifacts_with_other_splits_do_not_belong_together(tmp_path):
+    for stage, split in ((MakeNoise(), "train"), (TakeMean(), "train"), (MakeNoise(), "test")):
+        run(request(tmp_path, stage=stage, items=objects(5, split=split)))
+    other = (
+        "mean/0000-of-0001.* has other splits than noise: a is train in mean and test there; run make-noise and take-mean again with one"
+    )
+    with pytest.raises(StoreError, match=other):
+        plan_of(request(tmp_path, stage=Compare()))
+    assert run(request(tmp_path, stage=TakeMean(), items=objects(5, split="test"))) == 0
+    assert run(request(tmp_path, stage=Compare(), items=objects(5, split="test"))) == 5
 
 
 def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):

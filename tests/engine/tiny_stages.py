@@ -32,7 +32,7 @@ from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
 from pipeline.store.row_files import Result
 from pipeline.store.rows import Row, conform
-from schemas.base import Array, Artifact
+from schemas.base import Array, Artifact, coordinates
 from tests import conftest
 
 CONSOLE = console_on(sys.stderr)
@@ -45,6 +45,7 @@ NOISE = Artifact(
         "values": Array(("object", "sample", "xyz"), "float32", "m", "Noise."),
         "label": Array(("object",), "string", "1", "A word."),
         "reach": Array(("sample", "xyz"), "float64", "m", "The scale of the noise."),
+        **coordinates("sensor"),
     },
     ragged={"lists/numbers": Array(("number",), "int32", "1", "As many as the id is long.")},
 )
@@ -52,7 +53,7 @@ MEAN = Artifact(
     name="mean",
     version=1,
     summary="Their means.",
-    arrays={"mean": Array(("object", "xyz"), "float64", "m", "The mean of `values`.")},
+    arrays={"mean": Array(("object", "xyz"), "float64", "m", "The mean of `values`."), **coordinates("sensor")},
 )
 
 
@@ -81,7 +82,7 @@ class MakeNoise(_TinyStage):
         return [Path(__file__ if self.asset else conftest.__file__)]
 
     def constants(self, settings: NoiseSettings) -> Row:
-        return {"reach": np.ones((settings.samples, 3))}
+        return {"reach": np.ones((settings.samples, 3)), "sensor": np.array([self.asset or "thumb"])}
 
     @contextmanager
     def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:

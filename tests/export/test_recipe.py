@@ -171,7 +171,7 @@ def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[P
     assert "16 rows compared, all equal" in said
 
 
-def test_recipe_is_small_and_its_own_content_again(published: Path) -> None:
+def test_recipe_is_small_and_its_own_content_again(published: Path, tmp_path: Path) -> None:
     text, recipe = published.read_text(), read_recipe(published)
     assert recipe.text() == text
     assert len(text) - sum(map(len, recipe.texts.values())) < 10_000
@@ -179,6 +179,8 @@ def test_recipe_is_small_and_its_own_content_again(published: Path) -> None:
     assert len(lines) == 4
     assert max(map(len, lines)) <= 200
     assert str(published.parent) not in text
+    (windows := tmp_path / "windows.recipe.yaml").write_bytes(text.replace("\n", "\r\n").encode())
+    assert read_recipe(windows).text() == text
 
 
 def test_whole_digests_are_written_on_request(published: Path, tmp_path: Path) -> None:

@@ -91,11 +91,13 @@ def test_a_figure_shows_the_nearest_middling_and_farthest_objects(most, shown):
 
 def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypatch):
     ship(monkeypatch, made)
-    copy = shutil.copytree(made, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "scores", "evaluation*", "vision"))
+    copy = shutil.copytree(made, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
+    assert (copy / "scores" / "shipped.json").exists()
     printed = vt("report", copy, "--shipped", "--no-pages")
     assert "the network that ships is left out: touch: fit-charts has not been run" in printed
     assert "unoccluded: render-vision has not made it" in printed
     assert "no network has been evaluated" in printed
+    assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
 
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):

@@ -17,6 +17,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.inference.predict import predict
+from pipeline.inference.score import files_digest
 from pipeline.reports.results import results_tables
 from pipeline.reports.training_seeds import scores
 from pipeline.store.directory import DataDirectory
@@ -130,6 +131,17 @@ def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
     shutil.copy(folder / f"{TESTED[1]}.ply", folder / f"{TESTED[2]}.ply")
     vt("score", folder, data, "--name", "again")
     assert scored(data, "again") != before
+
+
+def test_what_a_gltf_names_is_among_the_files(tmp_path):
+    (tmp_path / "a.gltf").write_text('{"buffers": [{"uri": "a.bin"}]}')
+    digests = set()
+    for content in (b"vertices", b"others"):
+        (tmp_path / "a.bin").write_bytes(content)
+        digests.add(files_digest(tmp_path))
+    assert len(digests) == 2
+    (tmp_path / "a.gltf").write_text("no glTF")
+    assert files_digest(tmp_path) not in digests
 
 
 def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):

@@ -61,7 +61,7 @@ def train_alone(data: Path) -> list[float]:
 
 
 def wait_for_checkpoint(data: Path, job: subprocess.Popen[str]) -> None:
-    while not list(data.glob(".work/models/gcn/none/*/checkpoint.safetensors")):
+    while not list(data.glob(".work/models/gcn/none/*/.checkpoint.safetensors")):
         assert job.poll() is None
         time.sleep(0.05)
 
