@@ -36,7 +36,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
     touch_reach: float = setting(
         0.01,
-        "m around what was felt in which a reconstruction goes by it, not by the network; 0 goes by the network alone",
+        "m around what was felt in which a reconstruction goes by it at most, where the network errs there; 0 goes by the network alone",
         ge=0,
         le=1,
     )
