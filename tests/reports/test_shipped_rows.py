@@ -80,7 +80,7 @@ def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypat
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
     assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
-    errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in ("a", "b")}
+    errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in evaluation.object_ids}
     assert evaluation.ranked(evaluation.configurations) == sorted(errors, key=errors.get)
 
 

@@ -223,7 +223,7 @@ def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) 
 def test_readings_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:
     model = load_touch_model(trained[0] / "models", "cpu")
     for bad in (np.zeros((2, 30, 20, 3), np.uint8), np.zeros((20, 20, 3), np.uint8), np.zeros((2, 20, 20, 3))):
-        for call in (model.depth, model.mask, model.clouds):
+        for call in (model.maps, model.clouds):
             with pytest.raises(ValueError, match=r"tactile images are .*sensor 'gel_16mm': uint8 \(N, 20, 20, 3\)"):
                 call(bad)
 
