@@ -77,9 +77,9 @@ def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: in
         figure = Figure(size, layout="constrained")
         yield figure
         save_figure(figure, path, metadata={"Date": None})
-    svg = path.read_text().replace(INK, "var(--ink)")
+    svg = path.read_text(encoding="utf-8").replace(INK, "var(--ink)")
     end_of_tag = svg.index(">", svg.index("<svg")) + 1
-    path.write_text(svg[:end_of_tag] + THEME + svg[end_of_tag:])
+    path.write_text(svg[:end_of_tag] + THEME + svg[end_of_tag:], encoding="utf-8")
 
 
 def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object], *, x: str, y: str) -> None:

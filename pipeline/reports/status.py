@@ -14,7 +14,7 @@ from rich.markup import escape
 from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
 from pipeline.console import Cell, Row, Table, abbreviate, pluralise, show_tables
 from pipeline.errors import StoreError
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import everything_unnamed
 from pipeline.store.row_files import RowFiles
 from pipeline.store.storage import File, Place, files_below, names_in, on_disk
@@ -140,7 +140,7 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
         stale = str(error)
     files = files_below(directory.folder_path(name))
     if gone := sorted(record.files.keys() - files.keys()):
-        raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {record.stage} again")
+        raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {made_by(name, record)} again")
     return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, stale)
 
 
