@@ -131,5 +131,5 @@ def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) ->
 def _show(axes: Axes, image: NDArray[np.uint8], title: str, below: str = "") -> None:
     axes.imshow(image)
     axes.set(xticks=[], yticks=[])
-    axes.set_title(title, fontsize=7)
+    axes.set_title(title, fontsize=7, loc="left")  # a long name reaches over the next column
     axes.set_xlabel(below, fontsize=7)
