@@ -45,7 +45,7 @@ def advise(
         fail("give either --within or --error")
     if data is not None and "://" in data:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
-    limit = None if error is None else parse_limit(error)  # read before anything, so that a slip in them is told first
+    limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first
     seconds = 0.0 if within is None else parse_duration(within)
     described, place = load_manifest(manifest), Path(data or default_place(manifest, None) / preset)
     trades = _current(Setup(place, described.name, (), described.seed, preset, tuple(assignments or ())))

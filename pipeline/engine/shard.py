@@ -113,7 +113,7 @@ def missing(plan: Plan[ShardOutput]) -> list[Unit]:
 
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
-    """Whether there is a result that waits, other than a failure that is tried again."""
+    """Check whether a result waits to be published, other than a failure that is tried again."""
     return result is not None and (unit.failure is not None or result.failure is None or not plan.tries_again(unit))
 
 

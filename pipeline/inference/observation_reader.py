@@ -144,8 +144,8 @@ class ObservationReader:
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
         given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
         generators = [torch_generator(self.seed, "predict", number) for number in range(len(given))]
-        aspect, options = sensor.height / sensor.width, self._chart_settings().fit_options(sensor.width)
-        fits = fit_charts(given, sensor.width, generators, aspect=aspect, options=options)
+        options = self._chart_settings().fit_options(sensor.width)
+        fits = fit_charts(given, sensor.width, generators, aspect=sensor.aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
 

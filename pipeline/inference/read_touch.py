@@ -102,9 +102,9 @@ class TouchReader:
         path = description_path("sensor", sensor)
         described = load_sensor(path)
         beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
-        named = None if model is None else named_location(model.with_name(f"{model.name}.json"))  # DATA/models/touch names a folder
-        chosen = model if model is None or named is None else model.with_name(named)
-        folder = chosen or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
+        if model is not None and (named := named_location(model.with_name(f"{model.name}.json"))):  # of DATA/models/touch
+            model = model.with_name(named)
+        folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
         if not (folder / DESCRIPTION).is_file():
             raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {WAY_OUT}")
         loaded = load_touch_model(folder, device)

@@ -80,9 +80,9 @@ def files_digest(folder: Path) -> str:
     """Compute the digest of a folder's reconstructions, and of the buffers that .gltf files name: OBJECT.bin."""
     files = [path for path in surface_files(folder) if path.is_file()]
     hashes = hashes_of(folder, [str(path.relative_to(folder)) for path in files])
-    for path in files:
+    for path in (path for path in files if path.suffix.lower() == ".gltf"):
         with suppress(InvalidInput, OSError):  # one that cannot be used is named when all are checked
-            for name, content in Companions(path).items() if path.suffix.lower() == ".gltf" else ():
+            for name, content in Companions(path).items():
                 hashes[f"{path.relative_to(folder)} {name}"] = hashlib.sha256(content).hexdigest()
     return digest.of_json(hashes)
 

@@ -18,7 +18,7 @@ QUERIES = 2**12
 MARGIN = 1.04
 """The meshed cube reaches as many radii from the centre: beyond any object that was scaled to 0.5 m."""
 HALVINGS = 3
-"""The network is asked at eight times the spacing, and at finer points where the surface may be."""
+"""The network predicts at eight times the spacing first, then at finer points where the surface may be."""
 
 
 class ImplicitReconstructor(Reconstructor):
@@ -39,7 +39,6 @@ class ImplicitReconstructor(Reconstructor):
 
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so."""
-
         errors = self.network.errors_at_touches(code)
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,7 +54,7 @@ class ImplicitReconstructor(Reconstructor):
         )
         if len(faces):
             return vertices, faces
-        coarse = 4 * spacing
+        coarse = 4 * spacing  # this surface is a guess, and needs no detail
         grid = np.stack(np.meshgrid(*(np.arange(low, high, coarse) for low, high in zip(*box, strict=True)), indexing="ij"), axis=-1)
         least = distances(grid.reshape(-1, 3)).min() + 1e-9
         return level_set_mesh(lambda points: distances(points) - least, *box, coarse, halvings=0)

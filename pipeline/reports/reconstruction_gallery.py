@@ -37,7 +37,7 @@ FILL = 0.8
 
 
 def nearest_middle_farthest(ranked: Sequence[str], most: int) -> list[str]:
-    """Choose at most that many of ranked objects, a third of them from the beginning, the middle and the end each."""
+    """Choose at most that many of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
     if len(ranked) <= most:
         return list(ranked)
     first, middle, last = (len(part) for part in np.array_split(np.arange(most), 3))

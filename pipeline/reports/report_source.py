@@ -190,8 +190,11 @@ class Evaluation:
 
     def ranked(self, names: Sequence[str]) -> list[str]:
         """Sort the objects by the mean distance of these networks' reconstructions from their first grasps, the nearest first."""
-        made = {one: [made for made in self.predictions(one) if made.network in names] for one in self.object_ids}
-        return sorted(made, key=lambda one: float(np.mean([prediction.figures["mean_distance"] for prediction in made[one]])))
+
+        def error(object_id: str) -> float:
+            return float(np.mean([made.figures["mean_distance"] for made in self.predictions(object_id) if made.network in names]))
+
+        return sorted(self.object_ids, key=error)
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""

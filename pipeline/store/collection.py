@@ -75,7 +75,7 @@ class Collection:
 
     @property
     def first(self) -> Shard:
-        """The first shard with a row, for one in which every object failed lacks sizes; attributes and constants are the same in all.
+        """Return the first shard in which an object came through: others lack sizes. Attributes and constants are the same in all.
 
         Raises
         ------

@@ -45,7 +45,7 @@ def files_of(folder: Place) -> list[str]:
 
 
 def is_hidden(name: str) -> bool:
-    """Whether a file, or a folder that it is in, is hidden: those of the system (`.DS_Store`, `.nfs…`), and checkpoints."""
+    """Check whether a file, or a folder that it is in, is hidden, as those of the system (`.DS_Store`, `.nfs…`) and checkpoints are."""
     return any(part.startswith(".") for part in name.split("/"))
 
 

@@ -272,7 +272,7 @@ class DataDirectory:
 
 
 def made_by(name: str, record: FolderRecord) -> str:
-    """Name what makes a folder: the stage that its record names, or the command, where it has a stage of its own."""
+    """Name what makes a folder: the stage that its record names, or for scores the command, whose stage nobody can run alone."""
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 

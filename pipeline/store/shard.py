@@ -48,7 +48,7 @@ class Shard:
 
     @property
     def has_rows(self) -> bool:
-        """Whether some object came through; where none did, arrays have size 0, or are left out."""
+        """Check whether an object came through; where none did, arrays have size 0, or are left out."""
         return any(row.failure is None for row in self.record.rows)
 
     @cached_property

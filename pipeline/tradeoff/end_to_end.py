@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import yaml
 from rich.console import Console
 
+from pipeline.config.objects import Object
 from pipeline.engine import keys
 from pipeline.engine.stage import DatasetStage
 from pipeline.formats.hand_file import load_hand
@@ -83,11 +84,14 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
     The trade, also written below the data directory. Times and sizes are those of all objects and trainings together.
     """
     setup = replace(setup, network=NETWORK)
-    setup = setup.with_objects(affordable(setup.objects, setup.seed, seconds, lambda sample: _foreseen(setup.with_objects(sample))))
-    console.print(
-        f"{len(_variants(setup))} datasets of {len(setup.objects)} objects: about {_foreseen(setup) / 60:.0f} min, less what is measured"
-    )
     variants = _variants(setup)
+
+    def foreseen(sample: Sequence[Object]) -> float:
+        return len(variants) * _seconds(setup.with_objects(sample))
+
+    setup = setup.with_objects(affordable(setup.objects, setup.seed, seconds, foreseen))
+    minutes = foreseen(setup.objects) / 60
+    console.print(f"{len(variants)} datasets of {len(setup.objects)} objects: about {minutes:.0f} min, less what is measured")
     folder, learned = setup.data / FOLDER / END_TO_END, sum(item.split == "train" for item in setup.objects)
     metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
     facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(variants)}
@@ -128,10 +132,10 @@ def _key(setup: Setup) -> str:
     return digest.of_json([parts, setup.seed, keys.sources_hash(__name__)])
 
 
-def _foreseen(setup: Setup) -> float:
-    """Foresee the seconds of all variants on one core."""
+def _seconds(setup: Setup) -> float:
+    """Foresee the seconds of a variant on one core."""
     often = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
-    return len(_variants(setup)) * sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+    return sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
 
 
 def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:

@@ -70,7 +70,7 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
     """Restore the state from the checkpoint in `folder`; return the best weights and the progress.
 
-    The module must have the type and device that it is trained with: the moments take those of their parameters. Without a
+    The module must have the type and device that it is trained with: the moments take those of its parameters. Without a
     checkpoint, or with one that a crash of the machine cut short, nothing changes: the training starts from the beginning.
     """
     try:

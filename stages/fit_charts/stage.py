@@ -73,9 +73,9 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
     poses, touched = inputs["grasps"]["sensor_pose"], inputs["grasps"]["touch_success"]
     clouds = _clouds(inputs, touched, sensor, model)
     generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
-    aspect, options = sensor.height / sensor.width, settings.fit_options(sensor.width)
-    fits = fit_charts(clouds, sensor.width, generators, aspect=aspect, options=options, device=settings.device)
-    charts = np.tile(chart_square(settings.side, aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
+    options = settings.fit_options(sensor.width)
+    fits = fit_charts(clouds, sensor.width, generators, aspect=sensor.aspect, options=options, device=settings.device)
+    charts = np.tile(chart_square(settings.side, sensor.aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
     charts[touched] = fits.vertices
     vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]
     row = {"vertices": np.stack(vertices).reshape(charts.shape).astype(np.float32)}

@@ -36,7 +36,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
     touch_reach: float = setting(
         0.01,
-        "m around what was felt in which a reconstruction goes by it at most, where the network errs there; 0 goes by the network alone",
+        "m, the farthest that a reconstruction follows what was felt, where the network errs there; 0 goes by the network alone",
         ge=0,
         le=1,
     )

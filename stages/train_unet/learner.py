@@ -132,4 +132,4 @@ class UnetLearner(Learner):
         sensor = self.train.sensor
         if self.settings.loss == "depth":
             return masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=self.gel)
-        return projected_chamfer_loss(predicted, depth, mask, width=sensor.width, gel=self.gel, aspect=sensor.height / sensor.width)
+        return projected_chamfer_loss(predicted, depth, mask, width=sensor.width, gel=self.gel, aspect=sensor.aspect)

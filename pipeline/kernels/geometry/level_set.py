@@ -19,8 +19,8 @@ MIN_VALUE_SHARE = 1e-3
 """Values around the surface are at least this share of the largest, so that no two vertices of the mesh coincide."""
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
 """Corners of a cell, in libigl's order."""
-CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
-"""Of each of these the places, in a grid's values, that all cells have there."""
+AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner) for corner in CELL_CORNERS]
+"""For each of these corners, the part of a grid's values that holds that corner of every cell."""
 
 
 def level_set_mesh(
@@ -83,7 +83,7 @@ def level_set_mesh(
         if dense_points is not None:
             _mark_cells_around(known, np.asarray(dense_points) - low, step, dense_radius)
         _evaluate(values, known, field, low, step)
-        while (beside := _corners(_crossed(values)) & ~known).any():
+        while (beside := _mark_corners(_crossed_cells(values)) & ~known).any():
             _evaluate(values, beside, field, low, step)
             known |= beside
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
@@ -113,24 +113,24 @@ def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
-def _crossed(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _crossed_cells(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mark the cells that the surface goes through."""
     inside = values < 0
-    corners = np.stack([inside[at] for at in CORNERS])
+    corners = np.stack([inside[at] for at in AT_CORNERS])
     return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
 
 
-def _corners(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _mark_corners(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Mark the corners of cells."""
     marked = np.zeros(np.add(cells.shape, 1), bool)
-    for at in CORNERS:
+    for at in AT_CORNERS:
         marked[at] |= cells
     return marked
 
 
 def _marching_cubes(values: NDArray[np.float64], low: Points, step: float) -> tuple[Points, NDArray[np.int64]]:
     """Run marching cubes on the cells that the surface goes through."""
-    cells = np.argwhere(_crossed(values))  # (N, 3)
+    cells = np.argwhere(_crossed_cells(values))  # (N, 3)
     if not len(cells):
         return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
     flat = np.ravel_multi_index(tuple(np.moveaxis(cells[:, None] + CELL_CORNERS, 2, 0)), values.shape)  # (N, 8)

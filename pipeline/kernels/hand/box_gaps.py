@@ -91,12 +91,17 @@ def conflicts(
 ) -> NDArray[np.bool_]:
     """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b.
 
-    World frames (O, C, 4, 4) of boxes; pairs of boxes, the first one of a finger `owner` with a lower number than the second one's.
+    World frames (O, C, 4, 4) of boxes; the pairs that may not touch; and the finger of each box, -1 for none.
     """
     options = len(world)
     conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)
-    for k, m in zip(first, second):  # noqa: B905 - as numba has it
+    for pair in range(len(first)):
+        k, m = first[pair], second[pair]
+        if owner[k] > owner[m]:
+            k, m = m, k
+        if owner[k] < 0 or owner[k] == owner[m]:
+            continue
         reach = radius[k] + radius[m] + gap
         found = conflicts[owner[k], owner[m]]
         for i in range(options):

@@ -132,13 +132,8 @@ def choose_postures(
 
 def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
     """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
-    first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    between = (np.minimum(owner[first], owner[second]) >= 0) & (owner[first] != owner[second])
-    first, second = first[between], second[between]
-    swapped = owner[first] > owner[second]
-    first, second = np.where(swapped, second, first), np.where(swapped, first, second)
-    return conflicts(world_boxes(boxes, frames), boxes.half, first, second, owner, len(hand.fingers), gap)
+    return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
 
 def rigid_bodies(hand: Hand) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import torch
@@ -94,7 +94,7 @@ class DeformationNetwork(nn.Module):
         touch = (touch_vertices.to(start) - start.new_tensor(self.config.centre)) / self.config.radius  # (T, S, 3)
         graph = chart_graph(self.charts, self.config.side, counts, like=start, touch_edges=self.config.touch_edges)
         mask = torch.where(touched, TOUCHED, NOT_TOUCHED).to(start)[:, None, None].expand(*touch.shape[:2], 1)  # (T, S, 1)
-        step: Callable[[Tensor], Tensor] = partial(
+        displacements = partial(
             self._displacements,
             touch=touch,
             mask=graph.join(torch.full_like(vision[..., :1], VISION), mask),
@@ -103,7 +103,7 @@ class DeformationNetwork(nn.Module):
             graph=graph,
         )
         for _ in range(self.config.passes):
-            vision = vision + self._tie_seams(step(vision))
+            vision = vision + self._tie_seams(displacements(vision))
         return self._to_world(vision)
 
     def _displacements(

@@ -29,11 +29,11 @@ INITIAL_OUTPUT_SCALE = 0.1
 FINGER_DEPTH = 0.015
 """m: depth of the finger behind a touched point, where the object cannot be."""
 
-BELOW = 0.004
-"""m below a touched surface at which it says little: the object may end there."""
+FOLLOWED_DEPTH = 0.004
+"""m below a touched point at which its tangent plane has a weight of 1/e: a thin object ends there."""
 
-SURE, DOUBTED = 0.001, 4.0
-"""The surface that was felt is followed for `SURE` m, and for `DOUBTED` times the network's error there."""
+LEAST_REACH, REACH_PER_ERROR = 0.001, 4.0
+"""m to which a touched point's tangent plane is followed where the network is right, and how much farther per metre of its error."""
 
 SMALLEST_REACH = 1e-6
 """m: below this reach no point is near a touch; squares of shares of it leave float32."""
@@ -54,7 +54,7 @@ class ImplicitConfig(NetworkInputs):
     spacing
         Of the grid that a reconstruction's mesh is made on, m.
     touch_reach
-        Around what was felt, a reconstruction goes by it: m at which its weight has fallen to 1/e at most. 0 goes by the network alone.
+        The farthest, m, that a reconstruction follows what was felt: the weight there is 1/e. 0 goes by the network alone.
     """
 
     encoder_layers: Literal[12, 15, 18, 25] = 12
@@ -248,11 +248,12 @@ class ImplicitNetwork(nn.Module):
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
 
     def errors_at_touches(self, code: Encoding) -> Tensor | None:
-        """Predict the distances of the points that were felt, (B, P) m, which are 0 in truth; None where nothing is to be followed."""
+        """Predict the distances, (B, P) m, of touched points, which are 0 in truth; 0 of other points, None where none is followed."""
         felt = code.touches
         if felt is None or self.config.touch_reach < SMALLEST_REACH or not bool(felt.touched.any()):
             return None
-        return self.decode(code, felt.points * self.config.radius + felt.points.new_tensor(self.config.centre))
+        predicted = self.decode(code, felt.points * self.config.radius + felt.points.new_tensor(self.config.centre))
+        return predicted * (felt.touched & felt.normals.any(dim=2))
 
     def decode_with_touches(self, code: Encoding, queries: Tensor, errors: Tensor | None) -> Tensor:
         """Predict distances as `decode`, but follow the touches near them: for reconstructions.
@@ -276,10 +277,10 @@ class ImplicitNetwork(nn.Module):
         (features, nearest), reach = felt, self.config.touch_reach
         error = errors.gather(1, nearest)
         squared = features[..., :3].square().sum(dim=-1) * radius**2
-        touched = features[..., 3:6].any(dim=-1)
-        predicted = predicted - error * torch.exp(-squared / (2 * reach) ** 2) * touched
-        own_reach = (DOUBTED * error.abs() + SURE).clamp(max=reach) / radius
-        heights, weights = heights_above_touches(features, own_reach, finger=FINGER_DEPTH / radius, below=min(BELOW, reach) / radius)
+        predicted = predicted - error * torch.exp(-squared / (2 * reach) ** 2)
+        own_reach = (REACH_PER_ERROR * error.abs() + LEAST_REACH).clamp(max=reach) / radius
+        below = min(FOLLOWED_DEPTH, reach) / radius
+        heights, weights = heights_above_touches(features, own_reach, finger=FINGER_DEPTH / radius, below=below)
         return torch.lerp(predicted, radius * heights, weights)
 
     def touched_points(self, code: Encoding) -> NDArray[np.float64]:

@@ -62,11 +62,11 @@ class TouchPoints:
 
         Returns
         -------
-        (B, N, `TOUCH_FEATURES`), zeros where there is no such point; and (B, N) int64, which point is the nearest touched one.
+        (B, N, `TOUCH_FEATURES`), zeros where there is no such point; and (B, N) int64, the number of the nearest touched point, any
+        number for an item without one.
         """
         if not self.points.shape[1]:
-            none = queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES)
-            return none, torch.zeros(none.shape[:2], dtype=torch.int64, device=none.device)
+            return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
         nearest = [side.find(queries) for side in self._sides]
         parts = [self._nearest_features(queries, *found) for found in zip(nearest, self._sides, strict=True)]
         return torch.cat(parts, dim=2), nearest[0]

@@ -140,6 +140,11 @@ class Sensor(BaseModel):
         return self.height / self.rows, self.width / self.cols
 
     @property
+    def aspect(self) -> float:
+        """Height over width."""
+        return self.height / self.width
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(rows, cols) of an image."""
         return self.rows, self.cols

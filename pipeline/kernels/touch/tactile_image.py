@@ -145,4 +145,4 @@ def _at_rest(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
 def _shade(z: NDArray[np.float64], rest: NDArray[np.float64], sensor: Sensor, image: NDArray[np.uint8]) -> None:
     lights = sensor.lights
     assert isinstance(lights, Lights)
-    shade(z, rest, sensor.height / sensor.width, sensor.diffuse, np.array([lights.red, lights.green, lights.blue]), image)
+    shade(z, rest, sensor.aspect, sensor.diffuse, np.array([lights.red, lights.green, lights.blue]), image)

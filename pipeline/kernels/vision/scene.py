@@ -107,7 +107,7 @@ class Scene(BaseModel):
         return self.cameras[0]
 
     def square_camera(self, resolution: int) -> Camera:
-        """Make a camera of square images where the first one is, for pictures whose view is chosen anew; it sees its lesser side."""
+        """Place a camera of square images where the first one is, to be turned and zoomed; its field of view is the shorter side's."""
         first = self.camera
         x, y = (resolution / min(first.shape) * length for length in first.focal)
         centre = (resolution / 2, resolution / 2)

@@ -10,11 +10,11 @@ import torch
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.implicit_network import (
-    BELOW,
-    DOUBTED,
     FINGER_DEPTH,
+    FOLLOWED_DEPTH,
     IMPLICIT_CONFIGURATIONS,
-    SURE,
+    LEAST_REACH,
+    REACH_PER_ERROR,
     ImplicitConfig,
     ImplicitNetwork,
 )
@@ -123,8 +123,8 @@ def test_touches_are_followed_as_far_as_the_network_errs_there(shift: tuple[floa
     code = network.encode(**seen | {"touch_vertices": flat[None], "touched": torch.tensor([True])})
     query, error = flat[4] + torch.tensor(shift, dtype=torch.float64), network.decode(code, flat[None, 4:5]).item()
     found = network.decode_with_touches(code, query[None, None], network.errors_at_touches(code)).item()
-    (x, y, height), reach = shift, min(SMALL.touch_reach, SURE + DOUBTED * abs(error))
-    away = max(height - FINGER_DEPTH, 0) / reach + min(height, 0) / BELOW
+    (x, y, height), reach = shift, min(SMALL.touch_reach, LEAST_REACH + REACH_PER_ERROR * abs(error))
+    away = max(height - FINGER_DEPTH, 0) / reach + min(height, 0) / FOLLOWED_DEPTH
     weight = np.exp(-(((x**2 + y**2) / reach**2 + away**2) ** 2))
     fading = np.exp(-(x**2 + y**2 + height**2) / (2 * SMALL.touch_reach) ** 2)
     alone = network.decode(code, query[None, None]).item() - error * fading
