@@ -25,7 +25,7 @@ from stages.train_gcn.settings import GcnSettings, SingleImageSettings
 
 
 class GcnLearner(ReconstructionLearner):
-    """Minimise the distance between the predicted surface and the object's (supplement 3.3), and the weighted length of the predicted edges."""
+    """Minimise the distance of the predicted surface to the object's (supplement 3.3), and the weighted length of the predicted edges."""
 
     target, arrays, seeded_as = SURFACES, ("points",), "train-gcn"
 
