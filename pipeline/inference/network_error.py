@@ -64,7 +64,12 @@ def _by_training(reader: ObservationReader, name: str) -> str:
     """Convert the validation loss of the best epoch to mm."""
     model = reader.model
     record = model_name(name, reader.training_seed).removeprefix("models/")
-    loss = DataDirectory(reader.models).folder(record).facts["best"]["loss"]
+    directory = DataDirectory(reader.models)
+    try:
+        loss = float(directory.folder(record).facts["best"]["loss"])
+    except (KeyError, TypeError, ValueError) as error:
+        path = directory.folder_record(record)
+        raise StoreError(f"{path}: it lacks the validation loss of a training; delete it and train the model again") from error
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
     if model.has_charts:

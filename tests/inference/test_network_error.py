@@ -11,9 +11,11 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.errors import StoreError
 from pipeline.inference.network_error import error_note
 from pipeline.inference.predict import model_reader
 from pipeline.models.shipped_weights import SHIPPED, read_card
+from pipeline.store.directory import DataDirectory
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 from tests.stages import ball_dataset as spheres
@@ -37,6 +39,15 @@ def test_a_network_that_was_not_evaluated_is_described_by_its_validation_loss(da
     assert f"none: {1e3 * math.sqrt(2.5 / 9000 / 2):.1f} mm" in said(data, "none")  # each way counts
     assert "implicit-any-touch: signed distances near validation objects are wrong by 75.0 mm" in said(data, "implicit-any-touch")
     assert "`evaluate` compares it" in said(data, "none")
+
+
+@pytest.mark.parametrize("facts", [{}, {"best": None}, {"best": {"loss": "small"}}])
+def test_a_record_without_a_validation_loss_is_an_error_in_words(data, monkeypatch, facts):
+    reader = model_reader(data / "models", "none")
+    record = DataDirectory(data / "models").folder("gcn/none").model_copy(update={"facts": facts})
+    monkeypatch.setattr(DataDirectory, "folder", lambda *_: record)
+    with pytest.raises(StoreError, match=r"none.json: it lacks the validation loss of a training; delete it and train the model again"):
+        error_note(reader)
 
 
 def test_predict_warns_of_a_network_that_is_worse_than_the_training_object_in_its_place(data, tmp_path):
