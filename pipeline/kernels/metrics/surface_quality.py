@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import Points, check_coordinates, face_cross_products
 from pipeline.kernels.geometry.signed_distance import is_inside
 
@@ -98,32 +99,60 @@ def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer]
     -------
     (F,) bool. Faces that only touch, or that overlap in one plane, may be found or not.
     """
-    corners = vertices[faces]  # (F, 3, 3)
+    corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
     centers = corners.mean(axis=1)
     radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
-    near = cKDTree(centers).query_pairs(2 * radii.max(), output_type="ndarray")
-    first, second = near.T
-    apart = np.linalg.norm(centers[first] - centers[second], axis=1) > radii[first] + radii[second]
+    pairs = cKDTree(centers).query_pairs(2 * radii.max(), output_type="ndarray")
     names = faces if position is None else position[faces]
-    neighbours = (names[first][:, :, None] == names[second][:, None]).any(axis=(1, 2))
-    first, second = near[~apart & ~neighbours].T
-    cross = _pierces(corners[first], corners[second]) | _pierces(corners[second], corners[first])
     crossing = np.zeros(len(faces), bool)
-    crossing[first[cross]] = crossing[second[cross]] = True
+    _mark_crossing(pairs, corners, centers, radii, names, crossing)
     return crossing
 
 
-def _pierces(triangles: Points, others: Points) -> NDArray[np.bool_]:
-    """Whether a side of each triangle, (N, 3, 3), goes through the inside of the other one."""
-    origin, side, across = others[:, None, 0], others[:, None, 1] - others[:, None, 0], others[:, None, 2] - others[:, None, 0]
-    start, way = triangles, np.roll(triangles, -1, axis=1) - triangles  # (N, 3, 3): the sides
-    normal = np.cross(side, across)
-    steepness = (way * normal).sum(axis=2)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a side in the plane pierces nothing
-        along = ((origin - start) * normal).sum(axis=2) / steepness
-        offset = np.cross(start - origin, way)
-        u, v = -(across * offset).sum(axis=2) / steepness, (side * offset).sum(axis=2) / steepness
-        return np.asarray(((along > 0) & (along < 1) & (u > 0) & (v > 0) & (u + v < 1)).any(axis=1))
+@compiled
+def _mark_crossing(
+    pairs: NDArray[np.int64],
+    corners: Points,
+    centers: Points,
+    radii: NDArray[np.float64],
+    names: NDArray[np.integer],
+    crossing: NDArray[np.bool_],
+) -> None:
+    for first, second in pairs:
+        if crossing[first] and crossing[second]:
+            continue
+        if ((centers[first] - centers[second]) ** 2).sum() > (radii[first] + radii[second]) ** 2:
+            continue
+        neighbours = False
+        for one in range(3):
+            for two in range(3):
+                neighbours |= names[first, one] == names[second, two]
+        if not neighbours and (_pierces(corners[first], corners[second]) or _pierces(corners[second], corners[first])):
+            crossing[first] = crossing[second] = True
+
+
+@compiled
+def _pierces(triangle: Points, other: Points) -> bool:
+    """Find whether a side of a triangle, (3, 3), goes through the inside of another one; one in its plane does not."""
+    for number in range(3):
+        start, end = triangle[number], triangle[(number + 1) % 3]
+        before, after = _volume(other[0], other[1], other[2], start), _volume(other[0], other[1], other[2], end)
+        if not (before < 0 < after or after < 0 < before):
+            continue
+        u, v, w = _volume(start, end, other[0], other[1]), _volume(start, end, other[1], other[2]), _volume(start, end, other[2], other[0])
+        if min(u, v, w) > 0 or max(u, v, w) < 0:  # the side turns the same way around all three of the other's
+            return True
+    return False
+
+
+@compiled
+def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
+    """Compute six times the volume of a tetrahedron; its sign says on which side of the plane abc the corner d is."""
+    p, q, r = a[0] - d[0], a[1] - d[1], a[2] - d[2]
+    s, t, u = b[0] - d[0], b[1] - d[1], b[2] - d[2]
+    x, y, z = c[0] - d[0], c[1] - d[1], c[2] - d[2]
+    volume: float = p * (t * z - u * y) + q * (u * x - s * z) + r * (s * y - t * x)
+    return volume
 
 
 def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, Faces], points: Points) -> float:
