@@ -38,7 +38,10 @@ class ImplicitReconstructor(Reconstructor):
         return found
 
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so."""
+        """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so.
+
+        Without an image, pieces beside the largest that nobody felt are guesses that exclude each other: they are left out.
+        """
         errors = self.network.errors_at_touches(code)
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -50,7 +53,13 @@ class ImplicitReconstructor(Reconstructor):
         centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
         box = centre - reach, centre + reach
         vertices, faces = level_set_mesh(
-            distances, *box, spacing, halvings=HALVINGS, dense_points=self.network.touched_points(code), dense_radius=config.touch_reach
+            distances,
+            *box,
+            spacing,
+            halvings=HALVINGS,
+            dense_points=self.network.touched_points(code),
+            dense_radius=config.touch_reach,
+            one_piece=not len(code.seen),
         )
         if len(faces):
             return vertices, faces

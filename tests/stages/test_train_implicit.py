@@ -112,6 +112,21 @@ def test_the_mesh_goes_through_what_was_felt_even_where_nothing_was_expected(dat
         assert apart.max() < 5e-4
 
 
+def test_without_an_image_pieces_that_nobody_felt_are_left_out(data, monkeypatch):
+    model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
+    middles = [spheres.CENTRE, spheres.CENTRE + [0.2, 0, 0]]
+    balls = [(middle, radius) for middle, radius in zip(middles, (0.08, 0.05), strict=True)]
+
+    def distances(code, queries, errors):
+        return torch.stack([torch.linalg.norm(queries - torch.tensor(middle), dim=2) - radius for middle, radius in balls]).amin(dim=0)
+
+    monkeypatch.setattr(model.network, "decode_with_touches", distances)
+    for touched, pieces in ((middles[0] + [0.08, 0, 0], 1), (middles[1] + [0.05, 0, 0], 2)):
+        felt = np.tile(touched, (1, 9, 1)).astype(np.float32)
+        (made,) = model.reconstruct([Observation(None, felt, np.array([True]))])
+        assert len(trimesh.Trimesh(made.vertices, made.faces, process=False).split()) == pieces
+
+
 def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import igl
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Points
@@ -33,6 +34,7 @@ def level_set_mesh(
     halvings: int = 3,
     dense_points: Points | None = None,
     dense_radius: float = 0.0,
+    one_piece: bool = False,
 ) -> tuple[Points, NDArray[np.int64]]:
     """Make the closed mesh that encloses where a field is negative, in a box.
 
@@ -52,6 +54,8 @@ def level_set_mesh(
         no slope.
     dense_points, dense_radius
         The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
+    one_piece
+        Leave out the negative regions apart from the largest that are not within this distance of these points either.
 
     Returns
     -------
@@ -86,6 +90,11 @@ def level_set_mesh(
         while (beside := _mark_corners(_crossed_cells(values)) & ~known).any():
             _evaluate(values, beside, field, low, step)
             known |= beside
+    if one_piece:
+        certain = np.zeros(values.shape, bool)
+        if dense_points is not None:
+            _mark_cells_around(certain, np.asarray(dense_points) - low, step, dense_radius)
+        _leave_out_pieces(values, certain)
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -101,6 +110,14 @@ def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, wi
     for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
         first, last = np.maximum(place - reach, 0), np.maximum(place + reach + 1, 0)
         where[tuple(map(slice, first, last))] = True
+
+
+def _leave_out_pieces(values: NDArray[np.float64], certain: NDArray[np.bool_]) -> None:
+    """Turn negative regions positive, but the largest and those with a certain point."""
+    region, _ = ndimage.label(values < 0)
+    size = np.bincount(region[region > 0], minlength=1)
+    left_out = (region > 0) & ~np.isin(region, [size.argmax(), *region[certain]])
+    values[left_out] *= -1
 
 
 def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -63,6 +63,26 @@ def test_a_field_that_is_steep_somewhere_is_computed_there():
     assert found.volume == pytest.approx(4 / 3 * np.pi * 0.008**3, rel=0.2)
 
 
+@pytest.mark.parametrize("halvings", [0, 3])
+def test_pieces_beside_the_largest_are_left_out_unless_a_point_is_near_them(halvings):
+    small = np.array([1.0, 0, 0.16])
+
+    def field(points):  # a ball with a hollow, and a small one beside it
+        shell = np.maximum(ball(points), 0.06 - np.linalg.norm(points - [1.0, 0, 0], axis=1))
+        return np.minimum(shell, np.linalg.norm(points - small, axis=1) - 0.02)
+
+    box, options = ([0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.005), {"halvings": halvings}
+    felt = small + [0.02, 0, 0]
+    pieces = [
+        len(mesh_of(field, *box, **options, **chosen).split(only_watertight=False))
+        for chosen in ({}, {"one_piece": True}, {"one_piece": True, "dense_points": felt[None], "dense_radius": 0.01})
+    ]
+    assert pieces == [3, 2, 3]  # the hollow's wall is a surface too
+    alone = mesh_of(field, *box, **options, one_piece=True)
+    assert alone.is_watertight
+    assert alone.volume == pytest.approx(BALL * (1 - 0.6**3), rel=0.01)
+
+
 def test_any_field_gives_a_closed_mesh_that_stays_closed_in_float32():
     rng = np.random.default_rng(0)
     noise = rng.normal(size=(12, 12, 12)).round(1)  # a tenth of the differences, and many values, are 0
