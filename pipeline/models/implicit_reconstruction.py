@@ -18,7 +18,7 @@ QUERIES = 2**12
 MARGIN = 1.04
 """The meshed cube reaches as many radii from the centre: beyond any object that was scaled to 0.5 m."""
 HALVINGS = 3
-"""The network predicts at eight times the spacing first, then at finer points where the surface may be."""
+"""Times that the spacing of the first predictions is halved, where the surface may be."""
 
 
 class ImplicitReconstructor(Reconstructor):
@@ -40,7 +40,7 @@ class ImplicitReconstructor(Reconstructor):
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so.
 
-        Without an image, pieces beside the largest that nobody felt are guesses that exclude each other: they are left out.
+        Without an image, only the largest piece and those that were felt are kept: the others are guesses that exclude each other.
         """
         errors = self.network.errors_at_touches(code)
 
@@ -59,7 +59,7 @@ class ImplicitReconstructor(Reconstructor):
             halvings=HALVINGS,
             dense_points=self.network.touched_points(code),
             dense_radius=config.touch_reach,
-            one_piece=not len(code.seen),
+            loose_pieces=len(code.seen) > 0,
         )
         if len(faces):
             return vertices, faces

@@ -34,7 +34,7 @@ def level_set_mesh(
     halvings: int = 3,
     dense_points: Points | None = None,
     dense_radius: float = 0.0,
-    one_piece: bool = False,
+    loose_pieces: bool = True,
 ) -> tuple[Points, NDArray[np.int64]]:
     """Make the closed mesh that encloses where a field is negative, in a box.
 
@@ -54,8 +54,8 @@ def level_set_mesh(
         no slope.
     dense_points, dense_radius
         The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
-    one_piece
-        Leave out the negative regions apart from the largest that are not within this distance of these points either.
+    loose_pieces
+        Keep also the negative regions that are neither the largest nor within `dense_radius` of one of `dense_points`.
 
     Returns
     -------
@@ -90,11 +90,11 @@ def level_set_mesh(
         while (beside := _mark_corners(_crossed_cells(values)) & ~known).any():
             _evaluate(values, beside, field, low, step)
             known |= beside
-    if one_piece:
-        certain = np.zeros(values.shape, bool)
+    if not loose_pieces:
+        held = np.zeros(values.shape, bool)
         if dense_points is not None:
-            _mark_cells_around(certain, np.asarray(dense_points) - low, step, dense_radius)
-        _leave_out_pieces(values, certain)
+            _mark_cells_around(held, np.asarray(dense_points) - low, step, dense_radius)
+        _leave_out_loose_pieces(values, held)
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -112,12 +112,14 @@ def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, wi
         where[tuple(map(slice, first, last))] = True
 
 
-def _leave_out_pieces(values: NDArray[np.float64], certain: NDArray[np.bool_]) -> None:
-    """Turn negative regions positive, but the largest and those with a certain point."""
-    region, _ = ndimage.label(values < 0)
-    size = np.bincount(region[region > 0], minlength=1)
-    left_out = (region > 0) & ~np.isin(region, [size.argmax(), *region[certain]])
-    values[left_out] *= -1
+def _leave_out_loose_pieces(values: NDArray[np.float64], held: NDArray[np.bool_]) -> None:
+    """Turn the negative regions positive, but the largest and those with a point that is held."""
+    region, count = ndimage.label(values < 0)  # 0 where values are positive
+    size = np.bincount(region.ravel())
+    size[0] = 0
+    kept = np.bincount(region[held], minlength=count + 1) > 0
+    kept[0] = kept[size.argmax()] = True
+    values[~kept[region]] *= -1
 
 
 def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:

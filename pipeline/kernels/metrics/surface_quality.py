@@ -118,6 +118,7 @@ def _mark_crossing(
     names: NDArray[np.integer],
     crossing: NDArray[np.bool_],
 ) -> None:
+    """Mark the triangles (F, 3, 3) of pairs that cross and share no name; `centers` and `radii` are of balls around them."""
     for first, second in pairs:
         if crossing[first] and crossing[second]:
             continue
@@ -140,7 +141,7 @@ def _pierces(triangle: Points, other: Points) -> bool:
         if not (before < 0 < after or after < 0 < before):
             continue
         u, v, w = _volume(start, end, other[0], other[1]), _volume(start, end, other[1], other[2]), _volume(start, end, other[2], other[0])
-        if min(u, v, w) > 0 or max(u, v, w) < 0:  # the side turns the same way around all three of the other's
+        if min(u, v, w) > 0 or max(u, v, w) < 0:  # it passes all three sides of the other on the same hand
             return True
     return False
 

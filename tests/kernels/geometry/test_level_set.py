@@ -75,10 +75,10 @@ def test_pieces_beside_the_largest_are_left_out_unless_a_point_is_near_them(halv
     felt = small + [0.02, 0, 0]
     pieces = [
         len(mesh_of(field, *box, **options, **chosen).split(only_watertight=False))
-        for chosen in ({}, {"one_piece": True}, {"one_piece": True, "dense_points": felt[None], "dense_radius": 0.01})
+        for chosen in ({}, {"loose_pieces": False}, {"loose_pieces": False, "dense_points": felt[None], "dense_radius": 0.01})
     ]
     assert pieces == [3, 2, 3]  # the hollow's wall is a surface too
-    alone = mesh_of(field, *box, **options, one_piece=True)
+    alone = mesh_of(field, *box, **options, loose_pieces=False)
     assert alone.is_watertight
     assert alone.volume == pytest.approx(BALL * (1 - 0.6**3), rel=0.01)
 
