@@ -20,6 +20,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import place
 from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
@@ -36,7 +37,7 @@ def ship(data: Path) -> ModelCard:
     """Copy the network and the U-Net of a data directory, measure them there as `report --shipped` does, and write the card."""
     directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
     sources = commit()  # before files change
-    directory.check_origins([model_name(network)])
+    check_origins(directory, [model_name(network)])
     for old in models.glob("*"):
         if old.name != SENSORS:  # which has a command of its own
             shutil.rmtree(old) if old.is_dir() else old.unlink()

@@ -30,6 +30,7 @@ from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
 from pipeline.tradeoff import sweep as sweeps
 from pipeline.training.process_group import process_group
@@ -216,13 +217,13 @@ def report(
             print_line(f"the network that ships is left out: {reason}")
     evaluated, scored = evaluations(directory), scores(directory)
     if exists(directory.folder_record(SINGLE)):
-        directory.check_origins([SINGLE])
+        check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
         if not (evaluated or scored):
             return
     if evaluated or scored:
-        directory.check_origins([*evaluated, *scored])
+        check_origins(directory, [*evaluated, *scored])
         show_tables(console, results_tables(directory, evaluated, scored))
     if pages:
         print_line(f"report: {write_report(directory.root, console, most)}")

@@ -16,6 +16,7 @@ from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
 from schemas.base import CHOSEN, Artifact
@@ -78,7 +79,7 @@ class ObjectRows:
         self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
         for collection in self._collections.values():
             self._refuse_unmade(collection)
-        directory.check_origins(self._collections)
+        check_origins(directory, self._collections)
         self._cache = _Cache(int(cache_megabytes * 1e6))
         first = next(iter(self._collections.values()))
         members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]

@@ -19,6 +19,7 @@ from pipeline.store import digest
 from pipeline.store.digest import hashes_of, is_hidden
 from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.local_copy import local_copy
+from pipeline.store.origins import check_origins
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
 from pipeline.store.storage import files_below, names_in, remove
@@ -45,7 +46,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     for collection in plan.inputs:
         for object_id in objects:
             collection.shard(object_id)  # an error where it has not been made yet
-    directory.check_origins(names_read(stage, plan.settings))
+    check_origins(directory, names_read(stage, plan.settings))
     inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
     plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
     plan.units = [Unit(name, plan.key, inputs, request.seed)]

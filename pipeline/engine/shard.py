@@ -22,6 +22,7 @@ from pipeline.errors import BugFound, InvalidInput, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.reshard import shard_key, shard_of
@@ -48,7 +49,7 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
         there = {request.only, *(output.shard.position if output.shard else ())}
         plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
         items = [item for item in items if item.object_id in there]
-    directory.check_origins(names_read(stage, plan.settings), {item.object_id for item in items})
+    check_origins(directory, names_read(stage, plan.settings), {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
         roots = {collection.artifact.name: collection.shard(items[0].object_id).attributes for collection in plan.inputs}

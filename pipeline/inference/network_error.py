@@ -13,6 +13,7 @@ from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.models.families import ROWS, model_name
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists
 from stages.evaluate.baselines import LABELS, LOOKED_UP, retrieved_by
 from stages.evaluate.evaluation_files import evaluation_name, read_figures
@@ -45,7 +46,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
     if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
         return None
     try:
-        directory.check_origins([evaluated])
+        check_origins(directory, [evaluated])
         figures = read_figures(directory.whole_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why

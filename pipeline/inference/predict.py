@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError, meant
+from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
 from pipeline.inference.observation_checks import faults
@@ -21,12 +22,13 @@ from pipeline.inference.observation_placement import describe_object, place_obse
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import WAYS
-from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
+from pipeline.kernels.vision.vertex_colors import foreground
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import Place, names_in
 from pipeline.training.device import device_of
 
@@ -63,26 +65,6 @@ class Prediction:
     def __repr__(self) -> str:
         made = self.closed or self.reconstruction
         return f"Prediction({len(made.vertices)} vertices, {len(made.faces)} faces, {pluralise(int(self.touched.sum()), 'touch')})"
-
-
-@dataclass(frozen=True)
-class ClosedMesh:
-    """Hold the closed mesh of a reconstruction.
-
-    Attributes
-    ----------
-    vertices, faces
-        (V, 3) float64, in the frame and unit of the reconstruction, and (F, 3) int64, normals outwards.
-    colors
-        (V, 3) uint8, from the image.
-    seen
-        (V,) bool: whether the image shows the vertex; the others have no colour.
-    """
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    colors: NDArray[np.uint8]
-    seen: NDArray[np.bool_]
 
 
 def predict(
@@ -151,7 +133,7 @@ def predict(
                 raise StageError(f"data directory {data} needs an object; name one of its objects")
             chosen = _views(configuration, view, grasps) if reader.model.image == "rendering" else _grasps(configuration, view, grasps)
             if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-                DataDirectory(data).check_origins([model_name(configuration, training_seed)])
+                check_origins(DataDirectory(data), [model_name(configuration, training_seed)])
             made = _of_object(reader, data, object_id, chosen, surface, resolution)
         meter.advance("the surface is made")
         made = replace(made, files=_write(out, made, surface))
@@ -222,7 +204,7 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
             wanted = (" or " if model.image == "any" else " and ").join(takes)
             raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
         made = model.reconstruct([nothing := Observation(None)])[0]
-        closed = _uncoloured(*close_reconstruction(made, resolution)) if surface == "closed" else None
+        closed = ClosedMesh.grey(*close_reconstruction(made, resolution)) if surface == "closed" else None
         return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
     if isinstance(given, RobotObservation):
         observed = given
@@ -245,10 +227,10 @@ def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, 
     if surface != "closed":
         return whole
     vertices, faces = close_reconstruction(made, resolution, seen)
-    mesh = _uncoloured(placed.returned(vertices), faces)
+    mesh = ClosedMesh.grey(placed.returned(vertices), faces)
     if observed.camera is not None and observed.projection is not None:
         matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
-        mesh = _coloured(mesh, observed.camera.image, matrix, observed.camera.shown)
+        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.shown)
     return replace(whole, closed=mesh)
 
 
@@ -264,22 +246,12 @@ def _of_object(
     whole = Prediction(made, seen.touched, remarks=[error_note(reader)])
     if surface != "closed":
         return whole
-    mesh = _uncoloured(*close_reconstruction(made, resolution, seen))
+    mesh = ClosedMesh.grey(*close_reconstruction(made, resolution, seen))
     matrix = model.camera if seen.camera is None else seen.camera
     if seen.image is not None and matrix is not None:
         mask = object_mask(data, object_id, model.image, chosen)
-        mesh = _coloured(mesh, seen.image, matrix, foreground(seen.image) if mask is None else mask)
+        mesh = mesh.coloured(seen.image, matrix, foreground(seen.image) if mask is None else mask)
     return replace(whole, closed=mesh)
-
-
-def _uncoloured(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
-    return ClosedMesh(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
-
-
-def _coloured(mesh: ClosedMesh, image: NDArray[np.uint8], matrix: NDArray[np.float64], shown: NDArray[np.bool_]) -> ClosedMesh:
-    """Colour a closed mesh by an image, where that shows the object."""
-    colors, seen = seen_colors(mesh.vertices, mesh.faces, image, matrix, shown)
-    return replace(mesh, colors=colors, seen=seen)
 
 
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:

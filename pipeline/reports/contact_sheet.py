@@ -30,6 +30,7 @@ from pipeline.store.atomic import written_to
 from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, changed_files
+from pipeline.store.origins import check_origins
 from pipeline.store.record import Sha256
 from pipeline.store.storage import Place, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
@@ -82,7 +83,7 @@ def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
     collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
     for collection in collections.values():
         collection.first  # noqa: B018 (an error where it has not been made)
-    directory.check_origins(SHOWN)
+    check_origins(directory, SHOWN)
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")

@@ -19,6 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.training_seeds import evaluations, scores
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from schemas.vision import VISION
@@ -70,7 +71,7 @@ class ReportSource:
         for collection in self.collections.values():
             collection.first  # noqa: B018 (an error where it has not been made)
         self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
-        self.directory.check_origins([*self.collections, *self.evaluated, *self.scored])
+        check_origins(self.directory, [*self.collections, *self.evaluated, *self.scored])
         names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
         failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}

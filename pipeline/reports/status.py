@@ -16,6 +16,7 @@ from pipeline.console import Cell, Row, Table, abbreviate, pluralise, show_table
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import everything_unnamed
+from pipeline.store.origins import check_origins
 from pipeline.store.row_files import RowFiles
 from pipeline.store.storage import File, Place, files_below, names_in, on_disk
 from schemas.catalogue import ARTIFACTS
@@ -135,7 +136,7 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
 def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     record, stale = directory.folder(name), None
     try:
-        directory.check_origins([name])
+        check_origins(directory, [name])
     except StoreError as error:
         stale = str(error)
     files = files_below(directory.folder_path(name))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import re
 import shlex
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -205,70 +205,6 @@ class DataDirectory:
     def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
         """Return the path of the lock that a run holds while it makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
-
-    def check_origins(self, names: Iterable[str], objects: Container[str] | None = None) -> None:
-        """Check that artifacts and folders, and all that they were made from, were made from the current inputs.
-
-        Parameters
-        ----------
-        names
-            Of artifacts and folders.
-        objects
-            Check the rows of these objects alone; by default, of all.
-
-        Raises
-        ------
-        StoreError
-            One was made from something else, or has other splits; the message names both, and what to run again.
-        """
-        checked: set[str] = set()
-        waiting = list(names)
-        while waiting:
-            name = waiting.pop()
-            if name not in checked:
-                checked.add(name)
-                waiting += self._check_artifact(name, objects) if name in ARTIFACTS else self._check_folder(name)
-
-    def _check_artifact(self, name: str, objects: Container[str] | None) -> list[str]:
-        """Check an artifact; returns the names of what it was made from."""
-        collection = self.collection(ARTIFACTS[name])
-        used: set[str] = set()
-        for shard in collection.shards:
-            again = f"run {shard.record.stage} again"
-            used |= shard.record.models.keys()
-            for model, made_with in shard.record.models.items():
-                if self.folder(model).digest() != made_with:
-                    raise StoreError(f"{shard.path} was made with another {model} than the current one; {again}")
-            for row in shard.record.rows:
-                if objects is not None and row.object_id not in objects:
-                    continue
-                used |= row.inputs.keys() & ARTIFACTS.keys()
-                for origin in row.inputs.keys() & ARTIFACTS.keys():
-                    current = self.collection(ARTIFACTS[origin])
-                    if current.shards and (row.object_id not in current or current.row(row.object_id).digest != row.inputs[origin]):
-                        raise StoreError(
-                            f"{shard.path}: {name} of {row.object_id} was made from other {origin} than the current ones; {again}"
-                        )
-                    if current.shards and (split := current.row(row.object_id).split) != row.split:
-                        maker = current.shard(row.object_id).record.stage
-                        raise StoreError(
-                            f"{shard.path} has other splits than {origin}: {row.object_id} is {row.split} in {name} and {split} there; "
-                            f"run {maker} and {shard.record.stage} again with one manifest, which computes nothing"
-                        )
-        return sorted(used)
-
-    def _check_folder(self, name: str) -> list[str]:
-        record, path = self.folder(name), self.folder_record(name)
-        again = f"run {made_by(name, record)} again with the settings in {path}, or delete that file if this folder is no longer needed"
-        if unknown := sorted(record.inputs.keys() - ARTIFACTS.keys()):
-            raise StoreError(f"{path}: there is no artifact {unknown[0]}; delete the record and run {made_by(name, record)} again")
-        for artifact, made_from in record.inputs.items():
-            if self.collection(ARTIFACTS[artifact]).rows_digest(record.splits) != made_from:
-                raise StoreError(f"{self.root / name} was made from other {artifact} than the current ones; {again}")
-        for model, made_with in record.models.items():
-            if self.folder(model).digest() != made_with:
-                raise StoreError(f"{self.root / name} was made from another {model} than the current one; {again}")
-        return [*record.inputs, *record.models]
 
 
 def made_by(name: str, record: FolderRecord) -> str:

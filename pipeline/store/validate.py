@@ -14,6 +14,7 @@ from pipeline.store import digest
 from pipeline.store.digest import files_of
 from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, made_by, unversioned
 from pipeline.store.garbage import everything_unnamed
+from pipeline.store.origins import check_origins
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
 from pipeline.store.spec import schema_violations
@@ -144,7 +145,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     for origin in {origin for shard in collection.shards for row in shard.record.rows for origin in row.inputs}:
         if missing := [object_id for object_id in directory.collection(ARTIFACTS[origin]) if object_id not in collection]:
             yield f"{len(missing)} objects of {origin} are missing, {missing[0]} first; run {collection.first.record.stage}"
-    directory.check_origins([name])
+    check_origins(directory, [name])
 
 
 def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
@@ -165,4 +166,4 @@ def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     record = directory.folder(name)
     others = set(files_of(directory.folder_path(name))) - record.files.keys()
     yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(others))
-    directory.check_origins([name])
+    check_origins(directory, [name])

@@ -12,6 +12,7 @@ from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.record import FolderRecord, serialise_with_checksum
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import CONSOLE, Average, objects, plan_of, request, run
@@ -147,7 +148,7 @@ def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_pa
     assert not make(tmp_path, Average(reads=("models/average",)))
     run(request(tmp_path, seed=1))
     with pytest.raises(StoreError, match=r"made from other noise than the current ones; run average again"):
-        DataDirectory(tmp_path).check_origins(["models/average"])
+        check_origins(DataDirectory(tmp_path), ["models/average"])
     with pytest.raises(StoreError, match="run average again"):
         make(tmp_path, Average(reads=("models/average",)))
     assert all("run average again" in str(folder.stale) for folder in read_account(tmp_path).folders)
@@ -164,7 +165,7 @@ def test_an_outdated_score_names_the_command_that_makes_it(tmp_path, name, maker
     (tmp_path / "scores").mkdir()
     (tmp_path / f"scores/{name}.json").write_bytes(serialise_with_checksum(outdated))
     with pytest.raises(StoreError, match=f"made from other noise than the current ones; run `vt-pipeline {maker}` again"):
-        DataDirectory(tmp_path).check_origins([f"scores/{name}"])
+        check_origins(DataDirectory(tmp_path), [f"scores/{name}"])
 
 
 def test_a_changed_or_missing_file_is_found(tmp_path):
@@ -195,4 +196,4 @@ def test_a_record_that_names_an_artifact_nobody_knows_is_refused(tmp_path):
     foreign = record(tmp_path).model_copy(update={"inputs": {"passwords": "0" * 64}})
     (tmp_path / RECORD).write_bytes(serialise_with_checksum(foreign))
     with pytest.raises(StoreError, match="there is no artifact passwords; delete the record and run average again"):
-        DataDirectory(tmp_path).check_origins(["models/average"])
+        check_origins(DataDirectory(tmp_path), ["models/average"])

@@ -20,6 +20,7 @@ from pipeline.rng import numpy_rng
 from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
+from pipeline.store.origins import check_origins
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
 
@@ -102,12 +103,12 @@ def test_what_an_input_was_made_from_is_checked_too(tmp_path):
     run(request(tmp_path))
     run(request(tmp_path, stage=TakeMean()))
     assert run(request(tmp_path, stage=Halve())) == 5
-    DataDirectory(tmp_path).check_origins(["mean"])
+    check_origins(DataDirectory(tmp_path), ["mean"])
     run(request(tmp_path, settings={"samples": 7}))
     with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
         plan_of(request(tmp_path, stage=Halve()))
     with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
-        DataDirectory(tmp_path).check_origins(["mean"])
+        check_origins(DataDirectory(tmp_path), ["mean"])
     shutil.rmtree(tmp_path / "noise")  # deleted to save room: then there is nothing to compare with
     plan_of(request(tmp_path, stage=Halve()))
 
