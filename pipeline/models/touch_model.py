@@ -211,7 +211,7 @@ class LocalTouchModel(TouchModel):
         parts = []
         with torch.inference_mode():
             rest = self._seen(self.untouched if untouched is None else untouched, parameter)
-            for first in range(0, len(images), IMAGES_AT_ONCE):
+            for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # none is a batch too
                 change = without_drift(self._seen(images[first : first + IMAGES_AT_ONCE], parameter) - rest)
                 shape = self.network(change, position, pitch)
                 maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)

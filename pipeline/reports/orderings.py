@@ -16,7 +16,7 @@ from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import PAPER
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, difference_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.models.families import FAMILIES, ROWS
+from pipeline.models.families import FAMILIES, ROWS, network_of
 from pipeline.reports.training_seeds import Values, chamfer_of, read_values
 from pipeline.rng import numpy_rng
 from stages.evaluate.evaluation_files import Figures, read_root
@@ -64,12 +64,13 @@ class Verdict:
 
 
 class Claim(NamedTuple):
-    """Claim that the first of two sets of values, (training, object) m², has the smaller mean."""
+    """Claim that the first of two sets of values, (training, object) m², has the smaller mean; both may be of the same trainings."""
 
     text: str
     smaller: NDArray[np.float64]
     larger: NDArray[np.float64]
     supplement: tuple[float, float] | None
+    same_trainings: bool
 
 
 def orderings(folders: Sequence[Path]) -> list[Verdict]:
@@ -90,7 +91,7 @@ def orderings(folders: Sequence[Path]) -> list[Verdict]:
 
 def _verdict(claim: Claim, rng: np.random.Generator) -> Verdict:
     smaller, larger = TABLE_3_FACTOR * claim.smaller, TABLE_3_FACTOR * claim.larger
-    difference = difference_interval(smaller, larger, rng)
+    difference = difference_interval(smaller, larger, rng, same_trainings=claim.same_trainings)
     return Verdict(claim.text, float(smaller.mean()), float(larger.mean()), difference, claim.supplement)
 
 
@@ -100,10 +101,11 @@ def _modalities(values: Values) -> Iterator[Claim]:
         pair for image in ("occluded", "unoccluded") for pair in ((f"{image}-touch", image), (image, "touch"), (f"{image}-touch", "touch"))
     ]
     pairs += [("touch", "none"), ("occluded", "none"), ("unoccluded", "none")]
-    for smaller, larger in ((prefix + nearer, prefix + further) for prefix in PREFIXES for nearer, further in pairs):
+    for smaller, larger in ((prefix + first, prefix + second) for prefix in PREFIXES for first, second in pairs):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
-            yield Claim(f"{smaller} < {larger}", chamfer_of(values[smaller], 1), chamfer_of(values[larger], 1), figures)
+            nearer, further = (chamfer_of(values[name], 1) for name in (smaller, larger))
+            yield Claim(f"{smaller} < {larger}", nearer, further, figures, network_of(smaller) == network_of(larger))
 
 
 def _grasps(values: Values) -> Iterator[Claim]:
@@ -114,7 +116,7 @@ def _grasps(values: Values) -> Iterator[Claim]:
         for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
             nearer, further = (chamfer_of(values[name], count) for count in (more, fewer))
-            yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures)
+            yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures, True)
 
 
 def _rings(values: Values) -> Iterator[Claim]:
@@ -128,7 +130,7 @@ def _rings(values: Values) -> Iterator[Claim]:
                 both = (sites > 0) & (other_sites > 0)
                 text = f"{first}: ring ×{ring + 1} < ring ×{other + 1}" if first == second else f"ring ×1: {first} < {second}"
                 figures = _printed(TABLE_2, (first, ring), (second, other), TABLE_3_FACTOR)
-                yield Claim(text, smaller[:, both], larger[:, both], figures)
+                yield Claim(text, smaller[:, both], larger[:, both], figures, network_of(first) == network_of(second))
 
 
 def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

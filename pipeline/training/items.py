@@ -30,7 +30,7 @@ class Items:
     config
         Gives the image and whether the network takes touch.
     each
-        Items per object, each beginning with another grasp.
+        Items per object: each begins with another grasp, or where there are fewer than grasps with one that is drawn.
     learned
         Arrays that the loss needs.
     cache_megabytes

@@ -42,15 +42,11 @@ ALIKE = 4.0
 
 @dataclass(frozen=True)
 class Batch:
-    """Hold items for a training step: inputs, targets, and the generators that draw the points of the loss.
-
-    `generators` has one per item; `validates` is whether they are validation items.
-    """
+    """Hold items for a training step: inputs, targets, and the generators, one per item, that draw the points of the loss."""
 
     observations: Sequence[Observation]
     targets: Any
     generators: Sequence[torch.Generator]
-    validates: bool
 
 
 class ReconstructionLearner(Learner):
@@ -115,7 +111,7 @@ class ReconstructionLearner(Learner):
         dropped, counts = self.settings.dropped_inputs, (self._fewest, self._most)
         drawn = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
         seen = [vary_observation(observation, self.settings, rng) for observation, rng in zip(drawn, generators, strict=True)]
-        return Batch(seen, self.targets(self._train, items, generators, validates=False), generators, validates=False)
+        return Batch(seen, self.targets(self._train, items, generators, validates=False), generators)
 
     def validate(self, network: Any) -> dict[str, float]:
         """Compute the mean error with 1, 2, … grasps in turn; draws are the same in each epoch."""
@@ -126,7 +122,7 @@ class ReconstructionLearner(Learner):
             seen = [self._valid.view_in_turn(item, self._fewest, self._most) for item in chosen]
             generators = [generator] * len(chosen)
             targets = self.targets(self._valid, chosen, generators, validates=True)
-            errors.append(self.errors(network, Batch(seen, targets, generators, True)))
+            errors.append(self.errors(network, Batch(seen, targets, generators)))
         return {"loss": float(torch.cat(errors).double().mean())}
 
     def stack(self, network: Any, batch: Batch) -> NetworkBatch:

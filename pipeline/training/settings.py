@@ -79,7 +79,7 @@ class ReconstructionSettings(TrainingSettings):
     )
     dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
     samples_per_object: int = setting(
-        5, "items per object and epoch, each beginning with another grasp, whether a network feels or not", ge=1
+        5, "items per object and epoch, each beginning with another grasp (a drawn one, if fewer), whether a network feels or not", ge=1
     )
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 

@@ -101,9 +101,9 @@ class Figures:
             return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))
 
-    def available(self, metric: str) -> NDArray[np.float64]:
-        """List a metric, with one grasp, of the objects that have it: (object,)."""
-        return np.array(self._found(metric)[1])
+    def available(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
+        """List a metric of the objects that have it: (object,)."""
+        return np.array(self._found(metric, grasps)[1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
-from pipeline.errors import StoreError
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.geometry.mesh import is_watertight
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
 from pipeline.kernels.metrics.surface_quality import (
@@ -77,7 +78,7 @@ class GraspProtocol(Protocol):
         """Name the draw of points by object and grasps."""
         return object_id, case.first, case.given
 
-    def figures(self, name: str, model: Any, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, model: Any, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
         settings, case = self.settings, measured.case
         distances = dict(self.distance_figures(measured.distances, measured.row))
@@ -136,7 +137,8 @@ class GraspProtocol(Protocol):
 
         Returns
         -------
-        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed.
+        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed. There
+        is no `iou` of surfaces so thin that no point is in them.
         """
         object_id, made = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
@@ -150,10 +152,14 @@ class GraspProtocol(Protocol):
         if not (closed["watertight"] and bool(self.objects.surfaces.view(object_id)["watertight"])):
             return closed
         mesh = read_mesh(self.objects.surfaces.view(object_id))
-        corners = np.concatenate([vertices, mesh.vertices])
+        (low, high), (true_low, true_high) = ((each.min(axis=0), each.max(axis=0)) for each in (vertices, mesh.vertices))
+        if (low > true_high).any() or (true_low > high).any():  # points in a box around both may all miss surfaces that are far apart
+            return closed | {"iou": 0.0}
         rng = numpy_rng(self.job.seed, "evaluate", "closed", object_id)
-        points = rng.uniform(corners.min(axis=0), corners.max(axis=0), (POINTS_IN_BOX, 3))
-        return closed | {"iou": intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)}
+        points = rng.uniform(np.minimum(low, true_low), np.maximum(high, true_high), (POINTS_IN_BOX, 3))
+        with suppress(InvalidInput):  # both are thinner than the points are apart
+            closed["iou"] = intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)
+        return closed
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
@@ -164,9 +170,8 @@ class GraspProtocol(Protocol):
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
-            return (
-                (images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1) if images else np.zeros((1, 0), bool)
-            )
+            assert images is not None
+            return np.asarray(images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1)
 
         touched = [self._touched_points(row) for row in range(len(self.objects))] if self.felt else None
         return retrieve(
@@ -185,8 +190,8 @@ class GraspProtocol(Protocol):
         clouds = [local_points(depth[site], poses[site], self.sensors[site]) for site in np.flatnonzero(self.touched[row, 0])]
         return np.concatenate([cloud[:count] for cloud, count in clouds] or [poses[:, :3, 3]]).astype(np.float64)
 
-    def extra(self, models: Sequence[Any]) -> dict[str, Arrays]:
-        """Make Table 1 and, for models with touch, the table of touch charts."""
+    def extra(self) -> dict[str, Arrays]:
+        """Make Table 1 and, where touch charts were read, their table."""
         groups = {"table_1": dataset(self.job.data)}
         if "residual" in self.objects.rows.arrays:
             groups["charts"] = chart_residuals(*map(self.objects.stack, ("residual", "iterations", "stop_rule")))

@@ -97,7 +97,7 @@ class Protocol(ABC):
         """Name the draw of points from a reconstruction, for the random generator: the same for every model, whatever it is called."""
 
     @abstractmethod
-    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure a model's reconstruction of an object in a case.
 
         Returns
@@ -110,7 +110,7 @@ class Protocol(ABC):
         """Measure training objects in place of reconstructions, by how they are chosen."""
 
     @abstractmethod
-    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+    def extra(self) -> dict[str, Arrays]:
         """Make further groups of the schema."""
 
     def observe(self, model: Reconstructor, row: int, case: Case) -> Observation:
@@ -180,9 +180,7 @@ def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple
                 points, faces = draw(made, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(row))
                 measured = MeasuredCase(row, case, made, points, faces, distances, is_first=case is cases[0])
-                rows += [
-                    Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(name, model, measured)
-                ]
+                rows += [Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(model, measured)]
                 if protocol.keeps_surfaces and case in kept_cases:
                     kept.append(made)
                 meter.advance()

@@ -67,8 +67,11 @@ class ScoreProtocol(GraspProtocol):
         ]
 
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
-        """Read the files."""
-        return [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
+        """Read the files; a `StageError` where one cannot be read that could be a moment ago."""
+        try:
+            return [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
+        except InvalidInput as error:
+            raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
 
     def refuse_faults(self) -> ScoredFiles:
         """Return the files if each can be scored; otherwise raise an `InvalidInput` that names all that cannot."""
@@ -124,12 +127,9 @@ class Score(DatasetStage):
         files = protocol.refuse_faults()
         if files.unused:
             job.console.print(escape(f"{pluralise(len(files.unused), 'file')} of objects outside the test split: not scored"))
-        try:
-            rows, _ = measure(settings.method, method, protocol, job)
-        except InvalidInput as error:  # each file was readable a moment ago
-            raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
+        rows, _ = measure(settings.method, method, protocol, job)
         figures = {settings.method: Figures(protocol.objects.rows.object_ids, rows)}
-        groups = {"objects": protocol.objects.table(), **protocol.extra([method])}
+        groups = {"objects": protocol.objects.table(), **protocol.extra()}
         given, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}
         write_measured(job, protocol, figures, groups, given, version)
         grasps = sorted({number for number, _ in files.paths})

@@ -44,7 +44,7 @@ class SingleImageProtocol(Protocol):
         """Name the draw of points by object and view."""
         return object_id, case.first
 
-    def figures(self, name: str, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
+    def figures(self, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a view."""
         yield from ((measured.case.first, metric, value) for metric, value in self._figures(measured.distances, measured.row).items())
 
@@ -58,7 +58,7 @@ class SingleImageProtocol(Protocol):
         how = {"console": self.job.console, "most": self.settings.looked_up}
         return retrieve(self.objects, training, self._figures, **how, silhouettes=silhouettes)
 
-    def extra(self, models: Sequence[Reconstructor]) -> dict[str, Arrays]:
+    def extra(self) -> dict[str, Arrays]:
         """Make none."""
         return {}
 

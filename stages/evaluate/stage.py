@@ -67,7 +67,7 @@ class NetworkEvaluation(DatasetStage):
         models = self.load(job)
         protocol = self.protocol(job, list(models.values()))
         figures: dict[str, Figures] = {}
-        groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra(list(models.values()))}
+        groups: dict[str, Mapping[str, Any]] = {"objects": protocol.objects.table(), **protocol.extra()}
         with torch_threads(job.settings.threads):
             for name, model in models.items():
                 rows, surfaces = _measured(name, model, protocol, job)

@@ -105,7 +105,7 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     if baselines:
         yield _baselines(baselines, members, classes, partial(rng, "baselines"))
     if networks:
-        yield from _surfaces(networks, as_they_are=not settings["closed_resolution"])
+        yield from _surfaces(networks, settings["closed_resolution"], scored=bool(scored))
     if has_table(folder, "charts"):
         yield _charts(read_table(folder, "charts"))
 
@@ -124,7 +124,7 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
     for name, figures in networks.items():
         fewest = figures.grasps[0]
         distances = [(figures.per_object(metric, fewest), metric, factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
-        shared = [(figures.available(metric), metric, factor) for metric, factor in SHARED.values()]
+        shared = [(figures.available(metric, fewest), metric, factor) for metric, factor in SHARED.values()]
         cells = [_estimate(values, rng(name, metric), factor) for values, metric, factor in (*distances, *shared)]
         shown = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
         rows.append(Row([shown, *cells], dim=name.startswith(LOOKED_UP)))
@@ -200,13 +200,13 @@ def _theirs(figures: Sequence[float] | None, columns: Sequence[int], digits: str
 
 def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.random.Generator], paper: bool) -> Table:
     numbers, rows = range(1, count + 1), []
-    sites: list[int] = []
+    sites: list[str] = []
     for name, figures in networks.items():
         columns = [figures.ring(number) for number in numbers]
         rows.append(Row([name, *(_estimate(means[counts > 0], rng(name, at)) for at, (means, counts) in enumerate(columns))]))
         rows += _theirs(TABLE_2.get(name) if paper else None, numbers, ".3e")
-        sites = sites or [int(counts.sum()) for _, counts in columns]
-    rows.append(Row(["sites", *map(str, sites)], dim=True))
+        sites = sites or [f"{counts.sum()}" for _, counts in columns]
+    rows.append(Row([f"sites of {next(iter(networks))}", *sites], dim=True))
     rows.append(Row([SMALLEST, *[floor / 2] * count], dim=True))
     title = (
         "Table 2: local Chamfer distance around the touch sites of one grasp, true surface to prediction, m²; "
@@ -263,12 +263,13 @@ def _by_class(figures: Figures, members: Members, metrics: Sequence[str]) -> lis
     return [tuple(100 * float(figures.per_object(metric)[member].mean()) for metric in metrics) for member in members.values()]
 
 
-def _surfaces(networks: Networks, *, as_they_are: bool) -> Iterator[Table]:
+def _surfaces(networks: Networks, resolution: int | None, *, scored: bool) -> Iterator[Table]:
     labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
     yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
     if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
         columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
-        title = "Closed surfaces with one grasp" + (", as they are" if as_they_are else "")
+        how = f"closed with {resolution} edges along their longest side" + (", scored ones as they are" if scored else "")
+        title = f"Closed surfaces with one grasp, {how if resolution else 'as they are'}"
         yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])
 
 

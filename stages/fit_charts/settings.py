@@ -40,7 +40,7 @@ class ChartSettings(ObjectSettings):
         500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1, le=50_000
     )
     cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1, le=50_000)
-    check_every: int = setting(10, "steps from one look at the exact loss to the next", ge=1)
+    check_every: int = setting(10, "steps from one look at the exact loss to the next; 1 is 2 unless each step takes all", ge=1)
     learning_rate: float = setting(
         1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0
     )

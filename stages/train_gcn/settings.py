@@ -67,5 +67,5 @@ class SingleImageSettings(GcnSettings):
     training_seed: Literal[0] = setting(0, "there is one training", changes="definition")
     min_grasps: Literal[1] = setting(1, "one image")
     max_grasps: Literal[1] = setting(1, "one image")
-    samples_per_object: int = setting(5, "views per object and epoch, others in each epoch where they are fewer than all 24", ge=1)
+    samples_per_object: int = setting(5, "views per object and epoch; drawn one by one, where they are fewer than all 24", ge=1)
     validation_items: int = setting(5, "views per validation object, the first ones", ge=1)

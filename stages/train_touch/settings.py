@@ -19,7 +19,10 @@ class TouchTrainingSettings(TrainingSettings):
     width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
     window: int = setting(64, "pixels per side of the part of a press that a step sees; it costs a sixth of whole images of 160", ge=16)
     image_gain: float = setting(
-        0.07, "exposure and lamps differ between days: each colour's change is scaled by a factor within 1 ± this", ge=0, lt=1
+        0.07,
+        "exposure and lamps differ between days: each colour's change is scaled by a factor within 1 ± this, and 1.5 times this in common",
+        ge=0,
+        lt=1,
     )
     image_noise: float = setting(
         1.0, "greatest standard deviation of pixel noise, levels; what photographs of 160 pixels have", ge=0, le=255
@@ -31,7 +34,8 @@ class TouchTrainingSettings(TrainingSettings):
     image_blur: float = setting(0.8, "greatest standard deviation of blur, pixels: of lens, gel and camera", ge=0, le=10)
     image_drift: float = setting(
         6.0,
-        "levels by which a photograph's light differs smoothly from the untouched one's at most; much more hides the gel around a contact",
+        "greatest standard deviation by which a photograph's light differs smoothly from the untouched one's, levels; much more hides the "
+        "gel around a contact",
         ge=0,
         le=255,
     )

@@ -121,6 +121,7 @@ def test_a_score_with_two_grasps_alone_has_its_rows_and_no_empty_table(data, pre
     beside = results_tables(directory, ["evaluation"], [f"scores/{name}"])
     accuracy = next(table for table in beside if table.title.startswith("Accuracy"))
     assert [row.cells[0] for row in accuracy.rows][:2] == [NETWORK, "two, 2 grasps"]
+    assert None not in accuracy.rows[1].cells  # surfaces have normals and an inside, from however many grasps
 
 
 def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
@@ -207,9 +208,10 @@ def test_a_file_that_cannot_be_used_is_named(data, folder, content, words):
 def test_misplaced_reconstructions_are_measured_if_that_is_asked_for(data, tmp_path):
     bar = trimesh.creation.box((0.02, 0.02, 0.2))
     for object_id in TESTED:
-        bar.copy().apply_translation(spheres.CENTRE + [0, 0, 2]).export(tmp_path / f"{object_id}.ply")
+        bar.copy().apply_translation([90, 90, 90]).export(tmp_path / f"{object_id}.ply")
     assert "--misplaced" in vt("score", tmp_path, data, "--name", "far", fails=True)
     vt("score", tmp_path, data, "--name", "far", "--misplaced")
+    assert read_figures(scored(data, "far"))["far"].available("iou").tolist() == [0, 0, 0]
 
 
 def test_files_with_y_up_are_told_from_bad_ones(tmp_path):

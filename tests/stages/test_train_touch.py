@@ -13,7 +13,7 @@ import torch
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.train_sensor import save_sensor_network
-from pipeline.kernels.networks.local_network import LocalNetwork
+from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
 from pipeline.kernels.touch.pressed_gel import scaled_gel
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Gel
@@ -117,6 +117,20 @@ def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTo
     assert model.maps(presses_at_rest)[0] == pytest.approx(SENSOR.w, abs=1e-4)
 
 
+def test_whole_validation_presses_are_read_as_photographs_are(
+    presses: RandomPresses, trained: tuple[LocalTouchModel, dict[str, Any]]
+) -> None:
+    model, _ = trained
+    stored = [presses.read(item) for item in range(len(presses))]
+    images, depths = (np.stack([getattr(press, name) for press in stored]) for name in ("image", "indentation"))
+    with torch.inference_mode():
+        read = PressLearner(model.network, presses, presses, TouchTrainingSettings()).validate(model.network)["depth_error_um"]
+        change = torch.from_numpy(images.astype(np.float32) - presses.untouched).permute(0, 3, 1, 2)
+        pitch = (1e3 * presses.sensor.pitch[0], 1e3 * presses.sensor.pitch[1])
+        shape = model.network(change, pixel_positions(*presses.sensor.shape), pitch)
+    assert read == pytest.approx(1e3 * np.abs(shape.depth.numpy() - 1e3 * depths).mean(), rel=1e-4)
+
+
 def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
     save_sensor_network(trained[0], tmp_path / "model")
     model = load_touch_model(tmp_path / "model", "cpu")
@@ -127,6 +141,7 @@ def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchM
     larger = np.repeat(np.repeat(press.image, 2, axis=0), 2, axis=1)[None]
     assert model.read(larger).indentation[0, ::2, ::2] == pytest.approx(own.indentation[0], abs=1e-4)
     assert model.clouds(larger)[0].shape == (int(model.maps(larger)[1].sum()), 3)
+    assert model.clouds(larger[:0]) == []
     with pytest.raises(InvalidInput, match="1 times as wide as high"):
         model.read(np.zeros((1, 40, 40, 3), np.uint8))
     with pytest.raises(InvalidInput, match=r"the untouched photograph is uint8 \(4, 4, 3\)"):

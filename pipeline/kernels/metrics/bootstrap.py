@@ -62,10 +62,12 @@ def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Inte
     return _interval(float(values.mean()), values.shape[1], (values,), rng)
 
 
-def difference_interval(first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator) -> Interval:
+def difference_interval(
+    first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator, *, same_trainings: bool = False
+) -> Interval:
     """Compute the mean difference of two configurations on the same objects, and its interval.
 
-    Objects are drawn, not values: what makes an object hard for both cancels. Trainings are drawn for each configuration on its own.
+    Objects are drawn, not values: what makes an object hard for both cancels.
 
     Parameters
     ----------
@@ -73,6 +75,9 @@ def difference_interval(first: NDArray[np.float64], second: NDArray[np.float64],
         (N,) or (S, N) as `mean_interval` takes them, objects in the same order; the mean is of `first` - `second`.
     rng
         Draws the resamples.
+    same_trainings
+        Whether both are figures of the same trainings, in the same order, of which what makes one better cancels too; else trainings are
+        drawn for each configuration on its own.
 
     Returns
     -------
@@ -89,7 +94,7 @@ def difference_interval(first: NDArray[np.float64], second: NDArray[np.float64],
         )
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
-    both = (first - second,) if len(first) == len(second) == 1 else (first, -second)
+    both = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
     return _interval(float(first.mean() - second.mean()), first.shape[1], both, rng)
 
 

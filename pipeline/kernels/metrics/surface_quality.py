@@ -100,36 +100,35 @@ def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer]
     (F,) bool. Faces that only touch, or that overlap in one plane, may be found or not.
     """
     corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
-    centers = corners.mean(axis=1)
-    radii = np.linalg.norm(corners - centers[:, None], axis=2).max(axis=1)
-    pairs = cKDTree(centers).query_pairs(2 * radii.max(), output_type="ndarray")
-    names = faces if position is None else position[faces]
+    axis = int(np.argmax(np.ptp(corners.reshape(-1, 3), axis=0)))
+    order = np.argsort(corners[:, :, axis].min(axis=1))
+    corners, names = corners[order], (faces if position is None else position[faces])[order]
     crossing = np.zeros(len(faces), bool)
-    _mark_crossing(pairs, corners, centers, radii, names, crossing)
-    return crossing
+    _mark_crossing(corners, corners.min(axis=1), corners.max(axis=1), names, axis, crossing)
+    return crossing[np.argsort(order)]
 
 
 @compiled
-def _mark_crossing(
-    pairs: NDArray[np.int64],
-    corners: Points,
-    centers: Points,
-    radii: NDArray[np.float64],
-    names: NDArray[np.integer],
-    crossing: NDArray[np.bool_],
-) -> None:
-    """Mark the triangles (F, 3, 3) of pairs that cross and share no name; `centers` and `radii` are of balls around them."""
-    for first, second in pairs:
-        if crossing[first] and crossing[second]:
-            continue
-        if ((centers[first] - centers[second]) ** 2).sum() > (radii[first] + radii[second]) ** 2:
-            continue
-        neighbours = False
-        for one in range(3):
-            for two in range(3):
-                neighbours |= names[first, one] == names[second, two]
-        if not neighbours and (_pierces(corners[first], corners[second]) or _pierces(corners[second], corners[first])):
-            crossing[first] = crossing[second] = True
+def _mark_crossing(corners: Points, low: Points, high: Points, names: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
+    """Mark the triangles (F, 3, 3) that cross another one and share no name with it; `low` and `high` bound each, (F, 3).
+
+    They lie in the order of `low` along an axis: none that begins behind a triangle's end meets it.
+    """
+    for first in range(len(corners)):
+        for second in range(first + 1, len(corners)):
+            if low[second, axis] > high[first, axis]:
+                break
+            apart = False
+            for one in range(3):
+                apart |= (low[second, one] > high[first, one]) | (low[first, one] > high[second, one])
+            if apart or (crossing[first] and crossing[second]):
+                continue
+            neighbours = False
+            for one in range(3):
+                for two in range(3):
+                    neighbours |= names[first, one] == names[second, two]
+            if not neighbours and (_pierces(corners[first], corners[second]) or _pierces(corners[second], corners[first])):
+                crossing[first] = crossing[second] = True
 
 
 @compiled

@@ -89,6 +89,14 @@ def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
     assert paired.mean == pytest.approx(trainings.mean() - trainings[:2].mean() - 0.3)
 
 
+def test_what_makes_one_training_better_cancels_between_figures_of_the_same_trainings():
+    values = np.random.default_rng(9).normal(size=100) + np.array([-0.6, 0.1, 0.5])[:, None]
+    apart = difference_interval(values, values + 0.1, np.random.default_rng(10))
+    paired = difference_interval(values, values + 0.1, np.random.default_rng(10), same_trainings=True)
+    assert apart.low < 0 < apart.high
+    assert astuple(paired) == pytest.approx((-0.1, -0.1, -0.1, 100))
+
+
 def test_the_interval_over_trainings_is_that_of_values_drawn_one_by_one():
     values = np.random.default_rng(0).gamma(2.0, size=(3, 12))
     found = mean_interval(values, np.random.default_rng(1))

@@ -68,6 +68,15 @@ def test_two_balls_cross_where_exact_predicates_say_so():
     assert not crossing_faces(BALL.vertices, BALL.faces).any()
 
 
+def test_one_large_face_among_many_small_ones_crosses_those_that_it_meets():
+    ball = trimesh.creation.icosphere(6)
+    vertices = np.concatenate([ball.vertices, [[-9, -9, 0.01], [9, -9, 0.01], [0, 9, 0.01]]])
+    found = crossing_faces(vertices, np.concatenate([ball.faces, [len(ball.vertices) + np.arange(3)]]))
+    heights = ball.vertices[ball.faces][:, :, 2] > 0.01
+    assert found[-1]
+    assert (found[:-1] == (heights.any(axis=1) & ~heights.all(axis=1))).all()
+
+
 def test_shared_volume_of_two_boxes(rng):
     other = BOX.copy()
     other.apply_translation([1.0, 0, 0])
