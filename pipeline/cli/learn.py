@@ -206,7 +206,7 @@ def report(
     """
     from pipeline.reports.html_report import write_report
     from pipeline.reports.results import results_tables, training_facts, training_table
-    from pipeline.reports.training_seeds import evaluations, scores
+    from pipeline.reports.training_seeds import evaluations, outdated_scores, scores
     from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
@@ -216,6 +216,8 @@ def report(
         for reason in score_shipped(directory.root, console):
             print_line(f"the network that ships is left out: {reason}")
     evaluated, scored = evaluations(directory), scores(directory)
+    for name, problem in outdated_scores(directory).items():
+        print_line(f"{name} is left out: {problem}")
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
@@ -223,7 +225,7 @@ def report(
         if not (evaluated or scored):
             return
     if evaluated or scored:
-        check_origins(directory, [*evaluated, *scored])
+        check_origins(directory, evaluated)
         show_tables(console, results_tables(directory, evaluated, scored))
     if pages:
         print_line(f"report: {write_report(directory.root, console, most)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections import Counter
 from collections.abc import Collection, Iterator
 from importlib import resources
 from itertools import islice
@@ -20,7 +21,7 @@ from pipeline.formats.file_content import read_file
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
 
-UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float")
+UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float|bool")
 """Part of a place in pydantic's errors that is no entry: the type tried, where an entry may have several."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 """Limits of a description file: a larger one would take minutes to read."""
@@ -66,7 +67,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = meant(name, shipped) or _file_like(path)
+        guess = meant(name, shipped) or _file_like(path) or meant(path.name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
@@ -145,7 +146,17 @@ def parse_yaml(text: str) -> Any:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > MAX_DEPTH:
             raise ValueError(f"its entries are nested more than {MAX_DEPTH} deep")
-    return yaml.load(text, Loader=yaml.CSafeLoader)
+    return yaml.load(text, Loader=_UniqueEntries)
+
+
+class _UniqueEntries(yaml.CSafeLoader):
+    """Refuses an entry that is there twice, of which YAML's readers keep the last."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        counts = Counter((key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+        if twice := [name for (_, name), count in counts.items() if count > 1]:
+            raise ValueError(f"its entry {twice[0]} is there twice; keep one")
+        return super().construct_mapping(node, deep)
 
 
 def texts_in(content: Any) -> Iterator[str]:

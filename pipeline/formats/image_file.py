@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.array_file import read_array
 from pipeline.formats.file_content import read_file
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
@@ -51,7 +51,7 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
 
 def read_depth(path: Path) -> NDArray[Any]:
     """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
-    numbers = _npy(path) if path.suffix.lower() == ".npy" else _opened(path, ("I;16",), "depths", "16-bit grey", np.asarray)
+    numbers = read_array(path) if path.suffix.lower() == ".npy" else _opened(path, ("I;16",), "depths", "16-bit grey", np.asarray)
     if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
         raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
     return np.asarray(numbers)
@@ -71,21 +71,6 @@ def _opened(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert:
         raise InvalidInput(f"{path} cannot be read as an image; give a file in {', '.join(FORMATS)}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error
-
-
-def _npy(path: Path) -> NDArray[Any]:
-    """Read a .npy file; compare its header with its size before allocating memory."""
-    file = io.BytesIO(read_file(path, MAX_BYTES))
-    try:
-        if (version := np.lib.format.read_magic(file)) != (1, 0):
-            raise ValueError(f"it is of numpy's format {version}")
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
-        values = file.read()
-        if dtype.hasobject or min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(values):
-            raise ValueError(f"it claims {dtype} {shape}, and has {len(values)} bytes of values")
-        return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran else "C")
-    except Exception as error:  # numpy's parsing of headers raises whatever it trips over
-        raise InvalidInput(f"{path} cannot be read as an array ({error}); save it with numpy.save") from error
 
 
 def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, remedy: str) -> None:

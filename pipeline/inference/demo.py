@@ -19,6 +19,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import ObjectStage
+from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.inference.predict import Prediction, predict
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -73,9 +74,11 @@ def demo(folder: Path, console: Console) -> Demo:
     Raises
     ------
     StageError
-        No weights ship with this version.
+        No weights ship with this version, or the folder holds another dataset.
     """
     models, data = shipped_models(), folder / "data"
+    if others := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
+        raise StageError(f"{data} holds another dataset, of {min(others)} and so on; name another folder")
     item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
     simulate(item, data, console)
     mesh, turntable, seen = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"

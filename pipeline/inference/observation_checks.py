@@ -215,6 +215,8 @@ def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box
     if not len(measured):
         return UNMEASURED
     seen, away = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
+    if seen > FARTHEST:
+        return f"camera.depth shows the object {seen:.3g} m away (at most {FARTHEST:g} m): check camera.depth_scale; floats are metres"
     if abs(seen - away) <= (FARTHEST if box.diagonal is None else box.diagonal):
         return None
     return (

@@ -18,9 +18,9 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
-SMALL, ROUGH, FAR_VIEW, LITTLE = 0.5, 1.2, 10.0, 0.9
+SMALL, ROUGH, FAR_VIEW, LITTLE, INVERTED = 0.5, 1.2, 10.0, 0.9, 0.5
 """Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
-and share of an image, that are worth a warning."""
+share of an image, and of its border that a mask holds, that are worth a warning."""
 
 
 @dataclass(frozen=True)
@@ -202,6 +202,11 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
     camera = observation.camera
     if camera is None or observation.projection is None:
         return
+    for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
+        if mask is not None and np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean() > INVERTED:
+            yield f"warning: camera.{name} holds most of the photograph's border: is it inverted?"
+    if not camera.shown.any():
+        yield "warning: camera.hand_mask covers all of the object: is it inverted?"
     if camera.mask is None:
         yield f"warning: no camera.mask: the {camera.shown.mean():.0%} of the photograph that differ from its border are the object"
         return

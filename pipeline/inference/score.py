@@ -67,7 +67,7 @@ def score(
         raise InvalidInput(f"{folder} is no folder; name one with a file per test object, OBJECT with a suffix of {', '.join(SUFFIXES)}")
     name = folder.resolve().name if name is None else name
     if not re.fullmatch(METHOD_NAME, name):
-        raise InvalidInput(f"--name {name}: a method's name has letters, digits, '.', '_' and '-', at most 100 of them")
+        raise InvalidInput(f"{name!r} cannot be a method's name; give one with --name, of letters, digits, '.', '_' and '-', at most 100")
     if f"scores/{name}" == SHIPPED_SCORES:
         raise InvalidInput(f"--name {name}: that is the network that ships, which `report --shipped` measures; choose another name")
     directory = DataDirectory(data)

@@ -71,7 +71,8 @@ def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) 
     assert observation.camera is not None
     assert observation.projection is not None
     axes.imshow(observation.camera.image)
-    axes.contour(observation.camera.shown, levels=[0.5], colors="C3", linewidths=1)
+    if min(observation.camera.shown.shape) > 1:
+        axes.contour(observation.camera.shown, levels=[0.5], colors="C3", linewidths=1)
     axes.plot(*project_points(observation.projection, box.centre), "+", color="C3", markersize=14)
     for outline in _outlines(observation):
         axes.plot(*project_points(observation.projection, outline).T, color="C0")

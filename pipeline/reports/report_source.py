@@ -71,7 +71,7 @@ class ReportSource:
         for collection in self.collections.values():
             collection.first  # noqa: B018 (an error where it has not been made)
         self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
-        check_origins(self.directory, [*self.collections, *self.evaluated, *self.scored])
+        check_origins(self.directory, [*self.collections, *self.evaluated])
         names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
         failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}

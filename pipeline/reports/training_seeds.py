@@ -16,6 +16,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import names_in
 from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, evaluation_name, read_figures, read_root, read_table
@@ -35,8 +36,24 @@ def evaluations(directory: DataDirectory) -> list[str]:
 
 
 def scores(directory: DataDirectory) -> list[str]:
-    """Name the scores of other methods in a data directory."""
-    return [name for name in directory.folders() if name.startswith("scores/")]
+    """Name the scores of other methods in a data directory that were made from what is there now."""
+    return [name for name, problem in _scored(directory) if problem is None]
+
+
+def outdated_scores(directory: DataDirectory) -> dict[str, str]:
+    """Say of each other score what has changed since it was made."""
+    return {name: problem for name, problem in _scored(directory) if problem is not None}
+
+
+def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
+    for name in directory.folders():
+        if name.startswith("scores/"):
+            try:
+                check_origins(directory, [name])
+            except StoreError as error:
+                yield name, str(error)
+            else:
+                yield name, None
 
 
 def read_values(folders: Sequence[Path]) -> Values:

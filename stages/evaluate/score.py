@@ -58,6 +58,7 @@ class ScoreProtocol(GraspProtocol):
         every = ObjectRows(job.data, ["points"], None)
         others = [name for name in (*every.object_ids, *every.left_out) if name not in rows.object_ids]
         self.folder, self.files = folder, find_files(folder, rows.object_ids, others, settings.given, self.touched.shape[1])
+        self.sparse: list[int] = []
 
     def cases(self, model: Any) -> list[Case]:
         """List the numbers of grasps, and the first ones, that there are files of."""
@@ -69,7 +70,9 @@ class ScoreProtocol(GraspProtocol):
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
         """Read the files; a `StageError` where one cannot be read that could be a moment ago."""
         try:
-            return [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
+            made = [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
+            self.sparse += [count for one in made if not len(one.faces) and (count := len(one.vertices)) < self.objects.count]
+            return made
         except InvalidInput as error:
             raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
 
@@ -128,6 +131,11 @@ class Score(DatasetStage):
         if files.unused:
             job.console.print(escape(f"{pluralise(len(files.unused), 'file')} of objects outside the test split: not scored"))
         rows, _ = measure(settings.method, method, protocol, job)
+        if protocol.sparse:
+            job.console.print(
+                f"{pluralise(len(protocol.sparse), 'point cloud')} with fewer than {protocol.objects.count} points, {min(protocol.sparse)} "
+                "or more: all of them are taken, and distances are larger than a surface's"
+            )
         figures = {settings.method: Figures(protocol.objects.rows.object_ids, rows)}
         groups = {"objects": protocol.objects.table(), **protocol.extra()}
         given, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}

@@ -14,9 +14,11 @@ from scipy.spatial import cKDTree
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput, meant
-from pipeline.formats.file_content import MESH_SUFFIXES, regular_stat
+from pipeline.formats.array_file import read_array
+from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.kernels.geometry.mesh import check_coordinates
+from pipeline.kernels.geometry.mesh import check_coordinates, is_watertight
+from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 
@@ -62,7 +64,8 @@ class ScoredFiles:
 def surface_files(folder: Path) -> list[Path]:
     """List the files of reconstructions in a folder, and in those below it that are called `grasps-N` or `grasps-N-from-K`."""
     places = [folder, *(path for path in sorted(folder.iterdir()) if path.is_dir() and CASE.fullmatch(path.name))]
-    return [path for place in places for path in sorted(place.iterdir()) if path.suffix.lower() in SUFFIXES]
+    files = [path for place in places for path in sorted(place.iterdir()) if path.suffix.lower() in SUFFIXES]
+    return [path for path in files if not path.name.startswith(".")]  # macOS leaves ._OBJECT.ply beside OBJECT.ply
 
 
 def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given: int, held: int) -> ScoredFiles:
@@ -81,12 +84,16 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given
     """
     paths: dict[tuple[int, int], dict[str, Path]] = {}
     faults, unused = [], []
+    for path in sorted(folder.iterdir()):
+        if path.is_dir() and path.name.lower().startswith("grasps") and not CASE.fullmatch(path.name):
+            faults.append(f"{path.name}: folders are called grasps-N or grasps-N-from-K, with N from 1 and K from 0")
     for path in surface_files(folder):
         name = str(path.relative_to(folder))
         match = CASE.fullmatch(path.parent.name) if path.parent != folder else None
         case = (int(match[1]), int(match[2] or 0)) if match else (given, 0)
         if case[0] > held or case[1] >= held:
-            faults.append(f"{name}: the dataset holds {pluralise(held, 'grasp')} of each object, from 0")
+            which = f"{pluralise(case[0], 'grasp')}{f' from {case[1]} on' if case[1] else ''}"
+            faults.append(f"{name}: it is of {which}, but the dataset holds {pluralise(held, 'grasp')} of each object, from 0")
         elif path.stem in others:
             unused.append(name)
         elif path.stem not in tested:
@@ -129,11 +136,7 @@ def read_surface(path: Path) -> Reconstruction:
 
 
 def _read_cloud(path: Path) -> Surface:
-    try:
-        regular_stat(path)
-        points = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InvalidInput(f"it cannot be read as an array of points ({error})") from error
+    points = read_array(path)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise InvalidInput(f"it holds an array {points.shape} of {points.dtype}, not (number of points, 3) numbers")
     return points.astype(np.float64), np.zeros((0, 3), np.int64)
@@ -152,7 +155,10 @@ def _read_mesh(path: Path) -> Surface:
         if not isinstance(cloud, trimesh.PointCloud):
             raise
         return np.asarray(cloud.vertices, np.float64), np.zeros((0, 3), np.int64)
-    return mesh.vertices, mesh.faces.astype(np.int64)
+    vertices, faces = mesh.vertices, mesh.faces.astype(np.int64)
+    if not is_watertight(faces) and is_watertight(joined := number_positions(vertices)[faces]):  # STL stores each corner by itself
+        vertices, faces = vertices[np.unique(number_positions(vertices), return_index=True)[1]], joined
+    return vertices, faces
 
 
 def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray[np.float64]], *, misplaced: bool) -> Iterator[str]:
@@ -208,7 +214,9 @@ def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> 
         return f"it is {times:.3g} times as large as the object{hint}; the world's unit is the metre"
     if np.linalg.norm(place - true_place) > true_size:
         middles = ("(" + ", ".join(f"{value:.3g}" for value in middle) + ")" for middle in (place, true_place))
-        return "its middle is at {}, the object's at {} m: it is not in the world's frame".format(*middles)
+        turned = np.linalg.norm(place[[0, 2, 1]] * [1, -1, 1] - true_place) < true_size / 2
+        hint = "; it would be, turned by 90° about x: the file has y up, and the world's z points up" if turned else ""
+        return "its middle is at {}, the object's at {} m: it is not in the world's frame".format(*middles) + hint
     return None
 
 

@@ -105,6 +105,8 @@ def repository(tmp_path_factory) -> Path:
     copy = tmp_path_factory.mktemp("documents") / "repository"
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(".*", "data", "site", "__pycache__"))
     (copy / ".venv").symlink_to(ROOT / ".venv")
+    for name in ("pyproject.toml", "constraints.txt"):
+        os.utime(copy / name, (0, 0))  # older than what says when was installed: else make installs the copy there
     manifests = copy / "data_manifests"
     renderings = yaml.safe_load((manifests / "single-image.yaml").read_text())
     for name, sources in (*SOURCES.items(), ("single-image", renderings["sources"])):

@@ -100,8 +100,16 @@ def test_missing_description_lists_the_shipped_ones() -> None:
         load_scene("gone.yaml")
 
 
-@pytest.mark.parametrize(("text", "message"), [('a: !!float ""', "has a tag"), ("a: &x [1]\nb: *x", "has an alias"), ("[" * 99, "nested")])
-def test_aliases_tags_and_deep_nests_are_refused(text: str, message: str) -> None:
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('a: !!float ""', "has a tag"),
+        ("a: &x [1]\nb: *x", "has an alias"),
+        ("[" * 99, "nested"),
+        ("a: {unit: mm, up: 1, unit: m}", "its entry unit is there twice"),
+    ],
+)
+def test_aliases_tags_deep_nests_and_entries_that_are_there_twice_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         parse_yaml(text)
 

@@ -39,3 +39,10 @@ def test_the_demo_writes_a_closed_coloured_mesh_and_a_turntable(tmp_path, monkey
     with Image.open(folder / "seen.png") as seen:
         assert seen.size == (256, 256)
     assert DataDirectory(folder / "data").collection(GRASPS).first.read("joint_angles").shape[:2] == (1, 1)  # one object, one grasp
+
+
+def test_the_demo_leaves_another_dataset_alone(tmp_path):
+    spheres.make_data(tmp_path / "data", 1, ("train",))
+    done = CliRunner().invoke(app, ["demo", str(tmp_path)])
+    assert done.exit_code != 0
+    assert "holds another dataset" in " ".join(done.output.split())

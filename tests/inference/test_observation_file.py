@@ -153,6 +153,7 @@ def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scal
             {"depth": "depth.png"},
             "m from the camera, but its centre is 0.5 m away (as stated): check camera.depth_scale",
         ),  # its levels are tenths of a millimetre
+        ({"depth": "mm.npy"}, "camera.depth shows the object 500 m away (at most 10 m): check camera.depth_scale; floats are metres"),
         ({"depth": "none.npy"}, "camera.depth is 0 or not finite wherever camera.mask shows the object"),
         ({"depth_as_touch": True}, "depth_as_touch needs depth:"),
         ({"depth_as_touch": True, "mask": None}, "depth_as_touch needs depth and mask:"),
@@ -161,6 +162,7 @@ def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scal
 def test_depth_that_does_not_fit_is_named(tmp_path: Path, changes: dict[str, object], words: str) -> None:
     entries = write_files(tmp_path)
     np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
+    np.save(tmp_path / "mm.npy", np.full((120, 160), 500.0, np.float32))
     entries["camera"] |= changes
     assert words in refused(write_observation(tmp_path, entries))
 

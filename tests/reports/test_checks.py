@@ -219,6 +219,30 @@ def test_observation_is_checked_against_a_model_and_drawn_as_it_is_given(tmp_pat
         check_file("supplement", tmp_path / "b.png", given)
 
 
+def test_masks_that_are_inverted_or_hide_the_object_are_named(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    mask = np.asarray(Image.open(tmp_path / "mask.png"))
+    Image.fromarray(255 - mask).save(tmp_path / "inverted.png")
+    given = ModelInputs(
+        "unoccluded", CONFIGURATIONS["unoccluded"], projection_matrix(load_scene("supplement").camera), (256, 256), None, None
+    )
+    for changes, words in (
+        ({"mask": "inverted.png"}, "camera.mask holds most of the photograph's border: is it inverted?"),
+        ({"hand_mask": "inverted.png"}, "camera.hand_mask holds most of the photograph's border: is it inverted?"),
+        ({"hand_mask": "mask.png"}, "camera.hand_mask covers all of the object: is it inverted?"),
+    ):
+        path = write_observation(tmp_path, entries | {"camera": entries["camera"] | changes})
+        assert f"warning: {words}" in check_file(str(path), tmp_path / "a.png", given)
+
+
+def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "seen.png")
+    del entries["camera"]["mask"]
+    entries["camera"]["intrinsics"] = {"fx": 2, "fy": 2, "cx": 0.5, "cy": 0.5}
+    assert check_file(str(write_observation(tmp_path, entries)), tmp_path / "a.png")
+
+
 def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     (tmp_path / "a.png").symlink_to(tmp_path / "thesis.txt")

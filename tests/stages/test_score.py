@@ -16,6 +16,7 @@ from pipeline.cli import app
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.errors import InvalidInput
 from pipeline.inference.predict import predict
 from pipeline.inference.score import files_digest
 from pipeline.reports.results import results_tables
@@ -25,6 +26,7 @@ from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
+from tests.fuzz.target import seal
 from tests.stages import ball_dataset as spheres
 
 NETWORK = "implicit-touch"
@@ -154,6 +156,7 @@ def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):
         else:
             np.save(tmp_path / f"{object_id}.npy", points)
     printed = vt("score", tmp_path, data, "--name", "truth")
+    assert "fewer than" not in printed
     figures = read_figures(scored(data, "truth"))["truth"]
     assert (figures.per_object("mean_distance") < 0.02).all()  # 500 of 2000 points: what sampling leaves
     assert not len(figures.available("normal_consistency"))
@@ -170,6 +173,8 @@ def test_each_fault_of_a_folder_is_named_and_nothing_is_written(data, folder):
     (folder / "typo.ply").write_bytes((folder / f"{second}.ply").read_bytes())
     moved.export(folder / f"{third}.stl")
     (folder / "a.obj").write_text("of the training split")
+    (folder / f"._{third}.ply").write_text("what macOS leaves")
+    (folder / "grasps_5").mkdir()
     (folder / "grasps-9").mkdir()
     (folder / "grasps-9" / f"{first}.ply").write_text("")
     words = vt("score", folder, data, "--name", "faulty", fails=True)
@@ -180,7 +185,8 @@ def test_each_fault_of_a_folder_is_named_and_nothing_is_written(data, folder):
         "it is not in the world's frame",
         "typo.ply: the dataset has no object typo",
         f"{third}.stl: {third}.ply is of the same object and grasps",
-        "the dataset holds 5 grasps",
+        f"grasps-9/{first}.ply: it is of 9 grasps, but the dataset holds 5 grasps",
+        "grasps_5: folders are called grasps-N",
     ):
         assert fault in words, fault
     assert "scores/faulty" not in scores(DataDirectory(data))
@@ -250,3 +256,39 @@ def test_what_names_no_method_or_folder_is_refused(data, tmp_path):
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
     assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
+
+
+def test_a_closed_surface_is_closed_in_a_format_that_shares_no_vertices(tmp_path):
+    trimesh.creation.icosphere(2).export(tmp_path / "ball.stl")
+    assert len(read_surface(tmp_path / "ball.stl").vertices) == 162
+    half = trimesh.creation.icosphere(2).submesh([range(100)], append=True)
+    half.export(tmp_path / "half.stl")
+    assert len(read_surface(tmp_path / "half.stl").vertices) == 300  # as it is
+
+
+def test_an_array_that_is_none_is_named(tmp_path):
+    with (tmp_path / "a.npy").open("wb") as file:
+        np.savez(file, points=np.zeros((5, 3)))
+    with pytest.raises(InvalidInput, match=r"a\.npy cannot be read as an array"):
+        read_surface(tmp_path / "a.npy")
+
+
+def test_few_points_are_said_to_be_few(data, tmp_path):
+    for object_id in TESTED:
+        np.save(tmp_path / f"{object_id}.npy", ObjectRows(data, ["points"], "test").read("points", object_id)[:300])
+    assert "3 point clouds with fewer than 500 points, 300 or more" in vt("score", tmp_path, data, "--name", "few")
+
+
+def test_files_with_y_up_about_the_origin_are_recognised():
+    points = spheres.CENTRE + 0.1 * np.random.default_rng(0).normal(size=(400, 3))
+    turned = points[:, [0, 2, 1]] * [1, 1, -1]
+    assert "turned by 90° about x: the file has y up" in str(misplacement(turned, points))
+    assert "turned" not in str(misplacement(turned - [0, 5, 0], points))
+
+
+def test_a_report_leaves_out_scores_of_what_has_changed_since(data, folder, tmp_path):
+    copy = shutil.copytree(data, tmp_path / "data")
+    vt("score", folder, copy, "--name", "old")
+    seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
+    assert "scores/old" not in scores(DataDirectory(copy))
+    assert "scores/old is left out" in vt("report", copy, "--no-pages")

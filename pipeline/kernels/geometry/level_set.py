@@ -99,6 +99,8 @@ def level_set_mesh(
 
 
 def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Field, low: Points, step: float) -> None:
+    if not where.any():
+        return
     values[where] = computed = field(low + step * np.argwhere(where))
     if not np.isfinite(computed).all():
         raise InvalidInput(f"a field is NaN or infinite at {np.count_nonzero(~np.isfinite(computed))} of {len(computed)} points of a grid")

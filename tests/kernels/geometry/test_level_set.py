@@ -117,6 +117,14 @@ def test_an_empty_field_gives_an_empty_mesh():
     assert vertices.shape == faces.shape == (0, 3)
 
 
+def test_a_field_that_is_far_from_0_is_not_asked_at_no_point():
+    def field(points):
+        assert len(points)
+        return np.full(len(points), 9.0)
+
+    assert not len(mesh_of(field, np.zeros(3), np.ones(3), 0.1).faces)
+
+
 @pytest.mark.parametrize(
     ("field", "high", "spacing", "words"),
     [
