@@ -16,6 +16,7 @@ from pipeline.kernels.charts.visible_charts import visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
 SMALL, ROUGH, FAR_VIEW, LITTLE, INVERTED = 0.5, 1.2, 10.0, 0.9, 0.5
@@ -203,7 +204,7 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
     if camera is None or observation.projection is None:
         return
     for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
-        if mask is not None and np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]]).mean() > INVERTED:
+        if mask is not None and border(mask).mean() > INVERTED:
             yield f"warning: camera.{name} holds most of the photograph's border: is it inverted?"
     if not camera.shown.any():
         yield "warning: camera.hand_mask covers all of the object: is it inverted?"

@@ -36,7 +36,7 @@ def evaluations(directory: DataDirectory) -> list[str]:
 
 
 def scores(directory: DataDirectory) -> list[str]:
-    """Name the scores of other methods in a data directory that were made from what is there now."""
+    """Name the scores of other methods in a data directory that were made from the current inputs."""
     return [name for name, problem in _scored(directory) if problem is None]
 
 

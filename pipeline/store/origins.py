@@ -1,4 +1,4 @@
-"""Whether artifacts and folders of a data directory were made from what is there now."""
+"""The check that artifacts and folders of a data directory were made from the current inputs."""
 
 from __future__ import annotations
 

@@ -156,8 +156,10 @@ def _read_mesh(path: Path) -> Surface:
             raise
         return np.asarray(cloud.vertices, np.float64), np.zeros((0, 3), np.int64)
     vertices, faces = mesh.vertices, mesh.faces.astype(np.int64)
-    if not is_watertight(faces) and is_watertight(joined := number_positions(vertices)[faces]):  # STL stores each corner by itself
-        vertices, faces = vertices[np.unique(number_positions(vertices), return_index=True)[1]], joined
+    if not is_watertight(faces):  # STL stores each corner by itself
+        number = number_positions(vertices)
+        if is_watertight(number[faces]):
+            vertices, faces = vertices[np.unique(number, return_index=True)[1]], number[faces]
     return vertices, faces
 
 

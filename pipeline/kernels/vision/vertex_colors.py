@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -20,8 +22,12 @@ ALIKE = 6
 
 def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
-    border = np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
-    return np.asarray((np.abs(image - np.median(border, axis=0)) > ALIKE).any(axis=2))
+    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def border(image: NDArray[Any]) -> NDArray[Any]:
+    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
 
 
 def seen_colors(

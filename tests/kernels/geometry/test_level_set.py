@@ -117,7 +117,7 @@ def test_an_empty_field_gives_an_empty_mesh():
     assert vertices.shape == faces.shape == (0, 3)
 
 
-def test_a_field_that_is_far_from_0_is_not_asked_at_no_point():
+def test_finer_grids_ask_nothing_of_a_field_that_is_far_from_0():
     def field(points):
         assert len(points)
         return np.full(len(points), 9.0)
