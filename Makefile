@@ -15,6 +15,7 @@
 #                     implicit-any takes any of this; implicit-any-touch and its like are single rows of it
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 #   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
+#   LONG=1            for reproduce: a night on 2 cores
 #   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
 
 .DEFAULT_GOAL := help

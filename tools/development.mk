@@ -41,7 +41,7 @@ site: installed-docs  ## build the documentation as pages: site/index.html
 
 test-docs: installed-dev site  ## check the pages' links, run the documents' commands and the notebook (half an hour on 2 cores)
 	@$(BIN)/pytest -n 0 tests/examples/run_commands.py
-	@PATH="$$(cd $(BIN) && pwd):$$PATH" $(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
+	@$(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
 
 test-slurm: installed-dev installed-slurm  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py

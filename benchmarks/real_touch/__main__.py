@@ -27,7 +27,7 @@ COLUMNS = ["RMSE, mm", "mean error, mm", "without it, mm", "normals on balls, °
 Method = Callable[[NDArray[np.uint8]], Reading]
 AROUND, NEAR = (0.0, 0.5, 1.0, 1.25, 1.5, 2.0, 3.0), 0.1
 """Contact radii from a ball's middle at which depth is tabulated, and by how much pixels may differ from them."""
-OURS = "ours, simulation alone"
+OURS = "ours, trained on simulation"
 PAGE_HEAD = """# Depth in photographs of real sensors
 
 Written by `make bench-touch REAL=FOLDER`: {}. FOLDER holds clones of {}; they have no licence that lets
@@ -44,7 +44,8 @@ PAGE_END = """
   integrated by Poisson's equation, and what lies above the rest is cut.
 - **Per-pixel network**: 8,834 parameters, from change of colour and position to slopes; fitted to the same pixels.
   Both read the photographs as they are; ours first takes away the drift of the light.
-- **Ours**: `calibrate-sensor` on the same balls, then `train-touch` on random simulated presses of that sensor. It has seen no photograph.
+- **Ours**: `calibrate-sensor` fits a sensor file to the photographs of the same balls; `train-touch` then learns from random simulated
+  presses of that sensor. The network itself sees no photograph. The worst press of a mean is that of all seeds.
 - The table of the gel around the balls shows how far it is drawn in by the colours of contacts alone, where slopes are known (look-up
   table), and as ours reads it.
 - Settings were chosen by balls alone: by photographs that a calibration leaves out, by the table of the gel around the balls, and by

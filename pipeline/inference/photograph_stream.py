@@ -70,7 +70,7 @@ def camera_frames(number: int) -> Iterator[Named]:
     try:
         import cv2
     except ImportError as error:
-        raise InvalidInput("a camera needs OpenCV: pip install 'vt-pipeline[camera]'") from error
+        raise InvalidInput("a camera needs OpenCV: pip install opencv-python-headless") from error
     capture: Any = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():

@@ -66,8 +66,8 @@ class GraspMeasuringSettings(MeasuringSettings):
     closed_resolution: int | None = setting(
         None,
         "edges along the longest side of a closed mesh of each object's reconstruction with one grasp, for its watertightness and "
-        "intersection over union; null measures those of networks that make closed meshes, as they are: a mesh takes 0.9 s with 64 edges, "
-        "2.3 s with 128",
+        "intersection over union; null measures those of networks that make closed meshes, as they are; docs/guide/learning.md has "
+        "the times",
         ge=8,
         le=400,
     )

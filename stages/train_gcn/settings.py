@@ -21,7 +21,7 @@ class GcnSettings(ReconstructionSettings):
     gcn_features: int | None = setting(96, "likewise; null is the table's 200 or 250", ge=3, le=2**16)
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's; 12, 15 or 18 of 3.4's grid")
     encoder_kernel: Literal[3, 5] = setting(
-        5, "as released, padded by 1; the 3 of the tables gives the same sizes, and 2.5 times the error after as many epochs"
+        5, "as released, padded by 1; the 3 of the tables gives the same sizes, and has learned less after as many epochs"
     )
     encoder_norm: Norm | None = setting(
         None, "what follows each convolution; null is the table's: batch, or instance for single images; group does not depend on the batch"
