@@ -78,7 +78,7 @@ class JobState:
 def slurm_folder(data: Place) -> Path:
     """Where scripts, logs, exit statuses and the list of jobs lie: with the data, or in the current folder if that is in object storage."""
     folder = DataDirectory(data).work("slurm")
-    return on_disk(folder) or Path("slurm") / "-".join(data.parts[1:])
+    return on_disk(folder) or Path("slurm") / "-".join(part.strip("/") for part in data.parts)
 
 
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:

@@ -30,8 +30,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     Returns
     -------
     Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
-    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them. Where objects have not
-    been made yet, the attribute `missing` names them.
+    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them, the attribute `failures` says why.
+    Where objects have not been made yet, the attribute `missing` names them.
 
     Raises
     ------
@@ -48,6 +48,9 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     first = collection.shards.index(collection.first)  # an error without shards
     shards = [_opened(shard) for shard in collection.shards]
+    shards[0].attrs["failures"] = {
+        name: why for shard in shards for name, why in shard.attrs["failures"].items()
+    }  # concat keeps the first's
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:

@@ -18,7 +18,7 @@ from pipeline.store.atomic import one_writer
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.reshard import shard_of
-from pipeline.store.storage import Place, is_machine_fault
+from pipeline.store.storage import NO_ROOM, Place, is_machine_fault
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
@@ -105,5 +105,8 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     except Exception as error:
         if not is_machine_fault(error):
             raise
-        why = f"{error.strerror}; make room there" if isinstance(error, OSError) else f"{first_line(error)}; see that it is reachable"
+        if isinstance(error, OSError):
+            why = f"{error.strerror}; {'make room there' if error.errno in NO_ROOM else 'mend that'}"
+        else:
+            why = f"{first_line(error)}; see that it is reachable"
         raise StoreError(f"{plan.path} cannot be written: {why}, then run again: what is finished is kept") from error

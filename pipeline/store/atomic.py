@@ -15,7 +15,19 @@ from obstore.exceptions import AlreadyExistsError, GenericError, PreconditionErr
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store.local_copy import local_copy
-from pipeline.store.storage import Place, bucket_of, cache_of, copy, files_below, key_of, pause, read_bytes, remove_files, temporary
+from pipeline.store.storage import (
+    TEMPORARY,
+    Place,
+    bucket_of,
+    cache_of,
+    copy,
+    files_below,
+    key_of,
+    pause,
+    read_bytes,
+    remove_files,
+    temporary,
+)
 
 ATTEMPTS = 12
 """Conditional puts that are tried while nobody else writes: object storage may refuse one in a race, or a connection may break."""
@@ -184,9 +196,10 @@ def flush_folder(folder: Path) -> None:
 
 
 def move_folder(source: Path, target: Place) -> None:
-    """Move a folder from this machine's disk to where readers will look for it; what a killed run left in its place is removed.
+    """Move a folder from this machine's disk to where readers will look for it, in place of what is there.
 
-    It is no longer needed at its source, and gone from there if that is on the same disk.
+    That may be what a killed run left, or the same rows, made again: readers see it until the new one is there. The source is no longer
+    needed, and gone if that is on the same disk.
     """
     if not isinstance(target, Path):
         names = files_below(source).keys()
@@ -196,9 +209,13 @@ def move_folder(source: Path, target: Place) -> None:
         return
     flush_folder(source)
     target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.rmtree(target, ignore_errors=True)
+    old = target.with_name(target.name + TEMPORARY)
+    shutil.rmtree(old, ignore_errors=True)
+    with suppress(FileNotFoundError):
+        target.replace(old)
     source.replace(target)
     flush(target.parent)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 @contextmanager

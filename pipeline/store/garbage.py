@@ -17,8 +17,9 @@ from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remo
 GRACE_SECONDS = 3600.0
 """How long a group that was replaced is kept: readers that opened it may still be at work."""
 
-REPLACED = "replaced"
-"""A file that is written into a folder in object storage when it is replaced: its age is the folder's."""
+REPLACED = ".replaced"
+"""A file that is written into a folder in object storage when it is replaced: its age is the folder's. A run that loses a race may leave
+one in the folder that has won; hidden, it does no harm there."""
 
 
 def unnamed(folder: Place) -> Iterator[Place]:

@@ -41,11 +41,13 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
     local = cache_of(folder)
     local.mkdir(parents=True, exist_ok=True)
     here = files_below(local)
-    copy(folder, local, [name for name, file in files_below(folder).items() if name not in here or file.written > here[name].written])
+    newer = [name for name, file in files_below(folder).items() if name not in here or file.written > here[name].written]
+    copy(folder, local, newer)
     if not send:
         yield local
         return
-    sent, ended = files_below(local), Event()
+    there = files_below(local)
+    sent, ended = {name: there[name] for name in newer}, Event()  # the others have changed since a killed run sent them, if it did
 
     def send_until_ended() -> None:
         while not ended.wait(SECONDS):

@@ -78,8 +78,8 @@ class Shard:
 
     @cached_property
     def _files(self) -> dict[str, File]:
-        """All files of the group, by their path below it."""
-        return files_below(self.path)
+        """All files of the group but hidden ones, by their path below it."""
+        return {name: file for name, file in files_below(self.path).items() if not digest.is_hidden(name)}
 
     @cached_property
     def _sound_files(self) -> Counter[str]:
@@ -213,6 +213,9 @@ class RowView(Mapping[str, np.ndarray]):
             value = np.array(str(entry)) if array.dtype == "string" else np.asarray(entry, numpy_dtype(array))
         self._held[name] = value
         return value
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._held or name in iter(self)
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")

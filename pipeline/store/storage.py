@@ -39,8 +39,11 @@ PROTOCOLS = ("s3", "gs")
 THREADS = 16
 """Requests under way at a time: each waits for the network, not for a core."""
 
-MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What the system says when a disk is full, a quota used up, a disk read-only or broken, or when too many files are open."""
+NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+"""What the system says when a disk is full, or a quota used up."""
+
+MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
+"""What it says then, when a disk is read-only or broken, or when too many files are open."""
 
 RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 """How long a request is repeated that a server does not answer, or answers with 5xx: it may be started again."""

@@ -164,7 +164,7 @@ class GraspProtocol(Protocol):
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
         try:
-            training = ObjectRows(self.job.data, ["points"], "train")
+            training = ObjectRows(self.job.data, ["points", *(["segmentation"] if self.seen else [])], "train")
         except StoreError:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None

@@ -125,7 +125,7 @@ class Score(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Check all files, measure them and the baselines, and write the tables."""
         settings: ScoreSettings = job.settings
-        method = Method("occluded" if VISION in self.reads else None, TOUCH in self.reads)
+        method = Method("unoccluded" if VISION in self.reads else None, TOUCH in self.reads)
         protocol = ScoreProtocol(job, method, self.folder)
         files = protocol.refuse_faults()
         if files.unused:

@@ -21,6 +21,7 @@ from pipeline.cluster.cluster_profile import ClusterProfile, load_cluster
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, plan_jobs, script_of
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
+from pipeline.store.storage import place
 from stages.registry import STAGES, load_stage, resolve
 
 EVERY_CONFIGURATION = ("none", "touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")
@@ -119,6 +120,11 @@ def test_a_script_passes_every_argument_as_it_was_given_and_leaves_its_exit_stat
         assert passed == ["run", "simulate-touch", *arguments, "--workers", "8", "--shards", "3", "--shard", "2"]
         assert greeting == ("a b" if setup else None)
     assert not (tmp_path / "gone").exists()
+
+
+def test_each_bucket_has_a_folder_of_its_own(tmp_path):
+    assert slurm.slurm_folder(place("s3://team-a/toy")) == Path("slurm/team-a-toy")
+    assert slurm.slurm_folder(place("s3://team-b")) == Path("slurm/team-b")
 
 
 def test_a_folder_that_no_script_can_hold_is_refused(tmp_path):

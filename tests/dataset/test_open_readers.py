@@ -143,3 +143,10 @@ def test_values_that_xarray_chooses_are_those_of_the_rows(data, shards: int):
     np.testing.assert_array_equal(touch.depth.isel(object=-1, row=slice(5, 1, -1)), whole[-1, :, :, 5:1:-1])
     assert touch.sel(object=["d", "b"]).depth.equals(touch.depth.sel(object=["d", "b"]))
     assert touch.depth.encoding["chunks"] == (1, 1, 4, 100, 100)
+
+
+def test_an_array_that_was_left_out_is_not_in_its_row(data):
+    view = DataDirectory(data).collection(SURFACES).view("a")
+    assert "metres_per_unit" not in view
+    assert "placement" in view
+    assert "meshes/faces" in view

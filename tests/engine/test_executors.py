@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import resource
 import signal
@@ -26,6 +27,7 @@ from pipeline.engine.session import Work
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
 from pipeline.errors import StageError, StoreError
+from pipeline.store import publish
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import CONSOLE, MakeNoise, NoiseSettings, TakeMean, digest, objects, plan_of, published, request, run
@@ -133,6 +135,15 @@ def test_a_disk_that_is_full_ends_the_run_with_its_path_and_loses_nothing(tmp_pa
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     assert run(request(tmp_path / "data", settings={"samples": 1000})) == 5
     assert not any(problems_below(tmp_path / "data").values())
+
+
+def test_other_faults_of_the_machine_are_not_taken_for_a_full_disk(tmp_path, monkeypatch):
+    def write(*_: object, **__: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(publish, "write_group", write)
+    with pytest.raises(StoreError, match=r"cannot be written: Too many open files; mend that, then run again"):
+        run(request(tmp_path))
 
 
 def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_path):

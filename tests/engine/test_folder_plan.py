@@ -141,6 +141,16 @@ def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
         make(tmp_path, Average(reads=("models/seed-1/gcn/touch",)))
 
 
+def test_a_manifest_that_has_changed_since_the_objects_were_made_is_refused(tmp_path):
+    run(request(tmp_path))
+    fewer, moved = objects(4), [*objects(4), *objects(5, split="test")[4:]]
+    for items, now in ((fewer, "not there"), (moved, "in split test")):
+        with pytest.raises(StoreError, match=rf"has e in split train, in manifest tiny it is {now}; run `vt-pipeline run make-noise`"):
+            make(tmp_path, items=items)
+    assert run(request(tmp_path, items=moved)) == 0
+    assert make(tmp_path, items=moved)
+
+
 def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_path):
     run(request(tmp_path))
     make(tmp_path)

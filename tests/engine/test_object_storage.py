@@ -18,6 +18,7 @@ from pipeline.reports.status import read_account
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_at_once
 from pipeline.store.directory import DataDirectory
+from pipeline.store.local_copy import local_copy
 from pipeline.store.reshard import reshard
 from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.storage import Place, files_below, place, read_bytes, remove
@@ -113,6 +114,15 @@ def test_a_folder_half_filled_is_continued_on_another_machine(data, tmp_path):
     assert not [name for name in files_below(data) if name.startswith(".work")]
 
 
+def test_what_a_killed_run_had_not_sent_yet_is_sent_by_the_next(data):
+    folder = data / "work"
+    (left := storage.cache_of(folder) / "row").parent.mkdir(parents=True)
+    left.write_text("made, not sent")
+    with pytest.raises(KeyboardInterrupt), local_copy(folder, send=True):
+        raise KeyboardInterrupt
+    assert read_bytes(folder / "row") == b"made, not sent"
+
+
 def test_a_model_is_read_from_a_copy_that_is_compared_with_its_record(data, tmp_path):
     all_three(data)
     run(request(data, Average(reads=("models/average",))))
@@ -138,6 +148,7 @@ def test_of_two_runs_the_one_that_comes_late_publishes_nothing_else(data, monkey
     with pytest.raises(StoreError, match="was published by another run meanwhile; run again"):
         run(late)
     assert published(data).first.read("values").shape == (3, 50, 3)
+    assert plan_of(early).up_to_date(), "the note that it is replaced does no harm"
     run(late)
     assert published(data).first.read("values").shape == (3, 40, 3)
 

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import make_plans
 from pipeline.errors import StoreError
@@ -142,3 +143,9 @@ def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
     for artifact in ("noise", "mean"):  # of the second nothing has been published yet
         with one_writer(DataDirectory(tmp_path).shard_lock(artifact, 0, 2), tmp_path), pytest.raises(StoreError, match="by another run"):
             list(reshard(DataDirectory(tmp_path), 4))
+
+
+def test_xarray_says_why_objects_of_every_shard_failed(tmp_path):
+    items = objects(6, a="bad", b="bad", c="bad", d="bad", e="bad")
+    run(request(tmp_path, items=items, shards=3))
+    assert open_artifact(tmp_path, "noise").attrs["failures"].keys() == set("abcde")

@@ -1,4 +1,5 @@
 import io
+import itertools
 import json
 import shutil
 from dataclasses import replace
@@ -27,6 +28,7 @@ from pipeline.reports.orderings import Verdict, orderings, orderings_table
 from pipeline.reports.training_seeds import evaluations, read_values, trainings_table
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
+from pipeline.store.reshard import reshard, shard_of
 from stages.evaluate.baselines import LOOKED_UP
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
@@ -175,6 +177,16 @@ def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     assert found["typical"] == pytest.approx(
         [2 * apart**2 + floor for apart, floor in zip((0.02, 0.04, 0.08), floors, strict=True)], rel=0.2
     )
+
+
+def test_objects_without_images_are_not_looked_up_by_their_silhouettes(tmp_path):
+    spheres.make_data(tmp_path, 5, ("train", "test"), ungrasped="a")
+    alone = next(shards for shards in itertools.count(2) if [shard_of(name, shards) for name in "abcde"].count(shard_of("a", shards)) == 1)
+    list(reshard(DataDirectory(tmp_path), alone))  # a shard without a row that came through has no sizes
+    spheres.make_model(tmp_path, "unoccluded")
+    models = [DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))]
+    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console()), models)
+    assert f"{LOOKED_UP}by silhouette" in protocol.baselines()
 
 
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.config.settings import Settings
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
@@ -22,10 +24,12 @@ from pipeline.inference.score import files_digest
 from pipeline.reports.results import results_tables
 from pipeline.reports.training_seeds import scores
 from pipeline.store.directory import DataDirectory
+from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
+from tests.engine.tiny_stages import pack
 from tests.fuzz.target import seal
 from tests.stages import ball_dataset as spheres
 
@@ -284,6 +288,14 @@ def test_files_with_y_up_about_the_origin_are_recognised():
     turned = points[:, [0, 2, 1]] * [1, 1, -1]
     assert "turned by 90° about x: the file has y up" in str(misplacement(turned, points))
     assert "turned" not in str(misplacement(turned - [0, 5, 0], points))
+
+
+def test_a_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
+    place = Path(shutil.copytree(data, tmp_path / "data"))
+    (given,) = (stage for stage in spheres.stages() if stage.output is VISION)
+    asked: Any = Request(stage=given, settings=Settings(), manifest="balls", objects=OBJECTS, preset="draft", seed=1, data=place)
+    pack(asked, lambda unit: {name: array for name, array in given.row(unit).items() if name != "occluded"})
+    assert "most similar silhouette" in vt("score", folder, place)
 
 
 def test_a_report_leaves_out_scores_of_what_has_changed_since(data, folder, tmp_path):

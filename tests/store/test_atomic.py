@@ -1,0 +1,26 @@
+"""What is published takes its place at once."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+from pipeline.store.atomic import move_folder
+
+
+def test_a_folder_is_whole_until_the_next_is_in_its_place(tmp_path, monkeypatch):
+    source, target = tmp_path / "work/new", tmp_path / "data/group.zarr"
+    for folder, content in ((source, "new"), (target, "old")):
+        folder.mkdir(parents=True)
+        (folder / "zarr.json").write_text(content)
+    removed, rmtree = [], shutil.rmtree
+
+    def remove(folder: Path, **options: bool) -> None:
+        removed.append(folder)
+        rmtree(folder, **options)
+
+    monkeypatch.setattr(shutil, "rmtree", remove)
+    move_folder(source, target)
+    assert target not in removed
+    assert (target / "zarr.json").read_text() == "new"
+    assert [path.name for path in target.parent.iterdir()] == [target.name], "nothing is left of the old one"
