@@ -215,7 +215,7 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self._held or name in iter(self)
+        return name in self._held or name in list(self)
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")
