@@ -161,6 +161,16 @@ def test_pages_that_are_up_to_date_are_left_alone_and_only_pages_of_the_list_are
     assert not {"objects/gone.html", "objects/thesis.txt"} & read_pages(report).every_file().keys()
 
 
+def test_an_object_that_moves_to_another_split_gets_another_page(data):
+    for path in data.glob("*/0000-of-0001.json"):
+        rows = json.loads(path.read_bytes())["rows"]
+        path.write_bytes(resealed(path.read_bytes(), rows=[row | {"split": "valid"} for row in rows]))
+    page = data / "report" / "objects" / "a.html"
+    assert "split valid" not in page.read_text()
+    vt("report", data)
+    assert "split valid" in page.read_text()
+
+
 def test_facts_that_no_training_has_are_said(data, tmp_path):
     (tmp_path / "unet").mkdir()
     publish(data, "models/unet", tmp_path / "unet", "train-unet", {"best": 0})
