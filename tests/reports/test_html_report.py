@@ -15,9 +15,11 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.errors import StoreError
+from pipeline.reports import paper_figures
 from pipeline.reports.html_report import _environment
 from pipeline.reports.object_page import columns
 from pipeline.reports.report_pages import read_pages
+from pipeline.reports.report_source import ReportSource
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset
 from tests.store.test_validate import resealed
@@ -169,6 +171,17 @@ def test_an_object_that_moves_to_another_split_gets_another_page(data):
     assert "split valid" not in page.read_text()
     vt("report", data)
     assert "split valid" in page.read_text()
+
+
+def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_these(data, tmp_path, monkeypatch):
+    (tmp_path / "unet").mkdir()
+    publish(data, "models/unet", tmp_path / "unet", "train-unet")
+    for name in ("_procedure", "_local_shape", "_sphere"):
+        monkeypatch.setattr(paper_figures, name, lambda *_, name=name: {"title": name})
+    source = ReportSource(data)
+    assert [figure["title"] for figure in paper_figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
+    source.collections["charts"].first.record.models["models/unet"] = "0" * 64
+    assert len(paper_figures.draw_figures(source, tmp_path, 1)) == 3
 
 
 def test_facts_that_no_training_has_are_said(data, tmp_path):
