@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import shutil
 from collections.abc import Callable, Iterator
@@ -14,6 +15,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.console import Table
 from pipeline.errors import StoreError
 from pipeline.reports import paper_figures
 from pipeline.reports.html_report import _environment
@@ -182,6 +184,17 @@ def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_th
     assert [figure["title"] for figure in paper_figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
     source.collections["charts"].first.record.models["models/unet"] = "0" * 64
     assert len(paper_figures.draw_figures(source, tmp_path, 1)) == 3
+
+
+def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path, monkeypatch):
+    (tmp_path / "evaluation").mkdir()
+    publish(data, "evaluation-single-image", tmp_path / "evaluation", "evaluate-single-image")
+    monkeypatch.setattr("stages.evaluate.tables.evaluation_tables", lambda folder: [])
+    monkeypatch.setattr("pipeline.reports.results.training_facts", lambda *_: {})
+    monkeypatch.setattr("pipeline.reports.results.training_table", lambda trained: Table("Table 4", [], []))
+    assert re.search("Table 4.*report: .*no network has been evaluated on the grasps: the report shows", vt("report", data))
+    shutil.rmtree(data / "grasps")
+    assert "report" not in vt("report", data)
 
 
 def test_facts_that_no_training_has_are_said(data, tmp_path):
