@@ -50,12 +50,6 @@ def test_a_run_with_nothing_to_do_starts_no_executor_and_imports_neither_it_nor_
     assert "up to date, 1 object\n" in again.stdout
 
 
-def test_doctor_finds_everything_here():
-    code, output = invoke("doctor")
-    assert code == 0, output
-    assert "headless rendering" in output
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

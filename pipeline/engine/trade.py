@@ -27,7 +27,7 @@ class Trade:
     reference
         The finest settings, which the others are compared with; None where the truth is known or nothing is compared.
     trials
-        Of how many things per object the error is a share, where it is one.
+        data -> of how many things per object the error is a share; None where it is none.
     evaluated_by
         A stage to run on what the stage made before errors can be read.
     """
@@ -37,5 +37,5 @@ class Trade:
     candidates: tuple[Changes, ...]
     errors: Callable[[Path, Path], Mapping[str, float]]
     reference: Changes | None = None
-    trials: int = 0
+    trials: Callable[[Path], int] | None = None
     evaluated_by: str | None = None

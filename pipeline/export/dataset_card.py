@@ -92,8 +92,8 @@ class Facts:
         Of its manifest.
     columns
         The exported columns.
-    grasps
-        By split; those exported.
+    objects, grasps
+        How many are exported, by split.
     licences
         Of the meshes, with the number of objects.
     failed

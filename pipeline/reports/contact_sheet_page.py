@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
+from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.touch.sensor import Sensor
 
 Color = tuple[int, int, int]
@@ -41,7 +42,7 @@ class Band:
     Attributes
     ----------
     title, note
-        The object's name, and a line about it (its class, the grasp, how deep rigid links are in it, …).
+        The object's name and size, and a line about the grasp (its touches, how deep rigid parts are in the object, …).
     pictures
         Captions and (R, R, 3) uint8 images, left to right.
     fingers
@@ -100,9 +101,9 @@ def depth_colors(depth: NDArray[np.floating], sensor: Sensor) -> NDArray[np.uint
     gel, reach, met = sensor.w, sensor.range, np.isfinite(depth)
     table = matplotlib.colormaps["viridis"](np.linspace(1, 0, 256))[:, :3] * 255
     near, far = BEYOND
-    share = np.clip((np.where(met, depth, reach) - gel) / (reach - gel), 0, 1)[..., None]
+    share = np.clip((np.where(met, depth, reach) - gel) / (reach - gel or 1), 0, 1)[..., None]  # the range may end with the gel
     colors = np.where(met[..., None], near + (far - near) * share, MISS)
-    inside = depth < gel
+    inside = in_gel(depth, sensor)
     colors[inside] = table[np.clip(depth[inside] / gel * 255, 0, 255).astype(int)]
     return np.round(colors).astype(np.uint8)
 
@@ -195,7 +196,8 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
     right, top = page.width - MARGIN, MARGIN
     left = right - inside - beyond
     ramp = np.concatenate([np.linspace(0, sensor.w, inside, endpoint=False), np.linspace(sensor.w, sensor.range, beyond)])
-    page.paste(Image.fromarray(np.repeat(depth_colors(ramp[None], sensor), high, axis=0)), (left, top + 20))
+    colors = depth_colors(ramp[None], sensor.model_copy(update={"surface": None}))  # as in the middle of a curved gel
+    page.paste(Image.fromarray(np.repeat(colors, high, axis=0)), (left, top + 20))
     pencil.text((left, top), "depth, mm", FAINT, small)
     gel, reach = f"gel {sensor.w * 1e3:.1f}", f"{sensor.range * 1e3:.0f}"
     for x, text, anchor in ((left, "0", "la"), (left + inside, gel, "ma"), (right, reach, "ra")):

@@ -126,7 +126,7 @@ def check_scene(path: Path, picture: Path) -> list[str]:
     save_figure(figure, picture)
     lines = [_camera_line(camera) for camera in scene.cameras]
     return [
-        f"{path}: scene {scene.name}, {'no faults' if not any('fault' in line for line in lines) else 'faults below'}",
+        f"{path}: scene {scene.name}, {'no faults' if not any(line.startswith('fault:') for line in lines) else 'faults below'}",
         *lines,
         f"picture: {picture}",
     ]

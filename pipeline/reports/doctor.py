@@ -58,6 +58,6 @@ def _render() -> str:
 def _device() -> str:
     try:
         import torch
-    except ImportError:
-        return "none, torch is missing"
+    except Exception:  # whatever a broken installation raises
+        return "none, torch cannot be imported"
     return torch.cuda.get_device_name() if torch.cuda.is_available() else "CPU (learning stages are slower; nothing else changes)"

@@ -30,7 +30,7 @@ from pipeline.reports.object_page import ObjectPages
 from pipeline.reports.overview import overview_panels
 from pipeline.reports.paper_figures import CANDIDATES, clearest_grasp, draw_figures
 from pipeline.reports.plots import draw_bars, draw_curves, draw_errors, draw_histogram
-from pipeline.reports.provenance import commands, contents_table, records, settings_tables, versions_tables
+from pipeline.reports.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
 from pipeline.reports.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results import results_tables, trained_models, training_losses
@@ -112,7 +112,8 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
     with Meter(console, "report", len(ids), "objects") as meter, ExitStack() as opened:
         pages = ObjectPages(source, template, folder / "objects", opened)
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
-            key = digest.of_json([whole, evaluated, source.digests(object_id), before, after, common["name"]])
+            split = source.collections["surfaces"].row(object_id).split  # which no digest contains
+            key = digest.of_json([whole, evaluated, source.digests(object_id), split, before, after, common["name"]])
             if (card := written.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
                 card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
             cards[object_id] = card
@@ -244,7 +245,7 @@ def _folded(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
 
 def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
     """Draw the measured trades of speed for accuracy, which lie on this machine's disk if anywhere."""
-    settings = {origin.stage: origin.settings for origin in records(source.directory).values()}
+    settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
 
 
@@ -256,7 +257,7 @@ def _about(source: ReportSource) -> dict[str, Any]:
         "left_out": left_out_table(source),
         "contents": contents_table(origins),
         "commands": commands(source.directory, origins),
-        "settings": settings_tables(origins),
+        "settings": settings_tables(source.directory, origins),
         "versions": versions_tables(origins),
     }
 

@@ -30,7 +30,6 @@ from pipeline.reports.plots import save_figure
 from pipeline.reports.reconstruction_gallery import draw_gallery, nearest_middle_farthest, painted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource, dataset_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
-from pipeline.store.storage import exists
 from stages.evaluate.settings import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
@@ -61,7 +60,8 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     scene = dataset_scene(source.directory)
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
-        if "charts" in source.collections and exists(source.directory.folder_record("models/unet")):
+        charts = source.collections.get("charts")
+        if charts and "models/unet" in charts.first.record.models:  # else they are fitted to other points than this network's
             figures.append(_local_shape(source, folder, object_id, grasp))
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:

@@ -9,9 +9,10 @@ from typing import Any
 import yaml
 
 from pipeline.console import Row, Table
+from pipeline.engine.stage import ObjectStage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
-from stages.registry import STAGES, resolve
+from stages.registry import STAGES, load_stage, resolve
 
 
 def records(directory: DataDirectory) -> dict[str, Provenance]:
@@ -22,6 +23,11 @@ def records(directory: DataDirectory) -> dict[str, Provenance]:
     return dict(sorted(origins.items(), key=lambda entry: order.index(entry[1].stage) if entry[1].stage in order else len(order)))
 
 
+def outside_sweeps(origins: dict[str, Provenance]) -> dict[str, Provenance]:
+    """Leave out the points of sweeps: the networks that the other stages read are others."""
+    return {name: origin for name, origin in origins.items() if not name.startswith("sweeps/")}
+
+
 def contents_table(origins: dict[str, Provenance]) -> Table:
     """List the stage, manifest, preset, seed and key of each artifact and folder."""
     rows = [
@@ -30,11 +36,11 @@ def contents_table(origins: dict[str, Provenance]) -> Table:
     return Table("", ["name", "stage", "manifest", "preset", "seed", "key"], rows)
 
 
-def settings_tables(origins: dict[str, Provenance]) -> list[Table]:
+def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) -> list[Table]:
     """List the settings that results depend on, a table per artifact or folder; those that differ from the preset's are marked."""
     tables = []
     for name, origin in origins.items():
-        preset = _preset_values(origin)
+        preset = _preset_values(directory, origin)
         rows = [Row([key, _plain(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
         if rows:
             tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
@@ -53,8 +59,9 @@ def versions_tables(origins: dict[str, Provenance]) -> list[Table]:
 
 
 def commands(directory: DataDirectory, origins: dict[str, Provenance]) -> list[str]:
-    """Write the commands that make it again, one per artifact and folder."""
-    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in origins.values() if origin.stage in STAGES]
+    """Write the commands that make it again, one per artifact and folder but the points of sweeps: `run` would replace the model."""
+    made = outside_sweeps(origins).values()
+    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in made if origin.stage in STAGES]
 
 
 def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
@@ -64,14 +71,22 @@ def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
     yield from ("--preset", origin.preset, "--seed", str(origin.seed), "--data", str(directory.root))
     if (shards := directory.shards() or 1) > 1:
         yield from ("--shards", str(shards))
-    preset = _preset_values(origin)
+    preset = _preset_values(directory, origin)
     for key, value in origin.settings.items():
         if preset.get(key) != value:
             yield from ("--set", f"{origin.stage}.{key}={_plain(value)}")
 
 
-def _preset_values(origin: Provenance) -> dict[str, Any]:
-    return resolve(origin.stage, origin.preset, ()).results() if origin.stage in STAGES else {}
+def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, Any]:
+    """Read what the preset gives a stage, with what follows the inputs as it would be filled in."""
+    if origin.stage not in STAGES:
+        return {}
+    stage, settings = load_stage(origin.stage), resolve(origin.stage, origin.preset, ())
+    if isinstance(stage, ObjectStage):
+        inputs = [directory.collection(artifact) for artifact in stage.inputs(settings)]
+        if all(collection.shards for collection in inputs):
+            settings = stage.resolve_settings(settings, {collection.artifact.name: collection.first.attributes for collection in inputs})
+    return settings.results()
 
 
 def _plain(value: Any) -> str:

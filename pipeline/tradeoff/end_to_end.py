@@ -19,7 +19,7 @@ from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
-from pipeline.tradeoff.measure import Setup, kilobytes, linked_copy, stages_before, times_of
+from pipeline.tradeoff.measure import Setup, dependencies, kilobytes, linked_copy, stages_before, times_of
 from pipeline.tradeoff.measured import END_TO_END, FOLDER, MeasuredTrade, Point
 from pipeline.tradeoff.sample import affordable
 from pipeline.tradeoff.sweep import file_name
@@ -128,8 +128,7 @@ def _outputs(setup: Setup) -> list[str]:
 
 
 def _key(setup: Setup) -> str:
-    parts = [[name, keys.code_hash(load_stage(name)), setup.settings(name).results()] for name in _chain(setup)]
-    return digest.of_json([parts, setup.seed, keys.sources_hash(__name__)])
+    return digest.of_json([dependencies(_chain(setup), setup), setup.seed, keys.sources_hash(__name__)])
 
 
 def _seconds(setup: Setup) -> float:

@@ -81,7 +81,7 @@ class Setup:
         names = tuple(item.object_id for item in self.objects)
         measured = read_trade(self.data, stage)
         if measured is not None and (measured.key, measured.objects) == (key, names):
-            return measured
+            return measured.model_copy(update={"total": facts["total"]})  # which the time that is given decides, too
         shutil.rmtree(folder, ignore_errors=True)
         user: dict[str, Any] = {
             "preset": self.preset,
@@ -115,15 +115,21 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
 def trade_key(stage: str, setup: Setup) -> str:
     """Hash what a stage's figures depend on, apart from the machine and the sample: code, settings and description files."""
     declaration = f"{type(load_stage(stage)).__module__.rpartition('.')[0]}.trade"
+    parts = dependencies((*stages_before(stage, setup), stage), setup)
+    return digest.of_json({**parts, "seed": setup.seed, "trade": keys.sources_hash(declaration)})
+
+
+def dependencies(stages: Sequence[str], setup: Setup) -> dict[str, Any]:
+    """Collect what stages, in the order of the pipeline, depend on: code, settings and the content of description files."""
     attributes: dict[str, Any] = {}
-    parts: dict[str, Any] = {"seed": setup.seed, "trade": keys.sources_hash(declaration)}
-    for name in (*stages_before(stage, setup), stage):
+    parts: dict[str, Any] = {}
+    for name in stages:
         loaded, settings = load_stage(name), setup.settings(name)
         if isinstance(loaded, ObjectStage):
             settings = loaded.resolve_settings(settings, attributes)
             attributes[loaded.output.name] = {**loaded.attributes(settings), "settings": settings.results()}
         parts[name] = [keys.code_hash(loaded), settings.results(), keys.assets_digest(loaded.assets(settings))]
-    return digest.of_json(parts)
+    return parts
 
 
 def _declared(stage: str) -> Trade:
@@ -203,7 +209,7 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     left_out = forecast(stage, setup, limit)[1]
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
     trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
-    facts = {"metric": trade.metric, "unit": trade.unit, "trials": trade.trials, "trained": trained, "total": len(listed)}
+    facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
     known = {point.label for point in measured.points}
     missing = {label: entry for label, entry in listed.items() if label not in known}
@@ -228,6 +234,8 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         errors = {name: (error,) for name, error in trade.errors(data, reference or data).items()}
         if not errors:
             raise StoreError(f"{stage}, {label}: no object of the sample has this error ({trade.metric}); see `vt-pipeline status {data}`")
+        if trade.trials:
+            measured = measured.model_copy(update={"trials": trade.trials(data)})
         measured = measured.with_point(point.model_copy(update={"times": times, "kilobytes": size, "errors": errors}))
         measured.write(setup.data)
         shutil.rmtree(data)

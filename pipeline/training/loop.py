@@ -66,6 +66,8 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     ------
     HelpDone
         In each process but the first of those that were started together: the first one saves the model.
+    ProcessRaisedException
+        One of several processes raised an error that is a fault of ours: its traceback is the message.
     StageError
         There are no items; the number of processes differs from the settings, or a process was killed; or a loss is NaN, raises in a
         kernel, or explodes: the message names epoch, step, and the items of the batch.
@@ -80,13 +82,22 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         with no_process_left():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # the error of one of several processes, as text
-        raise StageError(re.sub(r"^pipeline\.errors\.\w+: ", "", str(error).strip().splitlines()[-1])) from error
+        if (words := _words_of(str(error))) is None:
+            raise
+        raise StageError(words) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
     if group and group.rank:
         raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
+
+
+def _words_of(raised: str) -> str | None:
+    """Find the message of an error that a person can mend, one of ours or the system's, in the traceback of another process."""
+    last = raised.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
+    match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last.rstrip(), re.MULTILINE | re.DOTALL)
+    return match and match[1]
 
 
 def _how_it_ended(error: ProcessExitedException) -> str:

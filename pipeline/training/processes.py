@@ -63,6 +63,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.plugins.environments.lightning import LightningEnvironment
     from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
     from lightning_fabric.strategies.ddp import DDPStrategy
+    from lightning_fabric.utilities.exceptions import MisconfigurationException
 
     together = process_group()
     _check_count(settings, name)
@@ -91,7 +92,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
             plugins=plugins,
             loggers=TensorBoardLogger(folder, name=LOGS, version=""),
         )
-    except (RuntimeError, ValueError, ImportError) as error:
+    except (RuntimeError, ValueError, ImportError, MisconfigurationException) as error:  # the last: fewer GPUs than devices
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
 
 

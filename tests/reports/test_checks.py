@@ -179,9 +179,11 @@ def test_all_faults_of_a_hand_file_are_named_at_once(tmp_path: Path) -> None:
 
 
 def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
-    described = yaml.safe_load(description_path("scene", "supplement").read_text())
-    away = described["cameras"][0] | {"name": "away", "rotation": [70.458, 4.94, -66.46]}
-    path = edited("scene", "supplement", tmp_path / "away.yaml", cameras=json.loads(json.dumps([*described["cameras"], away])))
+    (camera,) = yaml.safe_load(description_path("scene", "supplement").read_text())["cameras"]
+    path = edited("scene", "supplement", tmp_path / "seen.yaml", cameras=[camera | {"name": "default"}])
+    assert "no faults" in check_file(str(path), tmp_path / "a.png")[0]
+    away = camera | {"name": "away", "rotation": [70.458, 4.94, -66.46]}
+    path = edited("scene", "supplement", tmp_path / "away.yaml", cameras=json.loads(json.dumps([camera, away])))
     lines = check_file(str(path), tmp_path / "a.png")
     assert "faults below" in lines[0]
     assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)

@@ -12,6 +12,7 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.reports.contact_sheet import BandMaker, band_maker, contact_sheets
 from pipeline.reports.contact_sheet_page import (
     COLORS,
@@ -84,6 +85,25 @@ def test_depth_colours_distinguish_gel_beyond_and_nothing() -> None:
     assert deep[0] > 200 > deep[2]  # yellow
     assert shallow.max() < 100  # dark violet
     assert np.ptp(beyond) < 10  # grey
+    assert nothing.min() == 250
+
+
+def test_depth_colours_follow_a_curved_gel(tmp_path) -> None:
+    sensor = load_sensor("digit", shape=(20, 30))
+    between = (gel_surface(sensor)[0, 0] + sensor.w) / 2  # beside the gel at its rim, in it in its middle
+    depth = np.full(sensor.shape, between, np.float32)
+    colors = depth_colors(depth, sensor).astype(int)
+    assert np.ptp(colors[0, 0]) < 10 < np.ptp(colors[10, 15])
+    band = make_band("rim")
+    band = Band(band.title, band.note, band.pictures, band.fingers, band.touched, band.tactile_images, np.stack([depth] * 4))
+    assert len(draw([band], tmp_path / "sheet.png", [sensor] * 4, title="title", note="note")) == 1
+
+
+def test_a_range_that_ends_with_the_gel_has_colours_too() -> None:
+    sensor = SENSOR.model_copy(update={"range": SENSOR.w})
+    with np.errstate(all="raise"):
+        inside, nothing = depth_colors(np.array([[0.0, np.inf]]), sensor)[0].astype(int)
+    assert inside[0] > 200 > inside[2]
     assert nothing.min() == 250
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import shutil
 from collections.abc import Callable, Iterator
@@ -14,10 +15,13 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.console import Table
 from pipeline.errors import StoreError
+from pipeline.reports import paper_figures
 from pipeline.reports.html_report import _environment
 from pipeline.reports.object_page import columns
 from pipeline.reports.report_pages import read_pages
+from pipeline.reports.report_source import ReportSource
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset
 from tests.store.test_validate import resealed
@@ -159,6 +163,38 @@ def test_pages_that_are_up_to_date_are_left_alone_and_only_pages_of_the_list_are
     vt("report", data)
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
     assert not {"objects/gone.html", "objects/thesis.txt"} & read_pages(report).every_file().keys()
+
+
+def test_an_object_that_moves_to_another_split_gets_another_page(data):
+    for path in data.glob("*/0000-of-0001.json"):
+        rows = json.loads(path.read_bytes())["rows"]
+        path.write_bytes(resealed(path.read_bytes(), rows=[row | {"split": "valid"} for row in rows]))
+    page = data / "report" / "objects" / "a.html"
+    assert "split valid" not in page.read_text()
+    vt("report", data)
+    assert "split valid" in page.read_text()
+
+
+def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_these(data, tmp_path, monkeypatch):
+    (tmp_path / "unet").mkdir()
+    publish(data, "models/unet", tmp_path / "unet", "train-unet")
+    for name in ("_procedure", "_local_shape", "_sphere"):
+        monkeypatch.setattr(paper_figures, name, lambda *_, name=name: {"title": name})
+    source = ReportSource(data)
+    assert [figure["title"] for figure in paper_figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
+    source.collections["charts"].first.record.models["models/unet"] = "0" * 64
+    assert len(paper_figures.draw_figures(source, tmp_path, 1)) == 3
+
+
+def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path, monkeypatch):
+    (tmp_path / "evaluation").mkdir()
+    publish(data, "evaluation-single-image", tmp_path / "evaluation", "evaluate-single-image")
+    monkeypatch.setattr("stages.evaluate.tables.evaluation_tables", lambda folder: [])
+    monkeypatch.setattr("pipeline.reports.results.training_facts", lambda *_: {})
+    monkeypatch.setattr("pipeline.reports.results.training_table", lambda trained: Table("Table 4", [], []))
+    assert re.search("Table 4.*report: .*no network has been evaluated on the grasps: the report shows", vt("report", data))
+    shutil.rmtree(data / "grasps")
+    assert "report" not in vt("report", data)
 
 
 def test_facts_that_no_training_has_are_said(data, tmp_path):

@@ -6,26 +6,49 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import trimesh
 import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.reports.provenance import commands, records
+from pipeline.reports.provenance import commands, records, settings_tables
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import ShardRecord
 from stages.registry import resolve
+from tests.stages import ball_dataset
+
+
+def record_of(stage: str, settings: dict[str, Any]) -> ShardRecord:
+    said = {"location": "g", "stage": stage, "key": "0" * 64, "settings": settings, "speed_settings": {}, "preset": "draft"}
+    said |= {"seed": 3, "manifest": "toy", "models": {}, "versions": {}, "processor": {}, "schema_version": 1, "rows": ()}
+    return ShardRecord.model_validate({**said, "constants_digest": "0" * 64, "metadata": {}})
 
 
 def test_a_command_names_what_differs_from_the_preset_and_nothing_else(tmp_path):
-    settings = resolve("simulate-grasps", "draft", ["grasps=2"]).results()
-    said = {"location": "g", "stage": "simulate-grasps", "key": "0" * 64, "settings": settings, "speed_settings": {}, "preset": "draft"}
-    said |= {"seed": 3, "manifest": "toy", "models": {}, "versions": {}, "processor": {}, "schema_version": 1, "rows": ()}
-    record = ShardRecord.model_validate({**said, "constants_digest": "0" * 64, "metadata": {}})
+    record = record_of("simulate-grasps", resolve("simulate-grasps", "draft", ["grasps=2"]).results())
     (line,) = commands(DataDirectory(tmp_path), {"grasps": record})
     told = f"--manifest toy --preset draft --seed 3 --data {tmp_path} --set simulate-grasps.grasps=2"
     assert line == f"vt-pipeline run simulate-grasps {told}"
+
+
+def test_points_of_sweeps_have_no_command_which_would_replace_the_model(tmp_path):
+    settings = resolve("train-gcn", "draft", ()).results()
+    origins = {"models/gcn/touch": record_of("train-gcn", settings)}
+    origins["sweeps/train-gcn/touch/epochs=3"] = record_of("train-gcn", settings | {"epochs": 3})
+    (line,) = commands(DataDirectory(tmp_path), origins)
+    assert "--set" not in line
+
+
+def test_settings_that_follow_the_inputs_are_not_named_as_set(tmp_path):
+    ball_dataset.make_data(tmp_path, 1)
+    directory, settings = DataDirectory(tmp_path), resolve("render-vision", "draft", ()).results()
+    for hand, count in ((ball_dataset.HAND["hand"], 0), ("allegro_left", 1)):
+        origins = {"vision": record_of("render-vision", settings | {"hand": hand})}
+        (line,) = commands(directory, origins)
+        (table,) = settings_tables(directory, origins)
+        assert line.count("--set") == [row.cells[2] for row in table.rows].count("set") == count
 
 
 def test_commands_that_are_pasted_into_a_shell_make_the_same_again(tmp_path, monkeypatch):

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from pipeline.console import console
-from pipeline.reports.html_report import write_report
+from pipeline.reports.html_report import _trades, write_report
 from pipeline.reports.left_out import left_out_table
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.trade_pictures import report_trades, used_point
+from pipeline.store.directory import DataDirectory
 from stages.registry import resolve
 from tests.stages import ball_dataset
 from tests.tradeoff.measured_trades import point, trade
@@ -34,6 +37,18 @@ def test_pictures_name_what_was_used(tmp_path: Path) -> None:
     drawn = (tmp_path / "trade-sample-surfaces.svg").read_text()
     assert "seconds per object" in drawn
     assert ">fast<" in drawn
+
+
+def test_points_of_sweeps_are_not_what_is_used(tmp_path: Path, monkeypatch) -> None:
+    TRADE.write(tmp_path)
+    (tmp_path / "figures").mkdir()
+    own = resolve("sample-surfaces", "draft", ()).results()
+    settings = {"surfaces": own, "sweeps/sample-surfaces/points=5000": own | {"points": 5000}}
+    origins = {name: SimpleNamespace(stage="sample-surfaces", settings=values) for name, values in settings.items()}
+    monkeypatch.setattr("pipeline.reports.html_report.records", lambda directory: origins)
+    source: Any = SimpleNamespace(directory=DataDirectory(tmp_path))
+    (picture,) = _trades(source, tmp_path)
+    assert "used here: own" in picture["caption"]
 
 
 def test_report_shows_trades_and_what_was_left_out(tmp_path: Path, monkeypatch) -> None:

@@ -13,14 +13,18 @@ from PIL import Image
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
-from pipeline.tradeoff.end_to_end import coarse_sensor
+from pipeline.tradeoff.end_to_end import NETWORK, _key, coarse_sensor
 from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
-from pipeline.tradeoff.measured import MeasuredTrade, trade_path
+from pipeline.tradeoff.measured import MeasuredTrade, read_trade, trade_path
 from pipeline.tradeoff.sample import stratified
 from stages.registry import TRADED, load_trade
+from stages.simulate_grasps.trade import sensors_of_grasps
+from tests.stages import ball_dataset
 
 STAGE = "sample-surfaces"
 LATER = np.inf
@@ -95,6 +99,16 @@ def test_other_settings_are_measured_again(made: Path) -> None:
     assert hands[0] != hands[1]
 
 
+def test_a_whole_dataset_is_measured_again_with_another_sensor_in_the_same_file(tmp_path: Path) -> None:
+    described = description_path("sensor", "gel_16mm").read_text()
+    (file := tmp_path / "gel.yaml").write_text(described)
+    own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
+    before = _key(own)
+    assert _key(own) == before
+    file.write_text(described.replace("rows: 100", "rows: 50"))
+    assert _key(own) != before
+
+
 @pytest.mark.parametrize("stage", TRADED)
 def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     one, declared = setup(tmp_path), load_trade(stage)
@@ -132,6 +146,24 @@ def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypa
     with pytest.raises(StoreError, match="sample-surfaces, draft, standard, paper: no object of the sample has this error"):
         measure(setup(tmp_path))
     assert not trade_path(tmp_path, STAGE).exists()
+
+
+def test_more_time_lists_more_points_although_fewer_were_asked_for_before(made: Path, tmp_path: Path) -> None:
+    whole = measure(setup(made))
+    whole.model_copy(update={"total": 1}).write(tmp_path)
+    assert measure(setup(tmp_path)).total == whole.total == len(whole.points)
+
+
+def test_an_error_is_a_share_of_as_many_things_as_the_data_has(tmp_path: Path, monkeypatch) -> None:
+    declared = replace(load_trade(STAGE), trials=lambda data: len(ObjectRows(data, ("points",), split=None)))
+    monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
+    assert measure(setup(tmp_path), deadline=time.monotonic()).trials == 4
+    assert read_trade(tmp_path, STAGE).trials == 4
+
+
+def test_sensors_that_may_touch_are_those_of_all_grasps(tmp_path: Path) -> None:
+    ball_dataset.make_data(tmp_path, 1)
+    assert sensors_of_grasps(tmp_path) == ball_dataset.GRASPS_AN_OBJECT * ball_dataset.SENSORS
 
 
 def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:

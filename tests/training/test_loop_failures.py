@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 from torch import Tensor
+from torch.multiprocessing.spawn import ProcessRaisedException
 
 from pipeline.errors import StageError
 from pipeline.kernels.metrics.chamfer import chamfer
@@ -91,6 +92,29 @@ def test_a_gradient_that_is_no_number_stops_it(tmp_path: Path) -> None:
 def test_a_validation_that_is_no_number_stops_it(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="validation loss of epoch 1 is nan; lower learning_rate"):
         fit(Unmeasured(plain=True), tmp_path)
+
+
+class Raising(Regression):
+    """Raises an error in its validation."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(plain=True)
+        self.error = error
+
+    def validate(self, network: torch.nn.Module) -> dict[str, float]:
+        raise self.error from KeyError("the cause")
+
+
+@pytest.mark.parametrize("error", [StageError("of\n\ntwo lines"), OSError(28, "No space left on device")], ids=str)
+def test_an_error_in_words_of_one_of_several_processes_is_said_whole(tmp_path: Path, error: Exception) -> None:
+    with pytest.raises(StageError) as raised:
+        fit(Raising(error), tmp_path, devices=2)
+    assert str(raised.value).removeprefix("OSError: ") == str(error)
+
+
+def test_a_fault_of_ours_in_one_of_several_processes_keeps_its_traceback(tmp_path: Path) -> None:
+    with pytest.raises(ProcessRaisedException, match=r"(?s)in validate\n.*ValueError: of\ntwo lines"):
+        fit(Raising(ValueError("of\ntwo lines")), tmp_path, devices=2)
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,13 @@ def test_more_nodes_than_were_started_are_refused(tmp_path: Path) -> None:
         fit(Regression(), tmp_path, num_nodes=2)
 
 
+def test_more_devices_than_there_are_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pipeline.training.processes.device_of", torch.device)
+    monkeypatch.setattr("lightning_fabric.accelerators.cuda.num_cuda_devices", lambda: 1)
+    with pytest.raises(StageError, match=r"accelerator cuda, 2 devices, 32-true: .*\[0, 1\]"):
+        fit(Regression(), tmp_path, accelerator="cuda", devices=2)
+
+
 class Guarded(Regression):
     """In the processes that are started for it: whatever is unpickled from another process, or heard on the network, is an error."""
 
