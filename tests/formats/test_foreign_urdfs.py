@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -92,6 +93,15 @@ def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
     for angle in (-0.4, 0.9):
         lever = forward_kinematics(hand, np.eye(4), np.array([angle]))[2]
         assert np.arctan2(lever[2, 1], lever[2, 2]) == pytest.approx(0.25)
+
+
+def test_physics_gets_no_prefixes(tmp_path: Path) -> None:
+    """Drake's are undeclared, inside links and joints too."""
+    inside = BODY.replace("</geometry>", '</geometry><drake:proximity_properties><drake:mu value="1"/></drake:proximity_properties>')
+    text = CLAW.replace(BODY, inside).replace('effort="0"', 'effort="0" drake:acceleration="9"')
+    robot = ElementTree.parse(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
+    assert {len(link) for link in robot.findall("link")} == {2}
+    assert set(robot.find("joint/limit").attrib) == {"lower", "upper", "effort"}  # type: ignore[union-attr]
 
 
 def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
