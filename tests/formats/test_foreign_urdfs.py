@@ -96,6 +96,10 @@ def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
         assert np.arctan2(lever[2, 1], lever[2, 2]) == pytest.approx(0.25)
 
 
+def test_joint_that_follows_a_frozen_follower_is_frozen_with_it(tmp_path: Path) -> None:
+    assert load_hand(claw(tmp_path, frozen={"brake": 0.25, "second": 0.3})).frozen == {"brake": 0.25, "second": 0.3, "third": -0.15}
+
+
 def test_physics_gets_no_prefixes(tmp_path: Path) -> None:
     """Drake's are undeclared, inside links and joints too."""
     inside = BODY.replace("</geometry>", '</geometry><drake:proximity_properties><drake:mu value="1"/></drake:proximity_properties>')
