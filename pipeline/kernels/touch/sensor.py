@@ -135,6 +135,11 @@ class Sensor(BaseModel):
         return self.width if self.given_height is None else self.given_height
 
     @property
+    def layer_thickness(self) -> float:
+        """Thickness of the elastic layer, m: w, unless the gel states its own."""
+        return self.w if self.gel is None or self.gel.thickness is None else self.gel.thickness
+
+    @property
     def pitch(self) -> tuple[float, float]:
         """Size of a pixel along y and x, m."""
         return self.height / self.rows, self.width / self.cols
