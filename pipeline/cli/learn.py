@@ -34,7 +34,6 @@ from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
 from pipeline.tradeoff import sweep as sweeps
 from pipeline.training.process_group import process_group
-from schemas.grasps import GRASPS
 from stages.registry import STAGES, load_stage, resolve
 
 SINGLE = "evaluation-single-image"
@@ -223,7 +222,7 @@ def report(
         check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
         show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
-        if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
+        if not (evaluated or scored):
             return
     if evaluated or scored:
         check_origins(directory, evaluated)
@@ -232,7 +231,7 @@ def report(
         print_line(f"report: {write_report(directory.root, console, most)}")
     if not (evaluated or scored):
         alone = ": the report shows the dataset alone" if pages else ""
-        print_line(f"no network has been evaluated on the grasps{alone}; `make report`, with the same variables, trains some")
+        print_line(f"no network has been evaluated{alone}; `make report`, with the same variables, trains some")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:
