@@ -17,7 +17,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 from stages.render_vision.opengl_context import OpenGLContext
@@ -112,9 +112,10 @@ def embree_depth(triangles: NDArray[np.float64], sensor: Sensor) -> DepthOf:
     """Trace the faces (F, 3, 3) of a mesh by Embree; depth maps (rows, cols), m, +inf where nothing is hit within range."""
     scene = EmbreeScene()
     mesh = TriangleMesh(scene, triangles.astype(np.float32))
+    x, y = pixel_centres(sensor)
 
     def depth(pose: NDArray[np.float64], _keeps: TriangleMesh = mesh) -> NDArray[np.float64]:  # the scene does not keep its mesh alive
-        origins = ray_origins(pose, sensor).reshape(-1, 3).astype(np.float32)
+        origins = sensor_to_world(pose, x, y[:, None], np.zeros(sensor.shape)).reshape(-1, 3).astype(np.float32)
         directions = np.tile(pose[:3, 2].astype(np.float32), (len(origins), 1))
         distance = np.asarray(scene.run(origins, directions, query="DISTANCE"), np.float64).reshape(sensor.shape)
         return np.where(distance <= sensor.range, distance, np.inf)

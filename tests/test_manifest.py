@@ -330,8 +330,10 @@ def test_a_folder_goes_to_the_source_that_names_none(tmp_path):
     named, other, nameless = folder("directory", tmp_path / "a"), folder("directory", tmp_path / "c"), folder("directory")
     assert [item.object_id for item in manifest(named, nameless).objects(tmp_path / "b")] == ["a", "b"]
     assert [item.object_id for item in manifest(named).objects(tmp_path / "b")] == ["b"]
-    with pytest.raises(InvalidInput, match=r"2 sources of manifest m take a folder, and --objects .* names one: state each `path`"):
-        manifest(named, other).objects(tmp_path / "b")
+    remedies = "each states its `path`, so leave --objects out", "state the `path` of all but one"
+    for sources, remedy in zip(((named, other), (nameless, nameless)), remedies, strict=True):
+        with pytest.raises(InvalidInput, match=rf"2 sources of manifest m take a folder, and --objects .* names one: {remedy}"):
+            manifest(*sources).objects(tmp_path / "b")
 
 
 def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):

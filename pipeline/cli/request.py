@@ -56,12 +56,16 @@ ObjectsOption = Annotated[
 UnitsOption = Annotated[
     Unit | None,
     typer.Option(
-        help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size.", rich_help_panel=OBJECTS
+        help="Unit of the mesh files, to keep real sizes; else what they state, or all scaled to one size. A file's own entry comes first.",
+        rich_help_panel=OBJECTS,
     ),
 ]
 UpOption = Annotated[
     Axis | None,
-    typer.Option(help="Axis of the mesh files that points up; by default what they state (glTF: y), else z.", rich_help_panel=OBJECTS),
+    typer.Option(
+        help="Axis of the mesh files that points up; by default what they state (glTF: y), else z. A file's own entry comes first.",
+        rich_help_panel=OBJECTS,
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,

@@ -103,7 +103,7 @@ class Manifest(BaseModel):
         return [replace(item, split=splits[item.object_id]) for item in found]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
-        """Return the manifest with other units, of `METRES`, or another up-axis for all its mesh files."""
+        """Return the manifest with other units, of `METRES`, or another up-axis, for mesh files whose own entry states none."""
         if units is None and up is None:
             return self
         wanted = {"metres_per_unit": METRES[units] if units else None, "up": up}
@@ -139,8 +139,9 @@ class Manifest(BaseModel):
                 "folder, such as directory"
             )
         if len(takers) > 1:
+            remedy = "state the `path` of all but one" if takers[0].path is None else "each states its `path`, so leave --objects out"
             raise InvalidInput(
-                f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: state each `path`"
+                f"{len(takers)} sources of manifest {self.name} take a folder, and --objects (make: OBJECTS=) names one: {remedy}"
             )
         return [(source, root if source is takers[0] else None) for source in self.sources]
 

@@ -21,7 +21,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
 from pipeline.formats.file_content import read_file
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.mesh_companions import MAX_BYTES
+from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 from pipeline.formats.sensor_file import sensor_files, sensor_names
 from pipeline.formats.urdf import parse_urdf
 from pipeline.formats.urdf_shapes import mesh_path
@@ -151,10 +151,14 @@ def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
 
 
 def _meshes_outside(urdf: Path, root: Path) -> Iterator[str]:
-    """List the meshes of a URDF that lie outside a folder; what its reader refuses to open is not its concern."""
+    """List a URDF's meshes and their textures that lie outside a folder; what its reader refuses to open is not its concern."""
     with suppress(InvalidInput):
         for mesh in parse_urdf(urdf).iter("mesh"):
             name = mesh.get("filename", "")
             with suppress(InvalidInput, OSError):
-                if not mesh_path(name, urdf.parent).resolve().is_relative_to(root):
+                path, package = mesh_path(name, urdf.parent)
+                if not path.resolve().is_relative_to(root):
                     yield name
+                else:
+                    beside = Companions(path, package).paths
+                    yield from (named for named, file in beside.items() if not file.is_relative_to(root))

@@ -79,8 +79,8 @@ def _models(archive: zipfile.ZipFile) -> Iterator[dict[str, str]]:
             "file": str(file),
             "up": _up(model.get("modelRotation", "1 0 0 0 1 0 0 0 1")),
             "name": model["name"],
-            "licence": library["license"],
-            "creator": model["creator"],
+            "licence": library.get("license", ""),  # as the creators, not in every library
+            "creator": model.get("creator", ""),
         }
 
 
@@ -98,6 +98,8 @@ def _unescaped(value: str) -> str:
 
 def main() -> None:
     """Unpack the libraries of the command line, and say what was left out."""
+    if len(sys.argv) < 3:
+        raise SystemExit("usage: python -m pipeline.formats.furniture_library FOLDER LIBRARY.sh3f...")
     folder, *libraries = map(Path, sys.argv[1:])
     number, left_out = unpack(libraries, folder)
     print("\n".join([*left_out, f"{folder}: {number} models, {len(left_out)} left out; licences and creators are in catalogue.csv"]))

@@ -45,7 +45,7 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
             raise InvalidInput(f"there is no moving joint {name!r}; there are {', '.join(sorted(moving))}")
     if twice := sorted({name for name in used if used.count(name) > 1 or name in frozen}):
         raise InvalidInput(f"every moving joint must belong to one finger, or be frozen, but not so {', '.join(twice)}")
-    leaders = {name: _leader(joint, moving) for name, joint in moving.items() if joint.mimic is not None and name not in frozen}
+    leaders = {name: _leader(joint, moving, frozen) for name, joint in moving.items() if joint.mimic is not None and name not in frozen}
     angles = dict(frozen) | {
         name: mimic.multiplier * frozen[mimic.joint] + mimic.offset for name, mimic in leaders.items() if mimic.joint in frozen
     }
@@ -66,11 +66,11 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
     )
 
 
-def _leader(joint: Joint, moving: Mapping[str, Joint]) -> Mimic:
-    """Find what a joint follows in the end: the joint that it mimics may mimic another one."""
+def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) -> Mimic:
+    """Find what a joint follows in the end: the joint that it mimics may mimic another one, unless it is frozen."""
     mimic, passed = joint.mimic, {joint.name}
     assert mimic is not None
-    while (leader := moving.get(mimic.joint)) is not None and leader.mimic is not None:
+    while (leader := moving.get(mimic.joint)) is not None and leader.mimic is not None and leader.name not in frozen:
         if leader.name in passed:
             raise InvalidInput(f"joint {joint.name} mimics itself; give one of {', '.join(sorted(passed))} its own motor")
         passed.add(leader.name)

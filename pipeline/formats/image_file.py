@@ -45,8 +45,12 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`."""
     modes = ("1", "L", "P", "I;16", "RGB")
-    levels = _opened(path, modes, "colours", "8-bit grey, 0 outside", np.asarray)
+    levels = _opened(path, modes, "colours", "8-bit grey, 0 outside", _levels)
     return np.asarray(levels.any(axis=2) if levels.ndim == 3 else levels != 0)
+
+
+def _levels(image: Image.Image) -> NDArray[Any]:
+    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: numbers of colours, of which any may be black
 
 
 def read_depth(path: Path) -> NDArray[Any]:

@@ -103,7 +103,7 @@ class Companions(Mapping[str, bytes]):
                 line = content.partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
                 library = _decode(line)
                 yield library
-                if path := self._find(library):
+                if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
                     check_file(path)
                     yield from _after(b"map_kd", path.read_bytes())
 

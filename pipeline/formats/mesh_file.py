@@ -148,7 +148,7 @@ def _read(file: Path, companions: Companions, skip_materials: bool = False) -> l
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
     textures = _Textures()
-    linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states vertex colours in linear light, other formats in sRGB
+    linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
     looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 
@@ -207,7 +207,7 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
     uv = np.zeros((len(part.vertices), 2), np.float32)
     face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
-        colors[0], texture = _material(visual.material, textures)
+        colors[0], texture = _material(visual.material, textures, linear=linear)
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
@@ -238,13 +238,14 @@ def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8]
     return colors
 
 
-def _material(material: Any, textures: _Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of one of trimesh's materials, whichever of its kinds it is."""
     color = np.full(4, 255, np.uint8)
-    if isinstance(material, trimesh.visual.material.PBRMaterial):  # glTF: a linear factor, white by default, times the texture
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
         if material.baseColorFactor is not None:
-            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(material.baseColorFactor[:3]))
-            color[3] = material.baseColorFactor[3]
+            color[:] = material.baseColorFactor
+        if linear:
+            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(color[:3]))
         return color, None if material.baseColorTexture is None else textures.decode(material.baseColorTexture)
     image: Any = getattr(material, "image", None)
     if image is None:

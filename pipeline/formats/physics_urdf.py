@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement
 
@@ -32,8 +31,8 @@ def write_physics_urdf(hand: Hand, folder: Path) -> Path:
 
     Returns
     -------
-    The URDF. Visuals are gone, every mesh that collides is a convex OBJ, every link has a mass, and a joint that follows another one is
-    as free as that one. All else is as in the hand's own file, to the letter.
+    The URDF. Visuals and what has a prefix are gone, every mesh that collides is a convex OBJ, every link has a mass, and a joint that
+    follows another one is as free as that one. All else is as in the hand's own file, to the letter.
     """
     links, joints = {link.name: link for link in hand.links}, {joint.name: joint for joint in hand.joints}
     robot = Element("robot", name=hand.name)
@@ -54,8 +53,16 @@ def links_without_mass(hand: Hand) -> list[str]:
     return [link.name for link in hand.links if link.name in massless]
 
 
+def _without_prefixes(element: Element) -> Element:
+    """Copy an element without tags and attributes such as `drake:…`: whose prefix is not declared is no XML to those who read it next."""
+    kept = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
+    kept.text, kept.tail = element.text, element.tail
+    kept.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
+    return kept
+
+
 def _link(element: Element, link: Link, stem: Path) -> Element:
-    kept = deepcopy(element)
+    kept = _without_prefixes(element)
     for visual in kept.findall("visual"):
         kept.remove(visual)
     if any(shape.kind == "mesh" for shape in link.collisions):
@@ -90,7 +97,7 @@ def _estimated_inertial(link: Link) -> Element:
 
 
 def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
-    kept = deepcopy(element)
+    kept = _without_prefixes(element)
     for mimic in kept.findall("mimic"):
         kept.remove(mimic)
     if joint.name in hand.frozen:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
@@ -49,7 +52,16 @@ def _read_sensor(name: str | Path) -> Sensor:
         raise InvalidInput(
             f"{file} has {image.shape[0]} x {image.shape[1]} pixels, {path} says {sensor.rows} x {sensor.cols}; make them agree"
         )
-    return sensor.model_copy(update={"photograph": file.read_bytes()})
+    return sensor.model_copy(update={"photograph": _upright(file.read_bytes(), image)})
+
+
+def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
+    """Return the bytes of a photograph, or those of a PNG of its image where its EXIF data turn it: kernels take pixels as they are."""
+    if np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):
+        return content
+    with io.BytesIO() as file:
+        Image.fromarray(image).save(file, "PNG")
+        return file.getvalue()
 
 
 def photograph_file(path: Path, sensor: Sensor) -> Path | None:

@@ -56,7 +56,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     try:
         robot = parse_urdf(path)
         kept = _below(robot, root)
-        materials = {material.get("name", ""): named_color(material, {}) for material in robot.findall("material")}
+        materials = _materials(robot)
         elements = [element for element in robot.findall("link") if _name(element) in kept]
         files = {mesh.get("filename") for element in elements for mesh in element.iter("mesh")}
         with Meter(errors, f"{path.name}: reading meshes", len(files), "files", after=BAR_AFTER) as meter:
@@ -67,6 +67,15 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
+
+
+def _materials(robot: Element) -> dict[str, Color]:
+    """Read the colours of materials by name; one that a link defines is known to all links, those of the robot come first."""
+    colors: dict[str, Color] = {}
+    for material in (*robot.findall("material"), *robot.iter("material")):
+        if material.find("color") is not None and (name := material.get("name")):
+            colors.setdefault(name, named_color(material, {}))
+    return colors
 
 
 def parse_urdf(path: Path) -> Element:
@@ -121,26 +130,26 @@ def _end(joint: Element, role: str) -> str:
     return end.get("link", "") if end is not None else ""
 
 
-def _reader(meter: Meter) -> Callable[[Path], Mesh]:
+def _reader(meter: Meter) -> Callable[[Path, Path], Mesh]:
     """Read each mesh file once, and no more faces than a hand may have."""
     faces = 0
 
     @cache
-    def load(path: Path) -> Mesh:
+    def load(path: Path, package: Path) -> Mesh:
         meter.advance()
-        return load_mesh(path)
+        return load_mesh(path, package)
 
-    def read(path: Path) -> Mesh:
+    def read(path: Path, package: Path) -> Mesh:
         nonlocal faces
-        faces += len(load(path).faces)
+        faces += len(load(path, package).faces)
         if faces > MAX_FACES:
             raise InvalidInput(f"its shapes have {faces} faces or more, {MAX_FACES} are the most; decimate their meshes")
-        return load(path)
+        return load(path, package)
 
     return read
 
 
-def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh]) -> Link:
+def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path, Path], Mesh]) -> Link:
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 

@@ -33,7 +33,7 @@ GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
 
 
-def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path], Mesh] = load_mesh) -> Shape:
+def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path, Path], Mesh] = load_mesh) -> Shape:
     """Read a <visual> or <collision>.
 
     Parameters
@@ -45,7 +45,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
     materials
         sRGB colours by the names of the URDF's materials.
     read
-        Reads mesh files.
+        Reads a mesh file, given the folder that its textures must be in: the package.
 
     Raises
     ------
@@ -68,8 +68,8 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
             size = _sizes(part, radius=1, length=1)
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
-            path = mesh_path(part.get("filename", ""), folder)
-            body, beside = read(path), tuple(Companions(path).paths.values())
+            path, package = mesh_path(part.get("filename", ""), folder)
+            body, beside = read(path, package), tuple(Companions(path, package).paths.values())
             unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
             size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
@@ -81,8 +81,8 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
     raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
 
 
-def mesh_path(name: str, folder: Path) -> Path:
-    """Find a mesh file by the name that a URDF gives it, in the URDF's package.
+def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
+    """Find a mesh file by the name that a URDF gives it, in the URDF's package, and the folder of its package.
 
     That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
     `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
@@ -100,14 +100,14 @@ def mesh_path(name: str, folder: Path) -> Path:
     if scheme not in ("package", "model"):
         path = folder / name.removeprefix("file://")
         if _is_below(path, root):
-            return path
+            return path, root
         raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {WAY_IN}")
     package, _, inner = rest.partition("/")
     places = [(place / rest, place / package if _is_package(place / package) else root) for place in around]
     there = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in around if inner)) if path.is_file()]
     for path, limit in there:
         if _is_below(path, limit):
-            return path
+            return path, limit
     if there:
         raise InvalidInput(f"{name} is {there[0][0]}, outside {root}, the package of the URDF; {WAY_IN}")
     raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")

@@ -62,14 +62,16 @@ def gel_spring(sensor: Sensor, contact: Contact | None, *, friction: float, marg
 
     Notes
     -----
-    As stiff as an elastic layer with the contact's indentation (Winkler's foundation: pressure = modulus * indentation / thickness).
+    In the contact it presses as an elastic layer does (Winkler's foundation: pressure = modulus * indentation / thickness). Where the
+    plate's way from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
     Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
     """
     if contact is None:
         return GelSpring()
-    height = max(contact.nearest - margin + OVERLAP, 0.0)
+    top = gel_top(sensor)
+    height = min(max(contact.nearest - margin + OVERLAP, 0.0), top)
     modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
-    stiffness = modulus / sensor.w * contact.volume / (gel_top(sensor) - height)
+    stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
     torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
     return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
 

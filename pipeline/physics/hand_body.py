@@ -25,7 +25,9 @@ At a tenth per step, a joint that follows one further up its own finger sags und
 HULL_MARGIN = 0.001
 """m by which Bullet thickens the convex shapes of a URDF."""
 GEAR_SLACK = 0.01
-"""rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm; of a prismatic joint a tenth of that in m."""
+"""rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm."""
+SLIDE = 10.0
+"""rad/m, by which ways and speeds of prismatic joints are compared with those of others: a turn carries what is 0.1 m away as far."""
 
 
 class HandBody:
@@ -40,6 +42,7 @@ class HandBody:
         self.numbers = {hand.links[0].name: -1} | {info[12].decode(): info[0] for info in infos}  # by the link that each moves
         self.links = [self.numbers[link.name] for link in hand.links]
         self.motors = [self.links[link] for link in hand.joint_links]
+        self._weights = [_weight(hand, link) for link in hand.joint_links]
         for link in self.links:
             client.changeDynamics(self.body, link, lateralFriction=hand.friction)
         for first, second in _untested_pairs(hand):
@@ -99,18 +102,22 @@ class HandBody:
         )
 
     def joint_states(self) -> tuple[NDArray[np.float64], float]:
-        """Read the joint vector (J,), rad, and the greatest speed of a joint, rad/s."""
+        """Read the joint vector (J,), rad (m), and the greatest speed of a joint, rad/s; of a prismatic one, times `SLIDE`."""
         states = self.client.getJointStates(self.body, self.motors)
-        return np.array([state[0] for state in states]), max(abs(state[1]) for state in states)
+        speeds = [weight * abs(state[1]) for weight, state in zip(self._weights, states, strict=True)]
+        return np.array([state[0] for state in states]), max(speeds)
 
     def gears_hold(self, angles: NDArray[np.float64]) -> bool:
         """Return whether every joint that follows another one is where that puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
-            slack = GEAR_SLACK / (10 if self.hand.joints[follower.link - 1].kind == "prismatic" else 1)
             off = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
-            if abs(off) > slack:
+            if abs(off) * _weight(self.hand, follower.link) > GEAR_SLACK:
                 return False
         return True
+
+
+def _weight(hand: Hand, link: int) -> float:
+    return SLIDE if hand.joints[link - 1].kind == "prismatic" else 1.0
 
 
 @lru_cache(maxsize=4)

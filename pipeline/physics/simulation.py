@@ -71,7 +71,7 @@ class Simulation(AbstractContextManager["Simulation"]):
         max_steps
             Of 1/240 s.
         resting_speed
-            Below this all joints count as resting, rad/s.
+            Below this all joints count as resting, rad/s; those that slide, below a tenth of it in m/s.
 
         Returns
         -------

@@ -74,7 +74,8 @@ def check_hand(path: Path, picture: Path) -> list[str]:
     fingers = ", ".join(
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
-    faults = _faults(hand, boxes)
+    unusable = _unusable_shapes(hand)
+    faults = [*_faults(hand, boxes), *unusable]
     trial = [] if faults else trial_grasps(path)
     faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
@@ -83,7 +84,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
         *(_overlap_line(hand, overlap) for overlap in overlaps),
-        *_convex_notes(hand),
+        *([] if unusable else _convex_notes(hand)),
         *_notes(hand),
         *trial,
         f"picture: {picture}",
@@ -108,7 +109,7 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
         for number, mount in enumerate(hand.sensors)
         if number in on_fingers and np.linalg.norm(way[number]) < MIN_TRAVEL
     ]
-    return [*stuck, *bare, *_unusable_shapes(hand), *still, *_far_palm(hand)]
+    return [*stuck, *bare, *still, *_far_palm(hand)]
 
 
 def _unusable_shapes(hand: Hand) -> list[str]:

@@ -70,7 +70,9 @@ class GraspSettings(ObjectSettings):
         0.006, "m that every sensor is drawn back before it closes: about a gel's thickness; 0 and 12 mm touch as often", ge=0
     )
     settle_steps: int = setting(400, "steps of 1/240 s that contact may take to settle; what has not is no grasp", ge=20)
-    resting_speed: float = setting(2e-3, "rad/s below which a joint rests: at most 1 µm of the sensor's way in one step", gt=0)
+    resting_speed: float = setting(
+        2e-3, "rad/s below which a joint rests, a tenth of it in m/s where it slides: at most 1 µm of the sensor's way in one step", gt=0
+    )
     penetration_limit: float = setting(
         0.001, "m that a rigid link may penetrate the object in a grasp that is kept", ge=0, changes="definition"
     )

@@ -5,12 +5,14 @@ from typing import Any
 
 import pytest
 import yaml
+from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, parse_yaml
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.sensor import ray_origins
+from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.tactile_image import untouched_image
 
 
 def sensor_file(folder: Path, **changes: Any) -> Path:
@@ -28,7 +30,7 @@ def test_shipped_sensor_is_the_supplements() -> None:
 
 def test_sensor_file_is_loaded_by_path(tmp_path: Path) -> None:
     path = sensor_file(tmp_path, name="wide", rows=60, cols=80, width=0.03)
-    assert ray_origins([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], load_sensor(path)).shape == (60, 80, 3)
+    assert [len(axis) for axis in pixel_centres(load_sensor(path))] == [80, 60]
     assert load_sensor(str(path)) == load_sensor(path)
 
 
@@ -69,6 +71,22 @@ def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
     path.write_text("name: gel")
     with pytest.raises(InvalidInput, match="entry width is missing; "):
         load_sensor(path)
+
+
+def test_background_whose_exif_data_turn_it_is_upright_at_any_size(tmp_path: Path) -> None:
+    described = yaml.safe_load(description_path("sensor", "gelsight").read_text())
+    described["calibrated"] |= {"background": "turned.png"}
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
+    rows, cols = described["rows"], described["cols"]
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turned by 90° clockwise
+    held = Image.new("RGB", (rows, cols))
+    held.paste((200, 200, 200), (0, 0, rows // 2, cols))  # its left half, the upper one when turned
+    held.save(tmp_path / "turned.png", exif=exif)
+    for shape in (None, (20, 30)):
+        image = untouched_image(load_sensor(tmp_path / "mine.yaml", shape=shape))
+        assert (image[: len(image) // 3] == 200).all()
+        assert not image[-len(image) // 3 :].any()
 
 
 def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
+from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
@@ -92,6 +94,19 @@ def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
     for angle in (-0.4, 0.9):
         lever = forward_kinematics(hand, np.eye(4), np.array([angle]))[2]
         assert np.arctan2(lever[2, 1], lever[2, 2]) == pytest.approx(0.25)
+
+
+def test_joint_that_follows_a_frozen_follower_is_frozen_with_it(tmp_path: Path) -> None:
+    assert load_hand(claw(tmp_path, frozen={"brake": 0.25, "second": 0.3})).frozen == {"brake": 0.25, "second": 0.3, "third": -0.15}
+
+
+def test_physics_gets_no_prefixes(tmp_path: Path) -> None:
+    """Drake's are undeclared, inside links and joints too."""
+    inside = BODY.replace("</geometry>", '</geometry><drake:proximity_properties><drake:mu value="1"/></drake:proximity_properties>')
+    text = CLAW.replace(BODY, inside).replace('effort="0"', 'effort="0" drake:acceleration="9"')
+    robot = ElementTree.parse(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
+    assert {len(link) for link in robot.findall("link")} == {2}
+    assert set(robot.find("joint/limit").attrib) == {"lower", "upper", "effort"}  # type: ignore[union-attr]
 
 
 def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
@@ -209,9 +224,31 @@ def test_package_beside_the_package_is_read(tmp_path: Path) -> None:
     assert len(load_hand(path).links) == 5
 
 
+def test_texture_elsewhere_in_the_package_is_read_and_a_file_of_the_hand(tmp_path: Path) -> None:
+    path = claw(tmp_path, CLAW.replace("tip.glb", "tip.obj"))
+    skin = path.parent / "materials" / "textures" / "skin.png"
+    skin.parent.mkdir(parents=True)
+    Image.new("RGB", (2, 2), (9, 9, 9)).save(skin)
+    cone = trimesh.creation.cone(radius=0.01, height=0.03)
+    cone.visual = trimesh.visual.TextureVisuals(cone.vertices[:, :2], trimesh.visual.material.SimpleMaterial(image=Image.open(skin)))
+    (path.parent / "meshes" / "tip.obj").write_text(trimesh.exchange.obj.export_obj(cone, mtl_name="tip.mtl"))
+    (path.parent / "meshes" / "tip.mtl").write_text("newmtl material_0\nmap_Kd ../materials/textures/skin.png\n")
+    hand = load_hand(path)
+    assert len(hand.links[4].visuals[0].mesh.look.textures) == 1
+    assert skin.resolve() in hand.files
+
+
+@pytest.mark.parametrize(("name", "color"), [("red", [255, 0, 0, 255]), ("blue", [26, 51, 230, 255])])
+def test_material_that_a_link_defines_colours_others_unless_the_robot_has_one(tmp_path: Path, name: str, color: list[int]) -> None:
+    own = f'<material name="{name}"><color rgba="1 0 0 1"/></material>'
+    defined = f'<link name="arm"><visual><geometry><sphere radius="1"/></geometry>{own}</visual>'
+    text = CLAW.replace(PAINTED, PAINTED.replace("blue", name)).replace('<link name="arm">', defined)
+    assert load_hand(claw(tmp_path, text)).links[0].visuals[0].mesh.look.base_color[0].tolist() == color
+
+
 def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, read = claw(tmp_path), list[Path]()
-    monkeypatch.setattr("pipeline.formats.urdf.load_mesh", lambda file: (read.append(file), load_mesh(file))[1])
+    monkeypatch.setattr("pipeline.formats.urdf.load_mesh", lambda file, root: (read.append(file), load_mesh(file, root))[1])
     load_hand(path)
     assert len(read) == 1
     monkeypatch.setattr("pipeline.formats.urdf.MAX_FACES", 100)
@@ -232,7 +269,7 @@ def test_heavy_hand_is_loaded_once_within_its_budget_and_again_when_a_file_chang
     spheres = collision_spheres(hand, spacing=0.003).of_links([4])
     assert len(spheres.radii) < 5000
     with monkeypatch.context() as patched:
-        patched.setattr("pipeline.formats.urdf.load_mesh", lambda path: pytest.fail(f"{path} is read again"))
+        patched.setattr("pipeline.formats.urdf.load_mesh", lambda path, root: pytest.fail(f"{path} is read again"))
         assert load_hand(path) is hand
     trimesh.creation.icosphere(subdivisions=6, radius=0.01).export(tip)
     assert load_hand(path).links[4].collisions[0].mesh.vertices.max() == pytest.approx(0.01, abs=2e-4)

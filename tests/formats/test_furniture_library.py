@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.config.manifest import Manifest
 from pipeline.errors import InvalidInput
-from pipeline.formats.furniture_library import unpack
+from pipeline.formats.furniture_library import main, unpack
 from tests.test_manifest import CUBE
 
 LIST = """\
@@ -69,6 +69,23 @@ def test_models_are_unpacked_with_their_companions_and_licences(library, tmp_pat
         cup, lamp = csv.DictReader(file)
     assert (cup["name"], cup["creator"], cup["licence"]) == ("Café cup", "Ann", "Creative Commons Attribution 3.0  © Somebody")
     assert (lamp["object_id"], lamp["creator"]) == ("lib-lamp", "Bob")
+
+
+def test_licence_and_creators_may_be_left_out(tmp_path):
+    path = tmp_path / "lib.sh3f"
+    with zipfile.ZipFile(path, "w") as archive:
+        kept = [line for line in LIST.splitlines() if not line.startswith(("license", "creator"))]
+        for name, content in {**FILES, "PluginFurnitureCatalog.properties": "\n".join(kept)}.items():
+            archive.writestr(name, content)
+    assert unpack([path], tmp_path / "meshes")[0] == 2
+    assert (tmp_path / "meshes" / "catalogue.csv").read_text(encoding="utf-8").splitlines()[1].endswith(",Café cup,,")
+
+
+@pytest.mark.parametrize("arguments", [[], ["meshes"]])
+def test_command_without_libraries_prints_its_usage(monkeypatch, arguments):
+    monkeypatch.setattr("sys.argv", ["furniture_library", *arguments])
+    with pytest.raises(SystemExit, match=r"usage: .* FOLDER LIBRARY\.sh3f"):
+        main()
 
 
 def test_the_catalogue_is_a_source(library, tmp_path):

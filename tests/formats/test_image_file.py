@@ -71,14 +71,14 @@ def test_a_turned_photograph_is_read_as_viewers_show_it(tmp_path: Path, kind: st
     assert read_mask(tmp_path / "image")[:6].all()
 
 
-@pytest.mark.parametrize("mode", ["1", "L", "RGB", "P", "I;16"])
+@pytest.mark.parametrize("mode", ["1", "L", "RGB", "P", "P, black last", "I;16"])
 def test_masks_are_where_files_are_not_0(tmp_path: Path, mode: str) -> None:
     inside = np.array([[True, False, True], [False, False, True]])
     levels = Image.fromarray(np.where(inside, 200, 0).astype(np.uint16 if mode == "I;16" else np.uint8))
-    image = levels if mode == "I;16" else levels.convert("L" if mode == "P" else mode)
-    if mode == "P":
-        image = Image.fromarray(inside.astype(np.uint8))
-        image.putpalette([0, 0, 0, 255, 0, 0])
+    image = levels if mode == "I;16" else levels.convert("L" if mode.startswith("P") else mode)
+    if mode.startswith("P"):
+        image = Image.fromarray((inside == (mode == "P")).astype(np.uint8))
+        image.putpalette([0, 0, 0, 255, 0, 0] if mode == "P" else [255, 0, 0, 0, 0, 0])
     image.save(tmp_path / "mask.png")
     np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), inside)
 

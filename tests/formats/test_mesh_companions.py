@@ -89,6 +89,13 @@ def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind:
     assert load_mesh(file, tmp_path).look.textures == ()
 
 
+def test_empty_material_file_is_no_fault_of_the_shape(tmp_path: Path) -> None:
+    file = textured(tmp_path, "paint.png")
+    (file.parent / "a.mtl").write_bytes(b"")
+    assert list(fingerprint({"file": str(file), "root": str(tmp_path)})["file"]["companions"]) == ["a.mtl"]
+    assert len(load_mesh(file, tmp_path).faces) == 1
+
+
 def test_mesh_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.obj")
     with pytest.raises(InvalidInput, match=r"a\.obj is not a regular file"):

@@ -80,6 +80,13 @@ def test_gltf_base_colour_is_linear_light(tmp_path):
     assert (look.textures[0] == 255).all()
 
 
+def test_collada_diffuse_colour_is_srgb(tmp_path):
+    box = BOX.copy()
+    box.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(baseColorFactor=[128, 0, 51, 255]))
+    box.export(tmp_path / "red.dae")
+    np.testing.assert_array_equal(load_mesh(tmp_path / "red.dae").look.base_color[0], [128, 0, 51, 255])
+
+
 def test_face_colours_become_materials(tmp_path):
     box = BOX.copy()
     box.visual.face_colors = np.repeat([[255, 0, 0, 255], [0, 255, 0, 255]], 6, axis=0)

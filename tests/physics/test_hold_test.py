@@ -12,11 +12,12 @@ from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.engines import Engine, hold_test
-from pipeline.physics.gel_plates import GEL_MODULUS
+from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_spring
 from pipeline.physics.hold_test import GRAVITY
 from pipeline.physics.motion import Motion, Track
 from tests.kernels.hand.meshes import centred, points_on
@@ -104,6 +105,19 @@ def test_a_track_that_ends_early_ends_as_the_whole_one(speed: float, acceleratio
     assert looks <= every
     if speed == 0.008:  # neither at rest nor fast
         assert looks < every == 50
+
+
+@pytest.mark.parametrize("thickness", [None, 2 * SENSOR.w])
+def test_spring_of_a_gel_presses_as_its_layer_and_is_bounded_where_the_object_hardly_touches(thickness: float | None) -> None:
+    sensor = SENSOR.model_copy(update={"gel": Gel(modulus=GEL_MODULUS, thickness=thickness)})
+    layer, area = GEL_MODULUS / (thickness or SENSOR.w), SENSOR.width**2
+    for pressed in (PRESSED, 1.0001 * OVERLAP, OVERLAP / 2):
+        contact = Contact(np.zeros(3), np.zeros(3), area=area, volume=area * pressed, nearest=SENSOR.w - pressed)
+        spring = gel_spring(sensor, contact, friction=0.5)
+        assert 0 < spring.stiffness < 1.1 * layer * area
+        assert spring.height <= SENSOR.w
+        if pressed == PRESSED:
+            assert spring.stiffness * (SENSOR.w - spring.height) == pytest.approx(layer * area * pressed)
 
 
 def test_mesh_of_several_shapes_is_one_body() -> None:

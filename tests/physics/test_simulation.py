@@ -73,6 +73,16 @@ def test_fingers_reach_a_free_target_and_rest(hand: Hand) -> None:
         np.testing.assert_allclose(later, angles, atol=2e-3)
 
 
+def test_fingers_that_slide_rest_as_near_to_their_target_as_those_that_turn(pincers: Hand) -> None:
+    """In a step they go three tenths of the way that is left: when they rest, that is below a micrometre."""
+    target = np.full(2, 0.05)
+    with Simulation(pincers) as physics:
+        physics.load(centred(trimesh.creation.box((0.001, 0.001, 0.001))))
+        angles, rests = physics.settle(np.eye(4), target - 0.02, target, max_steps=400, resting_speed=2e-3)
+    assert rests
+    np.testing.assert_allclose(angles, target, atol=3e-6)
+
+
 def test_fingers_stop_at_the_object(hand: Hand) -> None:
     """Sent 6 cm into a plate, all fingers stay out of it."""
     plate = centred(trimesh.creation.box((0.3, 0.3, 0.02)))

@@ -153,6 +153,16 @@ def test_palm_far_from_the_fingers_is_a_fault(tmp_path: Path) -> None:
     assert any("no sensor comes nearer to the palm's centre than 6" in line and "is palm.link, palm, the link" in line for line in lines)
 
 
+def test_flat_collision_mesh_is_a_fault(tmp_path: Path) -> None:
+    sheet = trimesh.Trimesh([[0, 0, 0], [0.02, 0, 0], [0, 0.02, 0]], [[0, 1, 2]])
+    sheet.export(tmp_path / "sheet.stl")
+    text = load_hand("two_finger_gripper").urdf.read_text()
+    mesh = '<collision><geometry><mesh filename="sheet.stl"/></geometry></collision></link>'
+    (tmp_path / "flat.urdf").write_text(text.replace("</link>", mesh, 1))
+    lines = check_file(str(edited("hand", "two_finger_gripper", tmp_path / "flat.yaml", urdf="flat.urdf")), tmp_path / "a.png")
+    assert any(line.startswith("fault: ") and "sheet.stl of link palm is flat" in line for line in lines)
+
+
 def test_links_that_no_image_shows_are_named(tmp_path: Path) -> None:
     text = load_hand("two_finger_gripper").urdf.read_text()
     (tmp_path / "bare.urdf").write_text(re.sub(r"(<link name=.left_finger.>)(.*?)(<collision>)", drop_visuals, text, flags=re.S))

@@ -49,7 +49,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     pressed
         (rows, cols) float64, the impression D': how deep the object lies below the gel's rest, m, 0 elsewhere.
     sensor, gel
-        Give the pixels and the layer.
+        A sensor and its own gel.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     coarse = _cell_means(pressed, factor)
     if not coarse.any():
         return ElasticContact(np.zeros(sensor.shape), np.zeros(sensor.shape))
-    pitch, thickness = (sensor.pitch[0] * factor, sensor.pitch[1] * factor), gel.thickness or sensor.w
+    pitch, thickness = (sensor.pitch[0] * factor, sensor.pitch[1] * factor), sensor.layer_thickness
     if thickness < max(pitch):
         raise InvalidInput(
             f"the elastic gel of sensor {sensor.name!r} is {thickness} m thick, its contact is solved on cells of {max(pitch):.3g} m: "

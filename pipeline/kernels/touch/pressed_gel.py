@@ -71,5 +71,4 @@ def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
     """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
     if sensor.gel is None:
         return sensor.model_copy(update={"membrane": sensor.membrane * factor})
-    thickness = (sensor.gel.thickness or sensor.w) * factor
-    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": thickness})})
+    return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": sensor.layer_thickness * factor})})

@@ -135,6 +135,11 @@ class Sensor(BaseModel):
         return self.width if self.given_height is None else self.given_height
 
     @property
+    def layer_thickness(self) -> float:
+        """Thickness of the elastic layer, m: w, unless the gel states its own."""
+        return self.w if self.gel is None or self.gel.thickness is None else self.gel.thickness
+
+    @property
     def pitch(self) -> tuple[float, float]:
         """Size of a pixel along y and x, m."""
         return self.height / self.rows, self.width / self.cols
@@ -253,26 +258,3 @@ def sensor_to_world(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: 
     Element by element, not by a matrix product: a point has the same bits in an array of any size.
     """
     return np.stack([row[3] + (row[0] * x + row[1] * y + row[2] * z) for row in pose[:3]], axis=-1)
-
-
-def ray_origins(pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the pixel centres on the sensor plane, where rays start; they leave along `pose[:3, 2]`.
-
-    Parameters
-    ----------
-    pose
-        (4, 4), sensor frame to world frame, m.
-    sensor
-        Gives the grid of pixels.
-
-    Returns
-    -------
-    (rows, cols, 3) float64, world frame, m.
-
-    Raises
-    ------
-    ValueError, InvalidInput
-        As `check_pose`.
-    """
-    x, y = pixel_centres(sensor)
-    return sensor_to_world(check_pose(pose), x[None, :], y[:, None], np.zeros(sensor.shape))

@@ -10,7 +10,7 @@ import pybullet_data
 import trimesh
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from tests.strategies import random_rotation
 
 SENSOR = load_sensor("gel_16mm")
@@ -39,6 +39,12 @@ def pose_at(point: np.ndarray, z: np.ndarray, distance: float, spin: float = 0.0
     pose[:3, :3] = frame(z, spin)
     pose[:3, 3] = point - pose[:3, 2] * distance
     return pose
+
+
+def ray_origins(pose: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """(rows, cols, 3) pixel centres on the sensor plane, world, m, where rays start; they leave along `pose[:3, 2]`."""
+    x, y = pixel_centres(sensor)
+    return sensor_to_world(pose, x[None, :], y[:, None], np.zeros(sensor.shape))
 
 
 def random_pose(triangles: np.ndarray, rng: np.random.Generator, tilt: float = 0.5) -> np.ndarray:

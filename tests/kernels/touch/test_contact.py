@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pipeline.kernels.touch.contact import CONTACT_MARGIN, local_points, touch_success
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import pixel_centres, ray_origins
+from pipeline.kernels.touch.sensor import pixel_centres
 from tests.kernels.touch.shapes import (
     SENSOR,
     ball,
@@ -21,6 +21,7 @@ from tests.kernels.touch.shapes import (
     pose_at,
     pybullet_triangles,
     random_pose,
+    ray_origins,
 )
 from tests.strategies import offsets, random_rotation, seeds
 

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, ray_origins
+from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import (
     SENSOR,
@@ -16,6 +16,7 @@ from tests.kernels.touch.shapes import (
     coarse,
     pybullet_triangles,
     random_pose,
+    ray_origins,
 )
 from tests.references.brute_force_depth import brute_force
 

@@ -9,10 +9,10 @@ from pipeline.kernels.touch.depth_quantisation import quantise_depth
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.gel_surface import gel_surface, gel_top, impression, in_gel
 from pipeline.kernels.touch.ray_depth import ray_depth
-from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres, ray_origins
+from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from tests.kernels.touch.shapes import SENSOR, ball, pose_at, pybullet_triangles, random_pose, sheet
+from tests.kernels.touch.shapes import SENSOR, ball, pose_at, pybullet_triangles, random_pose, ray_origins, sheet
 from tests.references.brute_force_depth import brute_force
 from tests.references.gel_heights import gel_heights
 from tests.references.slow_tactile_image import slow_tactile_image

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.kernels.touch.sensor import check_pose, pixel_centres, ray_origins
+from pipeline.kernels.touch.sensor import check_pose, pixel_centres
 from tests.kernels.touch.shapes import (
     SENSOR,
     coarse,
     pose_at,
+    ray_origins,
 )
 from tests.strategies import EPS, offsets, random_rotation, seeds
 
