@@ -20,11 +20,13 @@ from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 from tests.stages import ball_dataset as spheres
 
+SPLITS = ("train", "test", "test")
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("balls")
-    spheres.make_data(folder, 3, ("train", "test", "test"))  # balls of radius 100, 120, 140 mm
+    spheres.make_data(folder, 3, SPLITS)  # balls of radius 100, 120, 140 mm
     spheres.make_model(folder, "none", still=True)  # always a ball of 250 mm
     spheres.make_model(folder, "touch")
     spheres.make_implicit_model(folder, "implicit-any")
@@ -52,9 +54,8 @@ def test_a_record_without_a_validation_loss_is_an_error_in_words(data, monkeypat
 
 def test_predict_warns_of_a_network_that_is_worse_than_the_training_object_in_its_place(data, tmp_path):
     settings = EvaluationSettings(points=500, configurations=("none",))
-    (plan,) = make_plans(
-        Request(stage=Evaluate(), settings=settings, manifest="balls", objects=spheres.objects(3), preset="draft", seed=0, data=data)
-    )
+    objects = spheres.objects(3, SPLITS)
+    (plan,) = make_plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
     run(plan, Console(file=io.StringIO()))
     asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
     output = " ".join(CliRunner().invoke(app, asked).output.split())
