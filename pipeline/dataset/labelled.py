@@ -48,9 +48,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     first = collection.shards.index(collection.first)  # an error without shards
     shards = [_opened(shard) for shard in collection.shards]
-    shards[0].attrs["failures"] = {
-        name: why for shard in shards for name, why in shard.attrs["failures"].items()
-    }  # concat keeps the first's
+    failures = [failure for shard in shards for failure in shard.attrs["failures"].items()]
+    shards[0].attrs["failures"] = dict(failures)  # the attributes of the first are the whole's
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:

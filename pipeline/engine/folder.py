@@ -16,7 +16,6 @@ from pipeline.engine.stage import DatasetJob, DatasetStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of, is_hidden
 from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.local_copy import local_copy
@@ -47,7 +46,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     for collection in plan.inputs:
         for object_id in objects:
             collection.shard(object_id)  # an error where it has not been made yet
-        _refuse_other_splits(collection, plan)
+    _refuse_other_splits(plan)
     check_origins(directory, names_read(stage, plan.settings))
     inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
     plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
@@ -65,16 +64,17 @@ def _objects(plan: Plan[FolderOutput]) -> list[str]:
     return [item.object_id for item in plan.request.objects if item.split in splits]
 
 
-def _refuse_other_splits(collection: Collection, plan: Plan[FolderOutput]) -> None:
+def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
     """Refuse a manifest that has changed since the objects were made: what is learned from goes by the splits that are stored."""
-    stated = {item.object_id: item.split for item in plan.request.objects}
-    for object_id in collection:
-        if (stored := collection.row(object_id).split) != stated.get(object_id) and stored in plan.stage.splits(plan.settings):
-            now = f"in split {stated[object_id]}" if object_id in stated else "not there"
-            raise StoreError(
-                f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {now}; run "
-                f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it computes nothing anew"
-            )
+    splits, stated = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
+    for collection in plan.inputs:
+        for object_id in collection:
+            if (stored := collection.row(object_id).split) in splits and stored != stated.get(object_id):
+                now = f"in split {stated[object_id]}" if object_id in stated else "not there"
+                raise StoreError(
+                    f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {now}; run "
+                    f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it keeps what is made"
+                )
 
 
 def forecast_folder(plan: Plan[FolderOutput]) -> Forecast:

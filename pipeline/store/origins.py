@@ -1,4 +1,4 @@
-"""The check that artifacts and folders of a data directory were made from the current inputs."""
+"""Check that artifacts and folders of a data directory were made from the current inputs."""
 
 from __future__ import annotations
 

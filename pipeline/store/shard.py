@@ -215,7 +215,7 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self._held or name in list(self)
+        return name in self._held or any(name == each for each in self)  # ragged arrays are listed last, if at all
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")

@@ -43,7 +43,7 @@ NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 """What the system says when a disk is full, or a quota used up."""
 
 MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What it says then, when a disk is read-only or broken, or when too many files are open."""
+"""What the system says when there is no room, a disk is read-only or broken, or too many files are open."""
 
 RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 """How long a request is repeated that a server does not answer, or answers with 5xx: it may be started again."""

@@ -163,8 +163,9 @@ class GraspProtocol(Protocol):
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
+        compared = ["points", "segmentation"] if self.seen else ["points"]
         try:
-            training = ObjectRows(self.job.data, ["points", *(["segmentation"] if self.seen else [])], "train")
+            training = ObjectRows(self.job.data, compared, "train")
         except StoreError:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
