@@ -118,7 +118,18 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
     manifest = {"name": "balls", "description": "d", "seed": 0, "splits": {"train": 0, "valid": 0, "test": 1}}
     source = {"kind": "directory", "licence": "MIT", "up": "z"}
     (tmp_path / "balls.yaml").write_text(yaml.safe_dump(manifest | {"sources": [source]}))
-    options = ["--manifest", tmp_path / "balls.yaml", "--objects", meshes, "--data", data, "--set", "least_press=0.001", "--workers", "1"]
+    options = [
+        "--manifest",
+        tmp_path / "balls.yaml",
+        "--objects",
+        meshes,
+        "--data",
+        data,
+        "--set",
+        "least_press=0.001",
+        "--executor",
+        "serial",
+    ]
     said = run_python(copy, "-c", RUN, *map(str, options))
     assert "made 1 object " in said
     assert "`least_press`" in (copy / "docs" / "settings.md").read_text()

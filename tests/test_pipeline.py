@@ -35,7 +35,7 @@ ROOT = Path(__file__).parents[1]
 ASSIGNMENTS = [
     *("sample-surfaces.points=2000", "simulate-grasps.attempts=6", "simulate-grasps.ik_samples=512"),
     *("simulate-presses.presses=5", "simulate-presses.pixels=40"),
-    *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=60"),
+    *("train-unet.width=4", "train-unet.epochs=2", "train-unet.batch_size=8", "fit-charts.max_iterations=10"),
     *("train-touch.width=4", "train-touch.epochs=2", "train-touch.batch_size=8"),
     *("train-gcn.epochs=2", "train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.encoder_width=0.25"),
     *(
@@ -50,6 +50,7 @@ ASSIGNMENTS = [
 UNEXPLAINED = ("min D", "looked up", "2A/", "closure 0", "sampling floor", "supplement's")
 """Words that mean nothing to a reader of pages."""
 SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
+PARALLEL = ("simulate-grasps", "render-vision")
 SEEN = {"train-unet": 3, "train-touch": 3, "train-gcn": 3, "train-implicit": 3}
 """How many of the four objects a dataset stage looks at."""
 
@@ -89,8 +90,8 @@ def digests(data: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def made(manifest, tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    for stage in GRASP_STAGES:
-        vt(*run_of(stage, manifest, data, "--workers", "2"))
+    for stage in GRASP_STAGES:  # what draws or simulates, in processes of its own too
+        vt(*run_of(stage, manifest, data, *(("--workers", "2") if stage in PARALLEL else ("--executor", "serial"))))
     return data
 
 
@@ -168,6 +169,7 @@ print(json.dumps([CliRunner().invoke(app, arguments).output for arguments in jso
 """
 
 
+@pytest.mark.slow  # tests/engine/test_keys.py holds the same of hashes
 def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path):
     for package in ("pipeline", "stages", "schemas", "data_manifests"):
         shutil.copytree(ROOT / package, tmp_path / package)
@@ -278,6 +280,7 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_report_of_another_training_alone_shows_its_results(made, tmp_path):
     data = shutil.copytree(made, tmp_path / "data")
     (data / "evaluation.json").rename(data / "evaluation-seed-1.json")

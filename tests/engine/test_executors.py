@@ -70,12 +70,6 @@ def test_workers_close_what_they_opened_in_the_thread_that_opened_it(tmp_path):
     assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
 
 
-def test_temporary_folders_of_workers_are_where_dask_clears_them(tmp_path):
-    with Dask() as executor:
-        (folder,) = executor._connect().run(tempfile.mkdtemp).values()
-        assert Path(folder).parent.parent.name == "dask-scratch-space"
-
-
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     plan = plan_of(request(tmp_path))
     work = Work(plan.stage, plan.settings, tmp_path, {})
@@ -115,6 +109,7 @@ def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
     assert run(request(tmp_path)) == 5
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_while_it_opens_is_started_again(tmp_path):
     assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=Dask())) == 5
 
@@ -217,13 +212,15 @@ def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path, mon
     assert digest(tmp_path / "there") == digest(tmp_path / "here")
 
 
-def test_workers_that_stay_see_inputs_that_were_made_again(tmp_path):
+def test_workers_that_stay_see_inputs_that_were_made_again_and_write_temporary_files_where_dask_clears_them(tmp_path):
     with Dask() as executor:
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
             assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
         profiling = executor._connect().run(dask.config.get, "distributed.worker.profile.enabled")
         assert [*profiling.values()] == [False]  # else a worker grows by 0.1 MB per second
+        (temporary,) = executor._connect().run(tempfile.mkdtemp).values()
+        assert Path(temporary).parent.parent.name == "dask-scratch-space"  # which Dask clears
 
 
 def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch):

@@ -34,7 +34,7 @@ class Shape:
     beyond
         Whether it lies beyond the stated ranges, so that kernels may refuse it in words.
     large
-        Whether only `make test-extremes` feeds it.
+        Whether only `make test-slow` and `make test-extremes` feed it.
     """
 
     name: str
@@ -152,7 +152,7 @@ SHAPES = (
     Shape("1e-4 m", lambda: ball(1e-4)),
     Shape("1e3 m", lambda: ball(1e3)),
     Shape("100 m away", lambda: ball(0.1, (100, -100, 100))),
-    Shape("slivers 1e8", lambda: with_slivers(1e8)),
+    Shape("slivers 1e8", lambda: with_slivers(1e8), large=True),
     Shape("one sliver 1e8", lambda: (0.1 * sliver(1e8, np.random.default_rng(0)), np.array([[0, 1, 2]]))),
     Shape("grazing 1e-8", lambda: walls(1e-8)),
     Shape("coincident", coincident),

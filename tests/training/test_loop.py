@@ -125,6 +125,7 @@ def test_missing_device_is_a_stage_error(tmp_path):
         fit(Regression(), tmp_path, accelerator="cuda")
 
 
+@pytest.mark.slow
 def test_error_of_one_of_two_processes_is_a_stage_error(tmp_path):
     with pytest.raises(StageError, match=r"loss is nan .* in epoch 1.*point-"):
         fit(Regression(poison=17), tmp_path, devices=2)

@@ -105,7 +105,11 @@ class Raising(Regression):
         raise self.error from KeyError("the cause")
 
 
-@pytest.mark.parametrize("error", [StageError("of\n\ntwo lines"), OSError(28, "No space left on device")], ids=str)
+@pytest.mark.parametrize(
+    "error",
+    [pytest.param(StageError("of\n\ntwo lines"), marks=pytest.mark.slow), OSError(28, "No space left on device")],
+    ids=["ours", "full"],
+)
 def test_an_error_in_words_of_one_of_several_processes_is_said_whole(tmp_path: Path, error: Exception) -> None:
     with pytest.raises(StageError) as raised:
         fit(Raising(error), tmp_path, devices=2)

@@ -76,6 +76,7 @@ def test_two_processes_have_the_losses_of_one_with_batch_norm(
     assert_same_curves(tmp_path / "1", tmp_path / "2")
 
 
+@pytest.mark.slow
 def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(tmp_path: Path) -> None:
     whole, resumed = Regression(), Regression()
     fit(whole, tmp_path / "whole", devices=2)

@@ -78,7 +78,7 @@ REASONS = {
 
 def surfaces(objects: Path, data: Path) -> Collection:
     arguments = ["run", "sample-surfaces", "--manifest", "directory", "--objects", str(objects), "--data", str(data)]
-    result = CliRunner().invoke(app, [*arguments, "--set", "points=500", "--set", "max_faces=10000"])
+    result = CliRunner().invoke(app, [*arguments, "--set", "points=500", "--set", "max_faces=10000", "--executor", "serial"])
     assert result.exit_code == 0, result.output
     return DataDirectory(data).collection(SURFACES)
 
