@@ -31,17 +31,17 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     InvalidInput, OSError
         A file is missing, no regular file or too large, or cannot be read.
     """
-    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
+    description = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     if "file" not in source:
-        return stated
+        return description
     companions = Companions(Path(source["file"]), Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
+    return {**description, "file": {"sha256": companions.sha256, "companions": digests}}
 
 
-def checksum(found: list[Object]) -> str:
+def checksum(objects: list[Object]) -> str:
     """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
-    files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
+    files = sorted((item.object_id, Path(item.source["file"])) for item in objects if "file" in item.source)
     return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
 
 

@@ -31,8 +31,8 @@ class Settings(BaseModel):
         """Return the settings that change speed alone."""
         return self._that_change("speed")
 
-    def _that_change(self, *what: Change) -> dict[str, Any]:
-        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) in what}
+    def _that_change(self, *kinds: Change) -> dict[str, Any]:
+        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) in kinds}
 
     @classmethod
     def changes(cls, name: str) -> str:

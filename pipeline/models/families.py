@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from pipeline.kernels.networks.network_configurations import WAYS, NetworkInputs
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, NetworkInputs
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
@@ -26,10 +26,10 @@ EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {
 """The networks of all families by name."""
 
 ROWS: Mapping[str, tuple[str, NetworkInputs]] = {
-    f"{name}-{way}": (name, config.given(inputs))
+    f"{name}-{way}": (name, config.restricted_to(inputs))
     for name, config in EVERY_CONFIGURATION.items()
     if config.image == "any"
-    for way, inputs in WAYS.items()
+    for way, inputs in INPUT_CHOICES.items()
 }
 """Networks that take any inputs, as they are given these: `implicit-any-touch` is the network `implicit-any` with touches alone."""
 
@@ -56,8 +56,8 @@ def family_of(configuration: str) -> str:
 
 def model_name(configuration: str, training_seed: int = 0) -> str:
     """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
-    parts = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), network_of(configuration))
-    return "/".join(filter(None, parts))
+    folders = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), network_of(configuration))
+    return "/".join(filter(None, folders))
 
 
 def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
@@ -78,7 +78,7 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
         The folder holds no such network.
     """
     loaded = FAMILIES[family_of(configuration)](folder, device)
-    return loaded.given(inputs_of(configuration)) if configuration in ROWS else loaded
+    return loaded.restricted_to(inputs_of(configuration)) if configuration in ROWS else loaded
 
 
 def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:

@@ -80,13 +80,13 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
     weights = read_weights(folder)
     with torch.device("meta"):  # shapes without memory
         network = make()
-    wanted, stored = ({name: tuple(value.shape) for name, value in state.items()} for state in (network.state_dict(), weights))
-    if differing := sorted(name for name in wanted.keys() | stored.keys() if wanted.get(name) != stored.get(name)):
+    expected, stored = ({name: tuple(value.shape) for name, value in state.items()} for state in (network.state_dict(), weights))
+    if differing := sorted(name for name in expected.keys() | stored.keys() if expected.get(name) != stored.get(name)):
         name = differing[0]
         raise unusable(
             folder,
             f"{len(differing)} arrays of {WEIGHTS} differ from {DESCRIPTION}, {name} first: "
-            f"{stored.get(name, 'missing')}, not {wanted.get(name, 'there')}",
+            f"{stored.get(name, 'missing')}, not {expected.get(name, 'there')}",
         )
     network = network.to_empty(device=device)
     network.load_state_dict(weights)

@@ -54,7 +54,7 @@ class GraspTest:
         motion = test.hold(
             grasp,
             closes=self.closes,
-            acceleration=[self.acceleration * part for part in direction],
+            acceleration=[self.acceleration * component for component in direction],
             seconds=self.seconds,
             limit=self.moved,
             whole=np.isfinite(self.turned),  # how far it turns is known in the end only

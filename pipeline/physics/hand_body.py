@@ -110,8 +110,8 @@ class HandBody:
     def gears_hold(self, angles: NDArray[np.float64]) -> bool:
         """Return whether every joint that follows another one is where that puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
-            off = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
-            if abs(off) * _weight(self.hand, follower.link) > GEAR_SLACK:
+            error = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
+            if abs(error) * _weight(self.hand, follower.link) > GEAR_SLACK:
                 return False
         return True
 

@@ -40,7 +40,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
         contact's area for gels, and none for links.
     """
 
-    look: float
+    look_interval: float
     """s between two looks at the object."""
 
     def __init__(
@@ -106,10 +106,10 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._step(CLOSING_SECONDS / CLOSING_STAGES)
         self._accelerate(acceleration)
         self._drive(grasp.squeeze)
-        looks = round(seconds / self.look)
-        track = Track(start, self._joint_angles(), limit=limit, interval=self.look, looks=looks, whole=whole)
+        looks = round(seconds / self.look_interval)
+        track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval, looks=looks, whole=whole)
         for _ in range(looks):
-            self._step(self.look)
+            self._step(self.look_interval)
             if track.ends(self._object_pose(), self._joint_angles()):
                 break
         return track.motion(penetration)

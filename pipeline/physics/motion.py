@@ -78,8 +78,8 @@ class Track:
         moved = turned = np.inf
         if np.isfinite(last).all():
             # of unit quaternions, which have two signs
-            apart = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
-            moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(apart / 2, 1.0)))
+            difference = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
+            moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(difference / 2, 1.0)))
         return Motion(moved, turned, penetration, np.array(self.poses), np.array(self.angles), self.interval)
 
 

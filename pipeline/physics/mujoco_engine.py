@@ -45,7 +45,7 @@ class MujocoHoldTest(HoldTest):
         MuJoCo is not installed.
     """
 
-    look = 0.02
+    look_interval = 0.02
 
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
@@ -96,9 +96,9 @@ class MujocoHoldTest(HoldTest):
         body = spec.worldbody.add_body(name="object", pos=centre, ipos=np.zeros(3), mass=self.mass, explicitinertial=True)
         body.inertia = self.mass * (squares.sum() - squares)
         body.add_freejoint(name="object")
-        for number, part in enumerate(convex_parts(mesh)):
+        for number, vertices in enumerate(convex_parts(mesh)):
             shape = spec.add_mesh(
-                name=f"part {number}", uservert=(part - centre).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+                name=f"part {number}", uservert=(vertices - centre).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             )
             bits = HAND | GEL
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=shape.name, mass=0.0, contype=bits, conaffinity=bits, **HARD)
@@ -120,8 +120,8 @@ class MujocoHoldTest(HoldTest):
             self._press(number, contact, out=closes)
         self.mujoco.mj_forward(model, data)
         bodies = model.geom_bodyid[data.contact.geom]
-        inside = data.contact.dist[(bodies == model.body("object").id).any(axis=-1)]
-        return max(-float(inside.min(initial=0.0)), 0.0)
+        distances = data.contact.dist[(bodies == model.body("object").id).any(axis=-1)]
+        return max(-float(distances.min(initial=0.0)), 0.0)
 
     def _accelerate(self, acceleration: Sequence[float]) -> None:
         self.model.opt.gravity[:] = acceleration

@@ -63,8 +63,8 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in state.optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
-    kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    write_at_once(folder / FILE, safetensors.torch.save(kept, metadata={"progress": json.dumps(progress.__dict__)}))
+    stored = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    write_at_once(folder / FILE, safetensors.torch.save(stored, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:

@@ -29,9 +29,9 @@ def torch_threads(count: int) -> Iterator[None]:
     With one, results do not depend on the machine. With several, each operation waits for its slowest thread: where other processes share
     the cores, that takes ten times as long.
     """
-    before = torch.get_num_threads()
+    previous = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(previous)

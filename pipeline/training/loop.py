@@ -28,7 +28,15 @@ from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
 from pipeline.training.process_group import HELP, HelpDone, process_group
-from pipeline.training.processes import GO_ON, end_with_parent, gathered, lost_peers_as_words, make_fabric, no_process_left, processors_of
+from pipeline.training.processes import (
+    RESUME_HINT,
+    end_children_on_interrupt,
+    end_with_parent,
+    gather_strings,
+    lost_peers_as_stage_error,
+    make_fabric,
+    processors_of,
+)
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.schedule import rate_at
 from pipeline.training.settings import TrainingSettings
@@ -79,24 +87,24 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
-        with no_process_left():
+        with end_children_on_interrupt():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # the error of one of several processes, as text
-        if (words := _words_of(str(error))) is None:
+        if (message := _message_of(str(error))) is None:
             raise
-        raise StageError(words) from error
+        raise StageError(message) from error
     except ProcessExitedException as error:
-        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
+        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {RESUME_HINT}") from error
     if group and group.rank:
         raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
 
-def _words_of(raised: str) -> str | None:
+def _message_of(traceback: str) -> str | None:
     """Find the message of an error that a person can mend, one of ours or the system's, in the traceback of another process."""
-    last = raised.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
-    match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last.rstrip(), re.MULTILINE | re.DOTALL)
+    last_error = traceback.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
+    match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last_error.rstrip(), re.MULTILINE | re.DOTALL)
     return match and match[1]
 
 
@@ -106,7 +114,7 @@ def _how_it_ended(error: ProcessExitedException) -> str:
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
     end_with_parent()
-    with torch_threads(settings.threads), lost_peers_as_words(fabric, name):
+    with torch_threads(settings.threads), lost_peers_as_stage_error(fabric, name):
         return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
 
 
@@ -131,7 +139,7 @@ class _Training:
         self.network, self.optimizer = wrapped
         self.state = checkpoint.State(self.module, self.adam)
         self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
-        if len(set(gathered(fabric, of_json(asdict(self.progress))))) > 1:
+        if len(set(gather_strings(fabric, of_json(asdict(self.progress))))) > 1:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
@@ -139,8 +147,8 @@ class _Training:
     def run(self) -> dict[str, Any]:
         """Train to the end of the epochs or of the patience; return the facts."""
         fabric, settings, progress = self.fabric, self.settings, self.progress
-        done = progress.epoch * self.steps + progress.step
-        meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", done)
+        steps_done = progress.epoch * self.steps + progress.step
+        meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", steps_done)
         with meter if fabric.is_global_zero else nullcontext():
             while progress.epoch < min(settings.epochs, progress.best + 1 + (settings.patience or math.inf)):
                 self.train_epoch(meter)
@@ -188,8 +196,8 @@ class _Training:
 
     def part(self, batch: list[int]) -> Part:
         """Take this process's part of a batch; where there are fewer items than processes, an item that does not count."""
-        own = batch[self.fabric.global_rank :: self.fabric.world_size]
-        return Part(own or batch[:1], len(own) / len(batch))
+        items = batch[self.fabric.global_rank :: self.fabric.world_size]
+        return Part(items or batch[:1], len(items) / len(batch))
 
     def read(self, part: Part) -> Any:
         """Read the items of a part; random draws are keyed by the item, hence the same in every process."""
@@ -206,8 +214,8 @@ class _Training:
             loss = self.learner.loss(self.network, content())
         except InvalidInput as error:
             raise self.failure(str(error), items) from error
-        before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
-        self.check_size(items, "loss", float(loss.detach()), limit=MAX_LOSS_GROWTH * before or math.inf)  # nothing is a multiple of 0
+        first_loss = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
+        self.check_size(items, "loss", float(loss.detach()), limit=MAX_LOSS_GROWTH * first_loss or math.inf)  # nothing is a multiple of 0
         weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
         fabric.backward(weighted)
         gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
@@ -227,10 +235,10 @@ class _Training:
         for group in self.adam.param_groups:
             group["lr"] = settings.learning_rate * share
 
-    def check_size(self, items: Sequence[int], what: str, value: float, *, limit: float) -> None:
+    def check_size(self, items: Sequence[int], name: str, value: float, *, limit: float) -> None:
         """Stop at a value that no later step mends."""
         if not math.isfinite(value) or abs(value) > limit:
-            raise self.failure(f"the {what} is {value:g} (limit {limit:g})", items)
+            raise self.failure(f"the {name} is {value:g} (limit {limit:g})", items)
 
     def failure(self, reason: str, items: Sequence[int]) -> StageError:
         """Make the error that names the step and the items."""

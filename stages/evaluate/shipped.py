@@ -88,8 +88,8 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}
     rows = []
-    for name, (network, given) in ROWS.items():
-        takes = {*([given.image] if given.image else []), *(["touch"] if given.touch else [])}
+    for name, (network, inputs) in ROWS.items():
+        takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
         if network == DEFAULT and takes and not takes & unfit:
             rows.append(name)
     return rows, [f"{kind}: {why}" for kind, why in reasons]

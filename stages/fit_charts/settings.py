@@ -56,7 +56,7 @@ class ChartSettings(ObjectSettings):
 
     @field_validator("cloud", mode="before")
     @classmethod
-    def _true_is_a_word(cls, cloud: Any) -> Any:
+    def _accept_yaml_true(cls, cloud: Any) -> Any:
         return "true" if cloud is True else cloud  # what YAML makes of it
 
     @field_validator("side")
@@ -70,6 +70,6 @@ class ChartSettings(ObjectSettings):
         halt, residual = self.halt, self.residual_limit
         if self.tight:
             halt, residual = min(halt, TIGHT_HALT), min(residual or TIGHT_RESIDUAL, TIGHT_RESIDUAL)
-        same = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "edge_weight", "side"}
+        shared = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "edge_weight", "side"}
         limit = None if residual is None else residual / width
-        return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=same))
+        return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=shared))

@@ -112,14 +112,14 @@ def _load_triton() -> None:
 def _environment() -> Iterator[None]:
     """Set the variables that PyOpenGL reads on import and Mesa in its first context; keep the user's platform."""
     values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
-    before = {name: os.environ[name] for name in values if name in os.environ}
+    previous = {name: os.environ[name] for name in values if name in os.environ}
     os.environ.update(values)
     try:
         yield
     finally:
         for name in values:
             del os.environ[name]
-        os.environ.update(before)
+        os.environ.update(previous)
 
 
 def _make_renderer(pyrender: Any, resolution: int) -> Any:

@@ -115,8 +115,8 @@ def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
 def normalised_mesh(source: Mapping[str, Any], settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
     """Clean and normalise the mesh of an object's source; return it with its placement (4, 4) and the report of removed faces."""
     mesh, report = clean_mesh(source_mesh(source), settings.max_faces)
-    how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
-    return normalise_mesh(mesh, **how), normalising_transform(mesh, **how), report
+    options = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
+    return normalise_mesh(mesh, **options), normalising_transform(mesh, **options), report
 
 
 def source_mesh(source: Mapping[str, Any]) -> Mesh:

@@ -98,9 +98,9 @@ class GraspSearch:
         angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
         frames = forward_kinematics(hand, pose, angles)
         poses = sensor_poses_from_links(hand, frames)
-        worn = list(zip(poses, self.prepared_hand.sensors, strict=True))
-        depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in worn]
-        touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
+        sites = list(zip(poses, self.prepared_hand.sensors, strict=True))
+        depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in sites]
+        touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, sites, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         fault = None
         if not rests:
@@ -114,7 +114,7 @@ class GraspSearch:
             fault = f"a rigid link is more than {limit:g} mm inside the object (simulate-grasps.penetration_limit)"
 
         def contacts() -> list[Contact | None]:
-            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
+            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, sites, touched, strict=True)]
 
         return Grasp(pose, angles, poses, touched, penetration, fault, contacts, self._closure, start)
 
@@ -126,14 +126,14 @@ class GraspSearch:
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
         """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
         hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
-        ways = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
-        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways), floor=0.0) >= 0  # (3, S)
+        postures = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
+        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, postures), floor=0.0) >= 0  # (3, S)
         start = target.copy()
         for s, finger in enumerate(hand.fingers):
             if clear[:, s].any():
-                start[list(finger.joints)] = ways[clear[:, s].argmax()][list(finger.joints)]
-        apart = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
-        return start if apart else target
+                start[list(finger.joints)] = postures[clear[:, s].argmax()][list(finger.joints)]
+        fits = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
+        return start if fits else target
 
 
 SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
@@ -164,4 +164,6 @@ def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = 
     """
     if grasp is None or not grasp.sound:
         return kept
-    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in (one.holds, *SCORES[prefer](one))))[:count]  # a stable sort
+    return sorted([*kept, grasp], key=lambda candidate: tuple(-value for value in (candidate.holds, *SCORES[prefer](candidate))))[
+        :count
+    ]  # a stable sort

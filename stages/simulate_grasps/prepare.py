@@ -43,7 +43,7 @@ class PreparedHand:
     @property
     def reach(self) -> float:
         """The distance from an object, m, up to which the fingers' clearance must be known: that of their largest sphere's centre."""
-        return self.ik.clearance + max(float(own.radii.max()) for own in self.ik.fingers.spheres)
+        return self.ik.clearance + max(float(spheres.radii.max()) for spheres in self.ik.fingers.spheres)
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,16 +139,16 @@ class _Grasping:
         """Find the best grasps of an object and return its row."""
         settings, surface = self.settings, inputs["surfaces"]
         mesh = read_mesh(surface)
-        thing = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
+        prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
         self.physics.load(mesh)
         if self.test is not None:
-            self.test.load(mesh, thing.points)
-        search = GraspSearch(self.hand, thing, self.physics, settings, self._planner(thing, unit))
+            self.test.load(mesh, prepared_object.points)
+        search = GraspSearch(self.hand, prepared_object, self.physics, settings, self._planner(prepared_object, unit))
         kept, touched, faults = self._search(search, unit)
         if len(kept) < settings.grasps:
-            worst = faults.most_common(1)[0][0]
+            most_common_fault = faults.most_common(1)[0][0]
             raise InvalidInput(
-                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {worst}; scale the object "
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {most_common_fault}; scale the object "
                 f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m) to between one and five hands, "
                 f"or raise simulate-grasps.attempts"
             )
@@ -171,10 +171,10 @@ class _Grasping:
             **self._held(kept, stored),
         }
 
-    def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
+    def _planner(self, prepared_object: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
         if self.pinches is None:
-            return TouchPlanner(self.hand, thing, self.settings)
-        return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
+            return TouchPlanner(self.hand, prepared_object, self.settings)
+        return HoldPlanner.of_object(self.hand, prepared_object, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
 
     def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]], Counter[str]]:
         """Attempt grasps until no better ones are needed; return the best, which sensors touched in each attempt, and counts of faults."""
@@ -216,8 +216,8 @@ class _Grasping:
         rule = HOLD_TESTS[self.settings.test]
         held = np.array(
             [
-                [grasp.holds or rule.holds_against(self.test, own, direction) for direction in rule.directions]
-                for grasp, own in zip(kept, stored, strict=True)
+                [grasp.holds or rule.holds_against(self.test, stored_grasp, direction) for direction in rule.directions]
+                for grasp, stored_grasp in zip(kept, stored, strict=True)
             ]
         )
         return {"held": held[:, rule.directions.index(DOWN)]} | ({"held_directions": held} if self.settings.test == "six" else {})

@@ -11,10 +11,10 @@ from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE
 
 
-def _rising(given: tuple[float, float]) -> tuple[float, float]:
-    if given[0] > given[1]:
-        raise ValueError(f"it is {list(given)}; the least comes first, then the greatest")
-    return given
+def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
+    return limits
 
 
 def _known(name: str) -> str:

@@ -94,8 +94,8 @@ class ChartOptimizer:
             chart = self._charts[i]
             chart.vertices, chart.residual, chart.stop_rule = self._state[0, i].cpu().numpy().copy(), self._residual(i), rule
         if done:
-            kept = [i for i in range(len(self._charts)) if i not in done]
-            self._state, gradient, self._charts = self._state[:, kept], gradient[kept], [self._charts[i] for i in kept]
+            remaining = [i for i in range(len(self._charts)) if i not in done]
+            self._state, gradient, self._charts = self._state[:, remaining], gradient[remaining], [self._charts[i] for i in remaining]
         self._descend(gradient)
 
     def _is_check(self, chart: ChartState, area: float) -> bool:
@@ -117,11 +117,13 @@ class ChartOptimizer:
         targets = [chart.cloud if exact or chart.near else chart.first_part for chart in charts]
         vertices = self._state[0, group].requires_grad_()
         samples = map_to_surfaces(vertices, self._faces, uniform)  # (group, n, 3)
-        drawn = samples.detach()
-        nearest = torch.stack([target.points[target.nearest(row)] for target, row in zip(targets, drawn, strict=True)])
-        back = torch.cat([SearchCloud(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, drawn, strict=True))])
+        detached = samples.detach()
+        nearest = torch.stack([target.points[target.nearest(row)] for target, row in zip(targets, detached, strict=True)])
+        matches = torch.cat(
+            [SearchCloud(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, detached, strict=True))]
+        )
         to_cloud = (samples - nearest).square().sum(dim=-1)  # (group, n)
-        to_chart = (samples.reshape(-1, 3).index_select(0, back) - torch.cat(clouds)).square().sum(dim=-1)
+        to_chart = (samples.reshape(-1, 3).index_select(0, matches) - torch.cat(clouds)).square().sum(dim=-1)
         pairs = zip(to_cloud, torch.split(to_chart, [len(cloud) for cloud in clouds]), strict=True)
         losses = torch.stack([a.mean() + b.mean() for a, b in pairs])  # row by row: no sum's order depends on the group
         (gradient,) = torch.autograd.grad(losses.sum(), vertices)
@@ -150,12 +152,12 @@ class ChartOptimizer:
         """Adam's step (Kingma and Ba, 2015, algorithm 1), each chart with its own count of steps."""
         for chart in self._charts:
             chart.steps += 1
-        taken = gradient.new_tensor([chart.steps for chart in self._charts])[:, None, None]
+        steps = gradient.new_tensor([chart.steps for chart in self._charts])[:, None, None]
         _, mean, square = self._state
         mean.mul_(BETAS[0]).add_(gradient, alpha=1 - BETAS[0])
         square.mul_(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])
-        root = (square / (1 - BETAS[1] ** taken)).sqrt() + EPSILON
-        self._state[0] -= self._options.learning_rate * (mean / (1 - BETAS[0] ** taken)) / root
+        root = (square / (1 - BETAS[1] ** steps)).sqrt() + EPSILON
+        self._state[0] -= self._options.learning_rate * (mean / (1 - BETAS[0] ** steps)) / root
 
 
 def _squared_edges(faces: Tensor, vertices: int) -> Tensor:

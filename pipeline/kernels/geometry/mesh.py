@@ -22,14 +22,14 @@ SMALLEST = 1e-100
 """Coordinates that are all smaller, and not 0, are refused: their products vanish in float64."""
 
 
-def check_coordinates(points: NDArray[np.floating], what: str) -> None:
+def check_coordinates(points: NDArray[np.floating], name: str) -> None:
     """Refuse points that are NaN, infinite, farther than `FARTHEST` from the origin along an axis, or all nearer than `SMALLEST`.
 
     Parameters
     ----------
     points
         (N, 3), any unit.
-    what
+    name
         What they are, in the plural.
 
     Raises
@@ -41,11 +41,12 @@ def check_coordinates(points: NDArray[np.floating], what: str) -> None:
         return
     largest = max(-points.min(), points.max())  # NaN where there is one
     if 0 < largest < SMALLEST:
-        raise InvalidInput(f"all {what} are less than {SMALLEST:g} from the origin; scale the mesh")
+        raise InvalidInput(f"all {name} are less than {SMALLEST:g} from the origin; scale the mesh")
     if not largest <= FARTHEST:
-        bad = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
+        count = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
         raise InvalidInput(
-            f"{bad} of {len(points)} {what} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them out"
+            f"{count} of {len(points)} {name} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them "
+            "out"
         )
 
 

@@ -62,10 +62,10 @@ def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, 
 @compiled
 def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
     """Least gap of pairs of boxes; inf where there are none."""
-    least = np.inf
+    gap = np.inf
     for a, b in zip(first, second):  # noqa: B905 - as numba has it
-        least = min(least, box_gap(world[a], half[a], world[b], half[b], least))
-    return least
+        gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
+    return gap
 
 
 @compiled
@@ -103,12 +103,12 @@ def conflicts(
         if owner[k] < 0 or owner[k] == owner[m]:
             continue
         reach = radius[k] + radius[m] + gap
-        found = conflicts[owner[k], owner[m]]
+        pair_conflicts = conflicts[owner[k], owner[m]]
         for i in range(options):
             for j in range(options):
-                if not found[i, j]:
+                if not pair_conflicts[i, j]:
                     a, b = world[i, k], world[j, m]
                     x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
                     if np.sqrt(x * x + y * y + z * z) < reach:
-                        found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
+                        pair_conflicts[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
     return conflicts

@@ -44,8 +44,8 @@ class CollisionSpheres:
 
     def of_links(self, links: ArrayLike) -> CollisionSpheres:
         """Select the spheres of the given links."""
-        own = np.isin(self.link, links)
-        return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
+        selected = np.isin(self.link, links)
+        return CollisionSpheres(self.centres[selected], self.radii[selected], self.link[selected])
 
     @cached_property
     def single(self) -> Spheres:
@@ -89,14 +89,16 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
     InvalidInput
         A collision shape is flat, or has NaN corners: it encloses nothing.
     """
-    parts = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
+    filled_shapes = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             try:
                 hull = ConvexHull(shape.mesh.vertices)
             except (QhullError, ValueError) as error:
-                what = shape.path or f"{shape.kind} of size {shape.size}"
-                raise InvalidInput(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
+                shape_name = shape.path or f"{shape.kind} of size {shape.size}"
+                raise InvalidInput(
+                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite: {error}"
+                ) from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
@@ -105,8 +107,8 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
                 )
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
-            parts.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
-    return CollisionSpheres(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+            filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
+    return CollisionSpheres(*(np.concatenate(arrays) for arrays in zip(*filled_shapes, strict=True)))
 
 
 def collision_boxes(hand: Hand) -> CollisionBoxes:

@@ -155,8 +155,8 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
     Faces, and distances in m.
     """
     meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
-    kept = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
-    hulls = [ConvexHull(mesh.vertices) for mesh in kept]
+    convex_meshes = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
+    hulls = [ConvexHull(mesh.vertices) for mesh in convex_meshes]
     corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
     if len(hulls) == 1:  # the distance from a convex body is greatest at a corner of the rest's hull
         corners = corners[ConvexHull(corners).vertices]
@@ -166,11 +166,11 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
         subdivide: Any = trimesh.remesh.subdivide_to_size
         points = subdivide(hull.points, hull.simplices, max_edge=SAMPLE_SPACING)[0]
         points = points[np.unique(np.round(points / SAMPLE_SPACING), axis=0, return_index=True)[1]]  # one for each small cube
-        for other in (*hulls[:number], *hulls[number + 1 :]):
-            points = points[_outside(points, other) > ON_SURFACE]  # where slabs meet, the mesh may be solid
+        for other_hull in (*hulls[:number], *hulls[number + 1 :]):
+            points = points[_outside(points, other_hull) > ON_SURFACE]  # where slabs meet, the mesh may be solid
         if len(points):
             filled = max(filled, float(np.min([_nearest(points, mesh)[0] for mesh in meshes], axis=0).max()))
-    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in kept), float(lost), filled)
+    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in convex_meshes), float(lost), filled)
 
 
 def _outside(points: NDArray[np.float64], hull: ConvexHull) -> NDArray[np.float64]:

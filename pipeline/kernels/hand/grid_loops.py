@@ -71,7 +71,7 @@ def look_up(grid: Grid, points: Float32Array) -> Float32Array:
 def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tuple[Float32Array, Float32Array]:
     """Least distance (N,) of groups of points (3, N, P) in a frame of that pose (4, 4), and the share (N,) of each that is inside."""
     count, size = points.shape[1:]
-    least, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
+    distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
     for n in range(count):
         inside = 0
         for p in range(size):
@@ -80,16 +80,16 @@ def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tup
             py = ((pose[1, 0] * x + pose[1, 1] * y) + pose[1, 2] * z) + pose[1, 3]
             pz = ((pose[2, 0] * x + pose[2, 1] * y) + pose[2, 2] * z) + pose[2, 3]
             distance = _distance(grid, px, py, pz)
-            least[n] = min(least[n], distance)
+            distances[n] = min(distances[n], distance)
             inside += int(distance < 0)
         share[n] = np.float32(inside) / np.float32(size)
-    return least, share
+    return distances, share
 
 
 @compiled
 def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> np.float32:
     """Least distance of spheres less their radius, carried by link frames (L, 4, 4); some value below `floor` where the least one is."""
-    least, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
+    gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
     for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
         if spheres.link[b] != link:
             link = spheres.link[b]
@@ -98,10 +98,10 @@ def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
         px = (pose[0, 0] * x + pose[0, 1] * y) + (pose[0, 2] * z + pose[0, 3])
         py = (pose[1, 0] * x + pose[1, 1] * y) + (pose[1, 2] * z + pose[1, 3])
         pz = (pose[2, 0] * x + pose[2, 1] * y) + (pose[2, 2] * z + pose[2, 3])
-        least = min(least, _distance(grid, px, py, pz) - spheres.radii[b])
-        if least < floor:
+        gap = min(gap, _distance(grid, px, py, pz) - spheres.radii[b])
+        if gap < floor:
             break
-    return least
+    return gap
 
 
 @compiled
@@ -151,18 +151,18 @@ def measure_best(
         top[:] = -np.inf
         if not best:
             top[0] = np.inf
-        found = 0
+        clear_count = 0
         for n in group:
-            least = top[max(best - 1, 0)]
-            if contact[n] < least and found >= clear:
+            threshold = top[max(best - 1, 0)]
+            if contact[n] < threshold and clear_count >= clear:
                 break  # no other can be among the best
             if contact[n] == -np.inf or value[n] > -np.inf:
                 continue
-            spare = max(contact[n] - least, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
+            spare = max(contact[n] - threshold, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
             gap = _gap(grid, frames[n], spheres, clearance - spare - FLOOR_SLACK)
             value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)
             is_clear[n] = gap >= clearance
-            found += int(gap >= clearance)
+            clear_count += int(gap >= clearance)
             place = best
             while place > 0 and top[place - 1] < value[n]:
                 top[place] = top[place - 1]

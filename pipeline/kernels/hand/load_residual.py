@@ -13,7 +13,7 @@ Float64Array = NDArray[np.float64]
 
 EDGES = 6
 """Edges of the pyramid that stands for a friction cone."""
-MOST_FORCE = 10.0
+MAX_FORCE = 10.0
 """Weights of the object with which an edge presses at most: 20 N of an object of 0.2 kg."""
 LEVER = 0.05
 """m, by which moments are divided so that they count like forces: half the size of what a hand holds."""
@@ -85,16 +85,16 @@ def lightest_grasp(
     -----
     The residual of a grasp is left as soon as some directions alone make it too large; that which was too large comes first in the next.
     """
-    number, steps, fullest = -1, best.steps, best.touches
+    number, steps, best_touches = -1, best.steps, best.touches
     order = np.arange(6)
     for n in range(len(points)):
         touches = int(touching[n].sum())
-        least = steps if touches > fullest else steps - 1  # that it must have
-        if least >= 0:
-            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (least + 1) * RESIDUAL_STEP, order)
-            if residual < np.inf and residual // RESIDUAL_STEP <= least:
-                number, steps, fullest = n, int(residual // RESIDUAL_STEP), touches
-    return number, Load(steps, fullest)
+        limit = steps if touches > best_touches else steps - 1  # that it must have
+        if limit >= 0:
+            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (limit + 1) * RESIDUAL_STEP, order)
+            if residual < np.inf and residual // RESIDUAL_STEP <= limit:
+                number, steps, best_touches = n, int(residual // RESIDUAL_STEP), touches
+    return number, Load(steps, best_touches)
 
 
 @compiled
@@ -141,39 +141,39 @@ def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 @compiled
-def _residual(columns: Float64Array, enough: float, order: NDArray[np.intp]) -> float:
-    """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions.
+def _residual(columns: Float64Array, limit: float, order: NDArray[np.intp]) -> float:
+    """Root mean square of what wrenches (M, 6), each taken 0 to `MAX_FORCE` times, leave of unit forces in six directions.
 
-    Infinity where some directions, taken in `order`, make it `enough` alone; the last of them then becomes the first.
+    Infinity where some directions, taken in `order`, make it `limit` alone; the last of them then becomes the first.
     """
     if not len(columns):
         return 1.0
     squares = (columns**2).sum(axis=1)
-    remains = np.zeros(6)
-    force, left = np.empty(len(columns)), np.empty(6)
+    squares_left = np.zeros(6)
+    force, remainder = np.empty(len(columns)), np.empty(6)
     for place in range(6):
         direction = order[place]
         force[:] = 0.0
-        left[:] = 0.0
-        left[direction // 2] = 1.0 if direction % 2 else -1.0
+        remainder[:] = 0.0
+        remainder[direction // 2] = 1.0 if direction % 2 else -1.0
         squared = 1.0
         for _ in range(SWEEPS):
             for m in range(len(columns)):
                 slope = 0.0
                 for k in range(6):
-                    slope += columns[m, k] * left[k]
-                pressed = min(max(force[m] - slope / squares[m], 0.0), MOST_FORCE)
+                    slope += columns[m, k] * remainder[k]
+                updated = min(max(force[m] - slope / squares[m], 0.0), MAX_FORCE)
                 for k in range(6):
-                    left[k] += (pressed - force[m]) * columns[m, k]
-                force[m] = pressed
-            before, squared = squared, 0.0
+                    remainder[k] += (updated - force[m]) * columns[m, k]
+                force[m] = updated
+            previous, squared = squared, 0.0
             for k in range(6):
-                squared += left[k] * left[k]
-            if squared < SMALL * SMALL or before - squared < SLOW * squared:
+                squared += remainder[k] * remainder[k]
+            if squared < SMALL * SMALL or previous - squared < SLOW * squared:
                 break
-        remains[direction] = squared
-        if np.sqrt(remains.sum() / 6) >= enough * (1 + 1e-9):  # not by the rounding of the sum
+        squares_left[direction] = squared
+        if np.sqrt(squares_left.sum() / 6) >= limit * (1 + 1e-9):  # not by the rounding of the sum
             order[1 : place + 1] = order[:place].copy()
             order[0] = direction
             return np.inf
-    return float(np.sqrt(remains.sum() / 6))
+    return float(np.sqrt(squares_left.sum() / 6))

@@ -85,11 +85,11 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
     -----
     Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
     """
-    parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
-    if not parts:
+    by_pair = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
+    if not by_pair:
         raise InvalidInput(f"{ik.hand.name}: one sensor alone cannot hold; use simulate-grasps.search=touch")
-    every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
-    return every.rows(np.argsort(every.width, kind="stable"))
+    postures = OpposedPostures(*(np.concatenate([getattr(group, field.name) for group in by_pair]) for field in fields(OpposedPostures)))
+    return postures.rows(np.argsort(postures.width, kind="stable"))
 
 
 def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
@@ -98,29 +98,29 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     fingers = hand.sensor_fingers[list(pair)].tolist()
     rows = _facing_samples(ik, pair, fingers)
     angles = np.tile(np.clip(0.0, hand.lower, hand.upper), (len(rows), 1))
-    for finger, own in zip(fingers, rows.T, strict=True):
+    for finger, samples in zip(fingers, rows.T, strict=True):
         if finger >= 0:
             joints = list(hand.fingers[finger].joints)
-            angles[:, joints] = ik.joint_angles[own][:, joints]
+            angles[:, joints] = ik.joint_angles[samples][:, joints]
     moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
     margin = limit_margin(hand)
-    wanted = np.maximum(_grips(ik, angles, pair).width, THINNEST)
+    width = np.maximum(_grips(ik, angles, pair).width, THINNEST)
     for _ in range(ROUNDS):
-        angles[:, moving] += _step(ik, angles, pair, wanted, moving)
+        angles[:, moving] += _step(ik, angles, pair, width, moving)
         angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
     grips = _grips(ik, angles, pair)
-    apart = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
-    return grips.rows(_best_of_each_width(np.where(apart, grips.fault, np.inf), grips.width))
+    clear = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
+    return grips.rows(_best_of_each_width(np.where(clear, grips.fault, np.inf), grips.width))
 
 
 def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
     """Step (N, K) of the moving joints by which the gels of postures (N, J) come nearer to facing each other across a width (N,), rad."""
     nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
-    at = _offsets(ik, angles, pair, width)
-    after = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
-    slopes = (after - at[:, None]) / DIFFERENCE_STEP  # (N, K, 6)
+    offsets = _offsets(ik, angles, pair, width)
+    nudged_offsets = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
+    slopes = (nudged_offsets - offsets[:, None]) / DIFFERENCE_STEP  # (N, K, 6)
     step = np.zeros(slopes.shape[:2])
-    residual = -np.einsum("nkr,nr->nk", slopes, at)
+    residual = -np.einsum("nkr,nr->nk", slopes, offsets)
     direction = residual
     for _ in moving:  # conjugate gradients: exact after as many steps as there are joints, and no LAPACK
         image = np.einsum("nkr,nr->nk", slopes, np.einsum("nkr,nk->nr", slopes, direction)) + DAMPING * direction
@@ -143,20 +143,20 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
     """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other; of two motors few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
-    every = np.arange(len(ik.joint_angles))
-    first, second = (every[ik.free[:, finger]] if finger >= 0 else every[:1] for finger in fingers)
+    samples = np.arange(len(ik.joint_angles))
+    first, second = (samples[ik.free[:, finger]] if finger >= 0 else samples[:1] for finger in fingers)
     if fingers[0] == fingers[1]:  # one motor moves both
         together = np.stack([first, first], axis=1)
         return together if fingers[0] >= 0 else together[:0]
-    found = _facing(points[first, 0], normals[first, 0], points[second, 1], normals[second, 1])
-    return np.stack([first[found[:, 0]], second[found[:, 1]]], axis=1)
+    pairs = _facing(points[first, 0], normals[first, 0], points[second, 1], normals[second, 1])
+    return np.stack([first[pairs[:, 0]], second[pairs[:, 1]]], axis=1)
 
 
 @compiled
 def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
     """Rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
     counts = np.zeros(START_STEPS, np.intp)
-    found = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
+    pairs = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
     count = 0
     for shift in range(len(second)):  # all pairs, in an order that visits all of both alike
         for i in range(len(first)):
@@ -172,9 +172,9 @@ def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Arr
             step = int(along / WIDTH_STEP)
             if step < START_STEPS and counts[step] < POSTURES_PER_STEP:
                 counts[step] += 1
-                found[count, 0], found[count, 1] = i, j
+                pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
-    return found[:count]
+    return pairs[:count]
 
 
 def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:

@@ -97,11 +97,11 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
     sentences = []
     for number in stuck:
-        count = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
-        sentences.append(_sentence(hand, count, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
+        beginning = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
     for first, second in entangled:
-        count = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
-        sentences.append(_sentence(hand, count, _between(hand, overlaps, {first, second}), "each other's links"))
+        beginning = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {first, second}), "each other's links"))
     return sentences
 
 
@@ -110,12 +110,12 @@ def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> lis
     return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
 
 
-def _sentence(hand: Hand, count: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
+def _sentence(hand: Hand, beginning: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
     """Say which links are in the way, and what to write into the hand file."""
     pairs = [
         f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
         f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
         for overlap in overlaps
     ]
-    ways = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
-    return f"{count} {', '.join(pairs) or otherwise}: write {', '.join(ways)} into {hand.path}"
+    remedies = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
+    return f"{beginning} {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}"

@@ -57,11 +57,11 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    own = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
-    first, second = first[own], second[own]
-    near = are_near(world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
+    checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
+    first, second = first[checked], second[checked]
+    too_near = are_near(world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
     finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
-    return np.stack([~near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
 def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], fingers: Sequence[int], gap: float) -> NDArray[np.bool_]:
@@ -84,10 +84,10 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    theirs = np.isin(owner, [*fingers, -1])
-    own = theirs[first] & theirs[second]
-    near = are_near(world_boxes(boxes, frames), boxes.half, first[own], second[own], gap)
-    return np.asarray(~near.any(axis=1))
+    involved = np.isin(owner, [*fingers, -1])
+    checked = involved[first] & involved[second]
+    too_near = are_near(world_boxes(boxes, frames), boxes.half, first[checked], second[checked], gap)
+    return np.asarray(~too_near.any(axis=1))
 
 
 def choose_postures(

@@ -94,8 +94,8 @@ def difference_interval(
         )
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
-    both = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
-    return _interval(float(first.mean() - second.mean()), first.shape[1], both, rng)
+    parts = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
+    return _interval(float(first.mean() - second.mean()), first.shape[1], parts, rng)
 
 
 def _checked(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -111,14 +111,14 @@ def nearest_of_pairs(query: Tensor, points: Tensor, among: Tensor | None = None)
     -------
     (..., N) int64 indices, without gradient; any index where no point counts.
     """
-    found = []
+    nearest = []
     with torch.no_grad():
-        for part in torch.split(query, max(1, PAIRS_PER_BLOCK // points[..., 0].numel()), dim=-2):
-            squared = _squared_differences(part, points)
+        for block in torch.split(query, max(1, PAIRS_PER_BLOCK // points[..., 0].numel()), dim=-2):
+            squared = _squared_differences(block, points)
             if among is not None:
                 squared.masked_fill_(~among[..., None, :], torch.inf)
-            found.append(squared.argmin(dim=-1))
-    return torch.cat(found, dim=-1)
+            nearest.append(squared.argmin(dim=-1))
+    return torch.cat(nearest, dim=-1)
 
 
 def _squared_differences(query: Tensor, points: Tensor) -> Tensor:

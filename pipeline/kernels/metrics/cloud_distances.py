@@ -200,11 +200,11 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     points = _cloud("points", points)
     if len(points) < 2:
         raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
-    distances, others = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
+    distances, neighbours = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
     if normals is None:
         nearest = distances[:, 1]
     else:
-        same_side = (normals[others] * normals[:, None]).sum(axis=2) > 0  # (N, near)
+        same_side = (normals[neighbours] * normals[:, None]).sum(axis=2) > 0  # (N, near)
         same_side[:, -1] = True  # all the others are on the other side: rare, and the last of them is not too near
         nearest = np.take_along_axis(distances, same_side.argmax(axis=1)[:, None], axis=1)[:, 0]
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())

@@ -43,9 +43,9 @@ class SearchedCloud:
         """By level: some of the points, (K, 3), which of them is nearest to each point, (N,), and how far that is, (N,)."""
         levels = []
         for count in COARSE:
-            some = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            apart, nearest = cKDTree(some).query(self.points)
-            levels.append((some, nearest, apart))
+            points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
+            distances, nearest = cKDTree(points).query(self.points)
+            levels.append((points, nearest, distances))
         return tuple(levels)
 
     def bound(self, target: SearchedCloud, level: int) -> float:
@@ -55,9 +55,9 @@ class SearchedCloud:
         """
         if level == len(COARSE):
             return mean_squared_distance(target.tree, self.points)
-        some, nearest, apart = self.coarse[level]
-        least = np.maximum(target.tree.query(some)[0][nearest] - apart, 0.0)
-        return float(np.square(least).mean()) * ROUNDING
+        points, nearest, distances = self.coarse[level]
+        bounds = np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)
+        return float(np.square(bounds).mean()) * ROUNDING
 
 
 def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both: bool, below: float = np.inf) -> tuple[float, int] | None:
@@ -82,16 +82,16 @@ def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both
     -----
     The cloud of the least bound is looked at more closely, again and again: once that is by all points, no other can be nearer.
     """
-    waiting = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
-    while waiting:
-        bound, exact, number, level = heappop(waiting)
+    queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
+    while queue:
+        bound, exact, number, level = heappop(queue)
         if bound >= below:
             return None
         if exact:
             return bound, number
         closer = query.bound(clouds[number], level) + (clouds[number].bound(query, level) if both else 0.0)
         exact = level == len(COARSE)
-        heappush(waiting, (closer if exact else max(bound, closer), exact, number, level + 1))
+        heappush(queue, (closer if exact else max(bound, closer), exact, number, level + 1))
     return None
 
 
@@ -112,8 +112,8 @@ def chamfer_matrix(clouds: Sequence[SearchedCloud], advance: Callable[[], None] 
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
-            apart = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
-            matrix[row, column] = matrix[column, row] = apart
+            distance = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
+            matrix[row, column] = matrix[column, row] = distance
         advance()
     return matrix
 
@@ -131,6 +131,6 @@ def silhouette_overlap(masks: NDArray[np.bool_], others: NDArray[np.bool_]) -> N
     (A, B) float32: intersection over union of each of `masks` with each of `others`; 0 where both are empty.
     """
     first, second = masks.astype(np.float32), others.astype(np.float32)
-    both = first @ second.T
-    either = first.sum(axis=1)[:, None] + second.sum(axis=1) - both
-    return np.asarray(both / np.maximum(either, 1), np.float32)
+    intersection = first @ second.T
+    union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection
+    return np.asarray(intersection / np.maximum(union, 1), np.float32)

@@ -102,14 +102,14 @@ def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer]
     corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
     axis = int(np.argmax(np.ptp(corners.reshape(-1, 3), axis=0)))
     order = np.argsort(corners[:, :, axis].min(axis=1))
-    corners, names = corners[order], (faces if position is None else position[faces])[order]
+    corners, ids = corners[order], (faces if position is None else position[faces])[order]
     crossing = np.zeros(len(faces), bool)
-    _mark_crossing(corners, corners.min(axis=1), corners.max(axis=1), names, axis, crossing)
+    _mark_crossing(corners, corners.min(axis=1), corners.max(axis=1), ids, axis, crossing)
     return crossing[np.argsort(order)]
 
 
 @compiled
-def _mark_crossing(corners: Points, low: Points, high: Points, names: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
+def _mark_crossing(corners: Points, low: Points, high: Points, ids: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
     """Mark the triangles (F, 3, 3) that cross another one and share no name with it; `low` and `high` bound each, (F, 3).
 
     They lie in the order of `low` along an axis: none that begins behind a triangle's end meets it.
@@ -118,15 +118,15 @@ def _mark_crossing(corners: Points, low: Points, high: Points, names: NDArray[np
         for second in range(first + 1, len(corners)):
             if low[second, axis] > high[first, axis]:
                 break
-            apart = False
-            for one in range(3):
-                apart |= (low[second, one] > high[first, one]) | (low[first, one] > high[second, one])
-            if apart or (crossing[first] and crossing[second]):
+            disjoint = False
+            for i in range(3):
+                disjoint |= (low[second, i] > high[first, i]) | (low[first, i] > high[second, i])
+            if disjoint or (crossing[first] and crossing[second]):
                 continue
             neighbours = False
-            for one in range(3):
-                for two in range(3):
-                    neighbours |= names[first, one] == names[second, two]
+            for i in range(3):
+                for j in range(3):
+                    neighbours |= ids[first, i] == ids[second, j]
             if not neighbours and (_pierces(corners[first], corners[second]) or _pierces(corners[second], corners[first])):
                 crossing[first] = crossing[second] = True
 

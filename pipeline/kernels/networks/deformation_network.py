@@ -111,12 +111,12 @@ class DeformationNetwork(nn.Module):
     ) -> Tensor:
         """(B, V, 3) what one pass adds to the positions of the vision vertices (B, V, 3), radii."""
         positions = graph.join(vision, touch)  # (N, 3)
-        parts = [positions, mask] if self.config.touch else [positions]
+        features = [positions, mask] if self.config.touch else [positions]
         if cameras is not None:
             items = enumerate(torch.split(positions, graph.sizes))
-            seen = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
-            parts.append(torch.cat(seen))
-        return graph.vision_vertices(self.gcn(torch.cat(parts, dim=1), graph))
+            image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
+            features.append(torch.cat(image_features))
+        return graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))
 
     def merge_coinciding(self, vertices: Tensor) -> Tensor:
         """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
@@ -146,9 +146,9 @@ class DeformationNetwork(nn.Module):
 
     def _check(self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> None:
         check_full_precision("a network with parameters", self.gcn.last.weight)
-        items, total, wanted = len(counts), sum(counts), self.config.image is not None
-        if (images is not None) != wanted or (camera is not None) != wanted:
-            takes = "an image and its camera" if wanted else "neither image nor camera"
+        items, total, takes_image = len(counts), sum(counts), self.config.image is not None
+        if (images is not None) != takes_image or (camera is not None) != takes_image:
+            takes = "an image and its camera" if takes_image else "neither image nor camera"
             raise ValueError(f"a network with image {self.config.image!r} takes {takes}")
         if images is not None and (images.ndim != 4 or images.shape[:2] != (items, COLOURS)):
             raise ValueError(f"images are {tuple(images.shape)}, but counts has {items} items: images must be ({items}, {COLOURS}, H, W)")

@@ -59,7 +59,7 @@ class LocalNetwork(nn.Module):
         )
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
-    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], within: Tensor | None = None) -> LocalShape:
+    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], true_depth: Tensor | None = None) -> LocalShape:
         """Read slopes, depth and contact.
 
         Parameters
@@ -70,7 +70,7 @@ class LocalNetwork(nn.Module):
             (B, 2, H, W) or (1, 2, H, W) x and y of the pixels, -1 to 1 from rim to rim of the sensor.
         pitch
             Size of a pixel along y and x, mm.
-        within
+        true_depth
             (B, H, W) true depth, mm, in training on windows of images. A window's surface does not end at 0, where the integration of
             slopes begins: the error of slopes is integrated instead, which does.
 
@@ -79,22 +79,22 @@ class LocalNetwork(nn.Module):
         Contact is read from depth and slopes, and its loss does not bend them.
         """
         slopes = self.slopes(change, position)
-        if within is None:
+        if true_depth is None:
             depth = integrate_slopes(slopes, pitch)
         else:
-            depth = within + integrate_slopes(slopes - surface_slopes(within, pitch), pitch)
+            depth = true_depth + integrate_slopes(slopes - surface_slopes(true_depth, pitch), pitch)
         return LocalShape(slopes, depth, self.contact(depth.detach(), slopes.detach()))
 
     def slopes(self, change: Tensor, position: Tensor) -> Tensor:
         """Read (B, 2, H, W) slopes of depth along x and y; parameters as `forward`."""
-        given = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
-        slopes: Tensor = self.colours(given.contiguous(memory_format=torch.channels_last))
+        inputs = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
+        slopes: Tensor = self.colours(inputs.contiguous(memory_format=torch.channels_last))
         return slopes
 
     def contact(self, depth: Tensor, slopes: Tensor) -> Tensor:
         """Find the contact, (B, H, W) logits, in (B, H, W) depth, mm, and (B, 2, H, W) slopes."""
-        given = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
-        logits: Tensor = self.shape(given.contiguous(memory_format=torch.channels_last))[:, 0]
+        inputs = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
+        logits: Tensor = self.shape(inputs.contiguous(memory_format=torch.channels_last))[:, 0]
         return logits
 
 

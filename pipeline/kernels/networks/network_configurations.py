@@ -49,12 +49,12 @@ class NetworkInputs(BaseModel):
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=RADIUS, gt=0)
 
-    def given(self, inputs: NetworkInputs) -> Self:
+    def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Describe this network where it is given no more than these inputs."""
         return self.model_copy(update={"image": inputs.image, "touch": inputs.touch})
 
 
-WAYS: Mapping[str, NetworkInputs] = {
+INPUT_CHOICES: Mapping[str, NetworkInputs] = {
     "none": NetworkInputs(),
     "touch": NetworkInputs(touch=True),
     "occluded": NetworkInputs(image="occluded"),

@@ -68,8 +68,8 @@ class TouchPoints:
         if not self.points.shape[1]:
             return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
         nearest = [side.find(queries) for side in self._sides]
-        parts = [self._nearest_features(queries, *found) for found in zip(nearest, self._sides, strict=True)]
-        return torch.cat(parts, dim=2), nearest[0]
+        features = [self._nearest_features(queries, *pair) for pair in zip(nearest, self._sides, strict=True)]
+        return torch.cat(features, dim=2), nearest[0]
 
     @cached_property
     def _sides(self) -> tuple[NearestPoints, NearestPoints]:
@@ -104,25 +104,25 @@ class NearestPoints:
 
     def find_in_trees(self, queries: Tensor) -> Tensor:
         """Find as `find`, one item after the other."""
-        found = torch.zeros(queries.shape[:2], dtype=torch.int64)
+        nearest = torch.zeros(queries.shape[:2], dtype=torch.int64)
         for item, (numbers, cloud) in enumerate(self._trees):
             if cloud is not None:
-                found[item] = numbers[cloud.nearest(queries[item])]
-        return found
+                nearest[item] = numbers[cloud.nearest(queries[item])]
+        return nearest
 
     @cached_property
     def _trees(self) -> list[tuple[Tensor, SearchCloud | None]]:
-        chosen = [torch.nonzero(among)[:, 0] for among in self.among]
-        clouds = zip(self.points, chosen, strict=True)
+        counted = [torch.nonzero(among)[:, 0] for among in self.among]
+        clouds = zip(self.points, counted, strict=True)
         return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
 
 
-def heights_above_touches(felt: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
+def heights_above_touches(features: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
     """Compute the heights of queries above the tangent planes of the touched points nearest to them.
 
     Parameters
     ----------
-    felt
+    features
         (..., `TOUCH_FEATURES`) features of the queries.
     reach
         (...) distance at which a height's weight is 1/e, radii.
@@ -135,10 +135,10 @@ def heights_above_touches(felt: Tensor, reach: Tensor, *, finger: float, below: 
     -------
     Heights (...), radii, and their weights (...): exp(-(distance / reach)⁴), zeros where nothing was touched.
     """
-    offset, normal, height = felt[..., :3], felt[..., 3:6], felt[..., 6]
+    offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
     across = offset.square().sum(dim=-1) - height.square()
-    beyond = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
-    return height, torch.exp(-((across / reach**2 + beyond.square()) ** 2)) * normal.any(dim=-1)
+    along = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
+    return height, torch.exp(-((across / reach**2 + along.square()) ** 2)) * normal.any(dim=-1)
 
 
 def chart_normals(vertices: Tensor) -> Tensor:

@@ -39,8 +39,8 @@ class UNet(nn.Module):
         )
         self.pool = nn.MaxPool2d(2)
         up = list(zip(widths[:0:-1], widths[-2::-1], strict=True))  # (16, 8), (8, 4), (4, 2), (2, 1) times width
-        self.up = nn.ModuleList(nn.ConvTranspose2d(below, here, 2, stride=2) for below, here in up)
-        self.merge = nn.ModuleList(_convolution(below, here, 2) for below, here in up)
+        self.up = nn.ModuleList(nn.ConvTranspose2d(below, above, 2, stride=2) for below, above in up)
+        self.merge = nn.ModuleList(_convolution(below, above, 2) for below, above in up)
         self.head = nn.Conv2d(width, 1, 1)
 
     def forward(self, images: Tensor) -> Tensor:

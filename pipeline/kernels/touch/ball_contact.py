@@ -90,6 +90,6 @@ def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
     at = np.array([(x[0] + circle.x * sensor.pitch[1], y[0] + circle.y * sensor.pitch[0]) for circle in contacts])
     reach = sensor.pitch[1] * np.array([[circle.radius] for circle in contacts])
     rim = np.array([sensor.width, sensor.height]) / 2
-    least, greatest = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
-    left, top, right, bottom = np.round([*least, *greatest], 5).tolist()
+    low, high = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
+    left, top, right, bottom = np.round([*low, *high], 5).tolist()
     return left, top, right, bottom

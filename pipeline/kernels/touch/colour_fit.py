@@ -139,26 +139,28 @@ def fit_colours(
         samples = sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
         return [replace(sample, contact_weight=options.contact_weight) for sample in samples]
 
-    given = options.position_degree
-    usual = USUAL_DEGREE if given is None else given
+    position_degree = options.position_degree
+    usual = USUAL_DEGREE if position_degree is None else position_degree
     gels = _gels(options)
     candidates = [gel.of(sensor, radius) for gel in gels]
-    chosen = _first_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
-    fitted = candidates[chosen]
-    samples = sampled(fitted, POSITION_DEGREES[-1] if given is None else given)
+    best = _simplest_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
+    fitted = candidates[best]
+    samples = sampled(fitted, POSITION_DEGREES[-1] if position_degree is None else position_degree)
     terms = len(powers(options.normal_degree))  # without a constant, and with the depth
-    if given is None:
-        parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
-        given = POSITION_DEGREES[_first_good([left_out_error(part) for part in parts.values()])]
-        samples = parts[given]
+    if position_degree is None:
+        samples_by_degree = {degree: _up_to_degree(samples, degree, terms) for degree in POSITION_DEGREES}
+        position_degree = POSITION_DEGREES[
+            _simplest_good([left_out_error(degree_samples) for degree_samples in samples_by_degree.values()])
+        ]
+        samples = samples_by_degree[position_degree]
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
-    at_end = _at_end(gels[chosen], given if options.position_degree is None else None)
-    calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
-    return ColourFit(fitted, calibration, given, tuple(at_end))
+    at_end = _at_end(gels[best], position_degree if options.position_degree is None else None)
+    calibration = _calibration(samples, shadows, (terms, len(powers(position_degree))), (mean,), within)
+    return ColourFit(fitted, calibration, position_degree, tuple(at_end))
 
 
-def _first_good(errors: Sequence[float]) -> int:
+def _simplest_good(errors: Sequence[float]) -> int:
     """Find the first of some choices, the simplest, that errs by no more than `GAIN` over the least."""
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
@@ -180,10 +182,10 @@ def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
         yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
 
 
-def _of_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
+def _up_to_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
     """Keep the features up to some degree in the position, of samples with `terms` of normal and depth."""
-    every, places = samples[0].features.shape[1] // terms, len(powers(degree))
-    columns = (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
+    stored_terms, kept_terms = samples[0].features.shape[1] // terms, len(powers(degree))
+    columns = (stored_terms * np.arange(terms)[:, None] + np.arange(kept_terms)).ravel()
     return [sample.with_features(sample.features[:, columns]) for sample in samples]
 
 

@@ -13,7 +13,7 @@ PASSES = 2
 """Of the exponential filter along each axis: two are nearly round."""
 
 
-def drawn_in(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
+def membrane_indentation(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
     """Compute the depth to which a contact draws in the gel around it.
 
     Parameters

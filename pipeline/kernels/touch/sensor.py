@@ -43,7 +43,7 @@ class Surface(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _is_one(self) -> Surface:
+    def _has_one_form(self) -> Surface:
         if (self.radius is None) == (self.heights is None):
             raise ValueError("give either a radius or heights")
         if self.radius is None and self.along != "both":
@@ -96,7 +96,7 @@ class Sensor(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _is_whole(self) -> Sensor:
+    def _is_consistent(self) -> Sensor:
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
         if self.calibrated is not None:

@@ -99,10 +99,10 @@ def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], tar
     the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
-    before, now = (camera_direction(matrix, target) for matrix in (training, real))
+    training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
     turned = compose(compose(rotation, _level_axes(training, target).T), _level_axes(real, target))
-    seen = training @ np.append(target, 1.0)
-    pixel, zoom = seen[:2] / seen[2], now.distance / before.distance
+    homogeneous = training @ np.append(target, 1.0)
+    pixel, zoom = homogeneous[:2] / homogeneous[2], real_direction.distance / training_direction.distance
     zoomed = np.array([[zoom, 0, (1 - zoom) * pixel[0]], [0, zoom, (1 - zoom) * pixel[1]], [0, 0, 1.0]])
     turned_matrix = compose(compose(zoomed, intrinsic), turned)
     return np.column_stack([turned_matrix, -turned_matrix @ optical_centre(real)])
@@ -148,8 +148,8 @@ def transfer_view(
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T
-    moved = to_image @ corners
-    if image.shape[:2] == tuple(shape) and (moved[2] > 0).all() and np.abs(moved[:2] / moved[2] - corners[:2]).max() < UNCHANGED:
+    mapped = to_image @ corners
+    if image.shape[:2] == tuple(shape) and (mapped[2] > 0).all() and np.abs(mapped[:2] / mapped[2] - corners[:2]).max() < UNCHANGED:
         return image, 1.0
     shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # to pixel centres at ½ from those at whole numbers
     mapping = np.linalg.inv(shift) @ to_image @ shift
@@ -157,8 +157,8 @@ def transfer_view(
     smooth = gaussian_filter(image.astype(np.float64), ((shrinking - 1) / 2,) * 2, axes=(0, 1)) if shrinking > 1 else image
     cover = warp(np.ones(image.shape[:2]), mapping, output_shape=shape, order=1)[..., None]
     moved_image = warp(smooth.astype(np.float64), mapping, output_shape=shape, order=1)
-    made = moved_image + (1 - cover) * np.array(fill, np.float64)
-    return np.clip(np.rint(made), 0, 255).astype(np.uint8), float(cover.mean())
+    filled = moved_image + (1 - cover) * np.array(fill, np.float64)
+    return np.clip(np.rint(filled), 0, 255).astype(np.uint8), float(cover.mean())
 
 
 def _scale(homography: NDArray[np.float64], pixel: tuple[float, float]) -> float:
