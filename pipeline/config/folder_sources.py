@@ -19,10 +19,10 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES, read_file
 
 MAX_ENTRIES = 500_000
-"""Files and folders below a folder of meshes: with more, it is another folder that was meant."""
+"""Most files and folders below a folder of meshes: with more, it is probably the wrong folder."""
 
 MAX_CATALOGUE_BYTES = 100 * 2**20
-"""Size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
+"""Largest size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
 
 UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".stp", ".iges", ".igs", ".skp", ".usd", ".usdz")
 """Formats of meshes and solids that are not read."""
@@ -45,13 +45,13 @@ class Directory(MeshSource):
     """Of objects without a sub-folder above."""
 
     def list_objects(self, root: Path | None) -> Iterator[Object]:
-        """List every mesh file below the folder, hidden ones apart."""
+        """List every mesh file below the folder, except hidden ones."""
         folder, _, objects = self._find_objects(root)
         for item in objects.objects:
             yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
 
     def _find_objects(self, root: Path | None) -> tuple[Path, list[Path], FoundObjects]:
-        """Find the folder, all that is below it, and the objects among that."""
+        """Find the folder, all files and folders below it, and the objects among them."""
         folder = _folder(root or self.path, "a folder of meshes")
         entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
@@ -118,7 +118,7 @@ class Catalogue(MeshSource):
 
 
 def _unit(text: str, line: str) -> float | None:
-    """Read the unit that a line states, m; None where it states none."""
+    """Read the unit of a line, m; None if it states none."""
     if not text:
         return None
     try:

@@ -40,7 +40,7 @@ class Splits(BaseModel):
 
     @property
     def are_counts(self) -> bool:
-        """Whether these are counts: whole numbers, of which no share of 1 is all there is."""
+        """Whether these are counts: whole numbers that sum to more than 1."""
         return self._total > 1 + 1e-9 and all(float(n).is_integer() for n in (self.train, self.valid, self.test))
 
     @property
@@ -57,7 +57,7 @@ class Splits(BaseModel):
 
 
 def without_controls(name: str) -> str:
-    """Return a name; an `InvalidInput` where it has characters that steer how text is shown."""
+    """Return a name; raise an `InvalidInput` if it has control characters."""
     if match := CONTROLS.search(name):
         raise InvalidInput(f"{name!r} has the character {match[0]!r}, which steers how text is shown; write the name without it")
     return name
@@ -124,7 +124,7 @@ class Manifest(BaseModel):
         return self.model_copy(update={"sources": tuple(changed)})
 
     def remarks(self, root: Path | None = None) -> list[str]:
-        """Say how its folders were understood, and which files that look like objects are left out."""
+        """Report the recognised layout of its folders, and files that look like objects but are left out."""
         return [line for source, folder in self._with_roots(root) if isinstance(source, MeshSource) for line in source.remarks(folder)]
 
     def _with_roots(self, root: Path | None) -> list[tuple[Source, Path | None]]:
@@ -146,7 +146,7 @@ class Manifest(BaseModel):
         return [(source, root if source is takers[0] else None) for source in self.sources]
 
     def _splits_of(self, objects: Sequence[Object]) -> dict[str, str]:
-        """Draw the split of each object whose source states none: by seed and id, each category spread evenly over the splits."""
+        """Draw the split of each object whose source states none, by seed and id; each category is spread evenly over the splits."""
         stated_splits = {item.object_id: item.split for item in objects if item.split}
         items = [item for item in objects if not item.split]
         amounts = (self.splits.train, self.splits.valid, self.splits.test)
@@ -179,7 +179,7 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
 
 
 def _check_names(objects: Sequence[Object]) -> None:
-    """Refuse objects, sorted by id, of which one cannot be named as it is or two are named alike."""
+    """Refuse invalid and repeated names of objects, which are sorted by id."""
     for item in objects:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
@@ -194,7 +194,7 @@ def _check_names(objects: Sequence[Object]) -> None:
 
 
 def load_manifest(name_or_path: str) -> Manifest:
-    """Read a manifest: one of the built-in names, or the path of a YAML file; an `InvalidInput` says what is wrong with it.
+    """Read a manifest: one of the built-in names, or the path of a YAML file; raise an `InvalidInput` if it is invalid.
 
     A relative `path` of a file's source counts from the file's folder, of a built-in manifest from where the command runs.
     """

@@ -36,14 +36,14 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class FoundObjects:
-    """The objects among mesh files; how many of them are folders, and the files that are other meshes of these."""
+    """The objects among mesh files; the number of them that are folders, and the files that are other meshes of these."""
 
     objects: list[MeshFile]
     folders: int
     others: list[Path]
 
     def remarks(self) -> Iterator[str]:
-        """Say that there is a folder per object, and which meshes are left out because of that."""
+        """Report a layout with a folder per object, and the meshes that it leaves out."""
         if self.folders:
             example = next(item for item in self.objects if item.file.parent.parts)
             yield (
@@ -56,7 +56,7 @@ class FoundObjects:
 
 
 def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:
-    """Tell which mesh files are objects.
+    """Find the objects among mesh files.
 
     Parameters
     ----------
@@ -108,13 +108,13 @@ def _home(file: Path) -> tuple[str, ...]:
 
 
 def _names(files: Sequence[Path]) -> set[str]:
-    """Collect what files are called, those for collisions apart, unless there are no others."""
+    """Collect the names of files, without those for collisions unless there are no others."""
     visible = [file for file in files if not _collides(file)] or files
     return {file.stem.lower() for file in visible} - GENERIC
 
 
 def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
-    """Tell whether the meshes of a folder are called as it is, or not named."""
+    """Tell whether the meshes of a folder have its name or a generic one."""
     home, files = first
     return _names(files) <= {home[-1].lower()}
 
@@ -124,7 +124,7 @@ def _collides(file: Path) -> bool:
 
 
 def _rank(file: Path) -> tuple[object, ...]:
-    """Order meshes of one object: those to be seen, with textures, of the better scan, of a format with materials; then by path."""
+    """Rank a mesh among those of one object: visual, with textures, of the better scan, of a format with materials; then by path."""
     folders = {part.lower() for part in file.parent.parts}
     scan = next((number for number, name in enumerate(SCANS, 1) if name in folders), 0)
     plain = file.stem.lower() in PLAIN or bool(folders & PLAIN)

@@ -1,4 +1,4 @@
-"""The objects of a dataset: what each is made from, and digests of that."""
+"""The objects of a dataset: the source of each, and digests of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Object:
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
+    """Describe an object's source independently of where its files lie: a file is replaced by the hash of its content.
 
     The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
 
@@ -40,7 +40,7 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
 
 
 def checksum(objects: list[Object]) -> str:
-    """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
+    """Compute one SHA-256 for all files of a source, of the lines `ID SHA256` in id order."""
     files = sorted((item.object_id, Path(item.source["file"])) for item in objects if "file" in item.source)
     return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
 

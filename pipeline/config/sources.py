@@ -1,4 +1,4 @@
-"""Where objects come from: each kind of source lists its objects, and says how each is to be loaded."""
+"""Sources of objects: each kind lists its objects, and describes how to load each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 
 MAX_OBJECTS = 200_000
-"""Objects of a source: listing them takes a second, and memory, before anything else is done."""
+"""Most objects of a source: listing them takes a second, and memory, before anything else is done."""
 
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
@@ -37,7 +37,7 @@ class Source(BaseModel):
 
     @abstractmethod
     def list_objects(self, root: Path | None) -> Iterator[Object]:
-        """List every object of the source; an `OSError` or `InvalidInput` says what is not there."""
+        """List every object of the source; raise an `OSError` or `InvalidInput` if something is missing."""
 
     def find(self, root: Path | None) -> list[Object]:
         """List every object of the source, and check its checksum if it states one."""
@@ -63,7 +63,7 @@ class MeshSource(Source):
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
     def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
-        """Say how to load a file of this source, which may name files below `root`, and has an up-axis and a unit of its own."""
+        """Describe how to load a file of this source, which may name files below `root` and state its own up-axis and unit."""
         unit, axis = stated_units(file)
         return {
             "file": str(file),
@@ -74,7 +74,7 @@ class MeshSource(Source):
         }
 
     def remarks(self, root: Path | None) -> Iterator[str]:
-        """Say how the folder was understood, and what of it is left out although it looks like objects."""
+        """Report the recognised layout of the folder, and files that look like objects but are left out."""
         yield from ()
 
 

@@ -16,7 +16,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 QUERIES = 2**12
 """Points whose distances are predicted at a time: their features stay in a processor's cache, a fifth faster than eight times as many."""
 MARGIN = 1.04
-"""The meshed cube reaches as many radii from the centre: beyond any object that was scaled to 0.5 m."""
+"""Half the side of the meshed cube, in radii: beyond any object that was scaled to 0.5 m."""
 HALVINGS = 3
 """Times that the spacing of the first predictions is halved, where the surface may be."""
 
@@ -38,9 +38,9 @@ class ImplicitReconstructor(Reconstructor):
         return reconstructions
 
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so.
+        """Mesh the zeros of one item's distances; if no point is inside, a level set around the smallest distance.
 
-        Without an image, only the largest piece and those that were felt are kept: the others are guesses that exclude each other.
+        Without an image, only the largest piece and touched ones are kept: the others are guesses that exclude each other.
         """
         errors = self.network.errors_at_touches(code)
 

@@ -29,7 +29,7 @@ class Observation:
     touched
         (T,) bool: whether the chart is that of a successful touch.
     camera
-        (3, 4) projection matrix of world points, m, to pixels of the image, where it is not the training's.
+        (3, 4) projection matrix of world points, m, to pixels of the image, if it is not the training's.
     """
 
     image: np.ndarray | None
@@ -63,7 +63,7 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     grasps
         Grasps whose charts are given; the image is the first camera's of the first. Or a viewpoint.
     config
-        The network's inputs; of one that takes any, those that it is given here.
+        The network's inputs; for a network that takes any, those of this observation.
     """
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
     if not config.touch:
@@ -100,7 +100,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     config
         The network's inputs. If it takes any image, items may have none: these get black ones, and zeros for a camera.
     camera
-        The projection matrix (3, 4) of images that have none of their own; None where each has its own.
+        The projection matrix (3, 4) of images without their own; None if each has its own.
     like
         A tensor of the network.
 

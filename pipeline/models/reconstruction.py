@@ -53,7 +53,7 @@ class Reconstruction:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is one mesh, as implicit networks make it, in place of charts: none of its vertices coincided with another one."""
+        """Whether it is one mesh, as of implicit networks, instead of charts: no two of its vertices have one position."""
         return len(self.position) == len(np.unique(self.position))
 
 
@@ -122,7 +122,7 @@ class Reconstructor(ABC):
         self.resolution, self.background = description.resolution, description.background
 
     def restricted_to(self, inputs: NetworkInputs) -> Self:
-        """Make a reconstructor of the same network, which takes any inputs, that is given these."""
+        """Make a reconstructor with the same network, which takes any inputs, and these inputs."""
         restricted = copy.copy(self)
         restricted.config = self.config.restricted_to(inputs)
         restricted.image, restricted.touch = restricted.config.image, restricted.config.touch

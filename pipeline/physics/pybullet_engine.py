@@ -34,7 +34,7 @@ class PybulletHoldTest(HoldTest):
     ) -> None:
         super().__init__(hand, sensors, mass=mass, friction=friction, torsion=torsion)
         self.client = PhysicsClient()
-        self.opened.callback(lambda: self.client.disconnect())  # whose attribute alone would make the client forget its number
+        self.opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
         self._urdf = write_physics_urdf(hand, self.opened.enter_context(temporary_folder()))
         add_gel_plates(self._urdf, hand, sensors)
         self._shapes = ObjectShapes(self.client)
@@ -64,7 +64,7 @@ class PybulletHoldTest(HoldTest):
             linkJointTypes=[pybullet.JOINT_FIXED] * len(link_shapes),
             linkJointAxis=zeros,
         )
-        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet knows none of a concave shape
+        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet computes none for a concave shape
         client.changeDynamics(self._object, -1, localInertiaDiagonal=inertia)
         for body_part in range(-1, len(link_shapes)):  # friction coefficients are multiplied: the hand's counts
             client.changeDynamics(self._object, body_part, collisionMargin=COLLISION_MARGIN, lateralFriction=1.0)
@@ -94,7 +94,7 @@ class PybulletHoldTest(HoldTest):
         self._hand.drive(posture)
 
     def _step(self, seconds: float) -> None:
-        """Step, with the gels' springs."""
+        """Advance the simulation, with the gels' springs."""
         body, gels, tops = self._hand.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
         for _ in range(round(seconds * STEPS_PER_SECOND)):
@@ -112,7 +112,7 @@ class PybulletHoldTest(HoldTest):
         return np.concatenate(self.client.getBasePositionAndOrientation(self._object))
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> GelSpring:
-        """Put a gel to its contact, or `out` to where it is not pressed in; its spring."""
+        """Move a gel to its contact, or with `out` to its surface; return its spring."""
         sensor, gel = self.sensors[number], self._gels[number]
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion

@@ -8,7 +8,7 @@ import sys
 sys.stderr.flush()
 _stderr = os.dup(2)
 _null = os.open(os.devnull, os.O_WRONLY)
-os.dup2(_null, 2)  # its build time would look like a complaint
+os.dup2(_null, 2)  # its build time would look like a warning
 try:
     import pybullet
     from pybullet_utils.bullet_client import BulletClient

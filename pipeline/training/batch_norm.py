@@ -25,7 +25,7 @@ class _Sum(torch.autograd.Function):
 
 
 class SharedBatchNorm(_BatchNorm):
-    """Normalises by mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
+    """Normalise by the mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Training items: an object, how many of its grasps, and which."""
+"""Training items: an object, and the number and choice of its grasps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pipeline.models.observation import Observation, observed_arrays, stored_ima
 from pipeline.store.storage import Place
 
 TARGETS = 128
-"""Objects whose points are kept with their search tree, half a megabyte each."""
+"""Objects whose points are kept in memory with their search tree, half a megabyte each."""
 
 
 class Items:
@@ -30,7 +30,7 @@ class Items:
     config
         Gives the image and whether the network takes touch.
     each
-        Items per object: each begins with another grasp, or where there are fewer than grasps with one that is drawn.
+        Each begins with another grasp; with fewer items than grasps, that grasp is drawn.
     learned
         Arrays that the loss needs.
     cache_megabytes
@@ -100,9 +100,9 @@ class Items:
         count
             Number of grasps.
         order
-            Permutation of all grasps, the order of the further ones.
+            Permutation of all grasps, from which the further ones are taken.
         inputs
-            What a network that takes any inputs is given.
+            The inputs of a network that takes any.
         """
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
 
@@ -150,7 +150,7 @@ class Items:
     def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
         """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
         first = item % self.items_per_object % len(order)
-        if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: they begin with each of them in time
+        if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: each of them comes first at some time
             first = int(order[first])
         return [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
 
@@ -176,10 +176,10 @@ class Items:
 
     def name(self, item: int) -> str:
         """Name an item for a message."""
-        has_first_grasp = self.config.image != "rendering" and 1 < self.grasps <= self.items_per_object  # else there is one, or it is drawn
+        has_first_grasp = self.config.image != "rendering" and 1 < self.grasps <= self.items_per_object  # else it is the only one, or drawn
         return self.object_of(item) + (f" (first grasp {item % self.items_per_object % self.grasps})" if has_first_grasp else "")
 
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
-    """Name the arrays that a network of this configuration is trained on, those `learned` that its loss needs among them."""
+    """Name the arrays that a network of this configuration is trained on, including those `learned` that its loss needs."""
     return (*learned, *observed_arrays(config), *(["projection"] if config.image not in (None, "rendering") else []))

@@ -46,14 +46,14 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
 
 METRICS = "metrics.json"
 MAX_LOSS_GROWTH = 1e4
-"""A loss above the first epoch's mean by this factor stops the training: no later epoch mends it."""
+"""A loss above the first epoch's mean by this factor stops the training: no later epoch recovers from it."""
 
 
 def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
-    """Train until the epochs or the patience end; leaves the best epoch's weights in the learner's network.
+    """Train until the epochs or the patience end; leave the best epoch's weights in the learner's network.
 
-    A killed training continues from the checkpoint in the folder, to the same weights, to the bit, as one that was not (on the same
-    machine). The checkpoint stays: whoever publishes the model removes it.
+    A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights, to the bit, as an
+    uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
 
 
 def _message_of(traceback: str) -> str | None:
-    """Find the message of an error that a person can mend, one of ours or the system's, in the traceback of another process."""
+    """Find the message of an error that the user can fix, the project's or the system's, in the traceback of another process."""
     last_error = traceback.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
     match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last_error.rstrip(), re.MULTILINE | re.DOTALL)
     return match and match[1]
@@ -120,14 +120,14 @@ def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, fold
 
 @dataclass(frozen=True)
 class Part:
-    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for mere placeholders."""
+    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for placeholders."""
 
     items: list[int]
     share: float
 
 
 class _Training:
-    """A training in this process, which may be one of several. `network` wraps `module`, the network itself, for device and processes."""
+    """A training in this process, which may be one of several. `network` wraps `module`, the bare network, for device and processes."""
 
     def __init__(self, fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> None:
         self.fabric, self.learner, self.settings, self.folder, self.seed, self.name = fabric, learner, settings, folder, seed, name
@@ -157,8 +157,8 @@ class _Training:
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
         kinds = processors_of(fabric)
-        del self.network  # its reducer must not be the last to hold the process group: whose end waits for threads that wait for Python
-        if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
+        del self.network  # its reducer must not be the last to hold the process group, whose destructor would then deadlock
+        if fabric.world_size > 1:  # otherwise its threads end with the process, and sometimes abort it
             torch.distributed.destroy_process_group()
         gpu = fabric.device.type == "cuda"
         return {
@@ -179,7 +179,7 @@ class _Training:
         }
 
     def train_epoch(self, meter: Meter) -> None:
-        """Take the steps that are left of an epoch."""
+        """Take the remaining steps of an epoch."""
         progress, size = self.progress, self.settings.batch_size
         order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
         parts = (self.part(order[start:][:size].tolist()) for start in range(progress.step * size, len(order), size))
@@ -195,7 +195,7 @@ class _Training:
                 saved = time.perf_counter()
 
     def part(self, batch: list[int]) -> Part:
-        """Take this process's part of a batch; where there are fewer items than processes, an item that does not count."""
+        """Take this process's part of a batch; with fewer items than processes, it may be an item that does not count."""
         items = batch[self.fabric.global_rank :: self.fabric.world_size]
         return Part(items or batch[:1], len(items) / len(batch))
 
@@ -229,21 +229,21 @@ class _Training:
         return float(mean)
 
     def set_rate(self) -> None:
-        """Set the learning rate of this step; it follows from the step alone, so a training that is resumed goes on with it."""
+        """Set the learning rate of this step; it depends on the step alone, so a resumed training has the same rates."""
         settings, progress = self.settings, self.progress
         share = rate_at(progress.epoch * self.steps + progress.step, settings.epochs * self.steps, settings.schedule)
         for group in self.adam.param_groups:
             group["lr"] = settings.learning_rate * share
 
     def check_size(self, items: Sequence[int], name: str, value: float, *, limit: float) -> None:
-        """Stop at a value that no later step mends."""
+        """Stop the training at a value from which no later step recovers."""
         if not math.isfinite(value) or abs(value) > limit:
             raise self.failure(f"the {name} is {value:g} (limit {limit:g})", items)
 
     def failure(self, reason: str, items: Sequence[int]) -> StageError:
         """Make the error that names the step and the items."""
         step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
-        learned = self.progress.epoch or self.progress.step  # else no rate is the cause
+        learned = self.progress.epoch or self.progress.step  # at the first step the rate is not the cause
         advice = (f"lower learning_rate ({self.settings.learning_rate:g}), or " if learned else "") + "look at the items of its batch"
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 

@@ -29,16 +29,17 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
     from lightning_fabric import Fabric
 
 RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
+"""The remedy in messages about a training that ended early."""
 
 SILENCE = timedelta(minutes=10)
-"""Time limit for an answer of a running process: longer than a checkpoint or the reading of a list of items takes.
-A killed process is noticed at once."""
+"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes.
+A killed process is noticed immediately."""
 
 WORD = 4096
 """Maximum number of bytes that a process broadcasts."""
 
 REPORT_DELAY = 3.0
-"""Seconds for which the other processes delay their end after one was killed: their launcher then reports that one."""
+"""Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
 
 
 def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
@@ -110,7 +111,7 @@ def _check_count(settings: TrainingSettings, name: str) -> None:
 
 @contextmanager
 def end_children_on_interrupt() -> Iterator[None]:
-    """End the processes that were started meanwhile when this one is interrupted: it would wait for them.
+    """End the processes that are started in this context when it is interrupted; otherwise it would wait for them.
 
     Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
     """
@@ -130,7 +131,7 @@ def end_children_on_interrupt() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """End a process that was started here when the one that started it has been killed.
+    """Let this process, started by a training, end when its parent is killed.
 
     The system then sends SIGINT, as torch asked it to, and a job in a shell's background would ignore that.
     """
@@ -142,7 +143,7 @@ def end_with_parent() -> None:
 
 @contextmanager
 def lost_peers_as_stage_error(fabric: Fabric, name: str) -> Iterator[None]:
-    """Raise a `StageError` if another process of the training ended, after its launcher had time to report why."""
+    """Raise a `StageError` if another process of the training ended, after giving its launcher time to report the reason."""
     try:
         yield
     except RuntimeError as error:
@@ -162,7 +163,7 @@ def is_lost_connection(error: RuntimeError) -> bool:
 
 
 def gather_strings(fabric: Fabric, word: str) -> list[str]:
-    """Gather a word of each process, as bytes: torch would unpickle it, although any machine of the network may have sent it."""
+    """Gather a string of each process, as bytes: torch would unpickle it, although any machine of the network may have sent it."""
     padded = torch.tensor(list(word.encode().ljust(WORD)), dtype=torch.uint8, device=fabric.device)
     rows: Any = fabric.all_gather(padded)
     return [bytes(row).decode(errors="replace").rstrip() for row in rows.reshape(-1, WORD).tolist()]

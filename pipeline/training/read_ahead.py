@@ -1,4 +1,4 @@
-"""Reading while computing: the next batch is read in a thread while one is learned from."""
+"""Reading while computing: a thread reads the next batch during the training step of the current one."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": 
 
 
 ALIKE = 4.0
-"""Objects of which the largest is no more than as many times as large as the smallest are learned together."""
+"""Largest ratio between the sizes of objects that one network learns well."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ class ReconstructionTraining(DatasetStage):
     learner: ClassVar[type[ReconstructionLearner]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """Name the artifacts of the objects' sizes, the target, the image and the touch charts, as far as the configuration takes them."""
+        """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
         named = settings.named
         target = [] if self.learner.target is SURFACES else [self.learner.target]
         return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
@@ -193,7 +193,7 @@ def _diagonals(data: Place, items: Items) -> dict[str, float]:
 
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
-    """Name settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
+    """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
     inputs, fields = settings.named, type(settings).model_fields
     uses = {"image_": inputs.image, "touch_reach": inputs.touch, "dropped_touches": inputs.touch}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
@@ -215,7 +215,7 @@ def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]
     diagonals
         Of each object, m, by name.
     radius
-        Of the ball that the network knows, m.
+        Of the ball in whose units the network learns, m.
     """
     small, large = min(diagonals, key=diagonals.__getitem__), max(diagonals, key=diagonals.__getitem__)
     if not diagonals[large] / ALIKE <= 2 * radius <= diagonals[large] * ALIKE:

@@ -16,20 +16,20 @@ from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
 POINTS = 1000
-"""Points per object by which it is retrieved; the retrieved object is measured on all of its points."""
+"""Points per object that the search compares; the retrieved object is measured on all of its points."""
 BLOCK = 500
-"""Training objects that are held at a time, a tenth of a megabyte each, and their silhouettes."""
+"""Training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes."""
 MASKS = 64
 """Test objects whose silhouettes are compared at a time."""
 BASELINE_PREFIX = "training object, "
-"""Begins the name of each baseline."""
+"""Prefix of the name of each baseline."""
 LABELS = {
     "typical": "typical training object",
     "by silhouette": "training object of the most similar silhouette",
     "by touch": "training object nearest to the touches",
     "by truth": "nearest training object",
 }
-"""How tables call them, by how they are chosen."""
+"""Labels of baselines in tables, by method of choice."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]
 """Reads the silhouettes of an object, (view, pixel)."""
@@ -41,7 +41,7 @@ def label(name: str) -> str:
 
 
 def retrieved_by(image: object, touch: bool) -> str:
-    """Name the baseline that goes by the same inputs: by the silhouette where an image is given, else by touch, else the typical object."""
+    """Name the baseline with the same inputs: by silhouette if an image is given, else by touch if touches are, else the typical object."""
     return BASELINE_PREFIX + ("by silhouette" if image else "by touch" if touch else "typical")
 
 
@@ -62,11 +62,11 @@ def retrieve(
     objects, training
         The test objects, and the training objects.
     figures
-        Makes figures of the distances between points, given the number of the test object.
+        Computes figures from the distances between points and the number of the test object.
     console
         Shows progress.
     most
-        Number of training objects that the typical one is one of, spread evenly: each is compared with each.
+        Number of training objects, spread evenly, among which the typical one is chosen: each is compared with each.
     silhouettes
         For networks that take images.
     touched
@@ -74,14 +74,14 @@ def retrieve(
 
     Returns
     -------
-    The figures by how the training object is chosen:
+    The figures by method of choice of the training object:
 
     typical
-        The one with the least mean distance to the others, whatever the test object.
+        The one with the least mean distance to the others, the same for every test object.
     by silhouette
-        The one of which a silhouette has most in common with the image's (intersection over union).
+        The one with the silhouette most similar to the image's (intersection over union).
     by touch
-        The one that the touched points of the first grasp are nearest to.
+        The one nearest to the touched points of the first grasp.
     by truth
         The nearest one: no retrieval is better.
     """
@@ -118,12 +118,12 @@ def retrieve(
 
 
 def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
-    """Read the points by which an object is retrieved."""
+    """Read the points of an object that the search compares."""
     return SearchedCloud(training.read("points", name)[:POINTS].astype(np.float64))
 
 
 class _Search:
-    """The training object that is most like each test object, among those that were looked at.
+    """The search for the training object most similar to each test object, block by block.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class _Search:
         self.kinds = len(self._clouds) + (masks is not None)
 
     def compare(self, clouds: Sequence[SearchedCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
-        """Compare further training objects, the first of which has the number `start`, given by their points and silhouettes."""
+        """Compare a block of training objects from number `start` on, by their points and silhouettes."""
         if masks is not None and self._masks is not None:
             flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]
             for first in range(0, len(self._masks), MASKS):
@@ -162,6 +162,6 @@ class _Search:
             meter.advance()
 
     def chosen(self) -> dict[str, NDArray[np.intp]]:
-        """List the numbers of the training objects, (object, view or 1), by how they were chosen."""
+        """List the numbers of the chosen training objects, (object, view or 1), by method of choice."""
         by_silhouette = {} if self._masks is None else {"by silhouette": self._alike}
         return by_silhouette | {method: np.array([[at] for _, at in nearest]) for method, nearest in self._nearest.items()}

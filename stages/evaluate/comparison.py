@@ -1,4 +1,4 @@
-"""Which scores may stand beside an evaluation, and the figures of both."""
+"""Scores that may be compared with an evaluation, and the figures of both."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COMPARED = ("points", "tau", "scale", "rings")
 
 
 def difference(folder: Path, other: Path) -> str | None:
-    """Say in what two evaluations differ that forbids to compare their figures: a setting, the seed or the objects."""
+    """Name a difference between two evaluations that rules out a comparison: a setting, the seed or the objects; None if there is none."""
     ours, theirs = read_root(folder), read_root(other)
     for name in COMPARED:
         if ours["settings"][name] != theirs["settings"].get(name):
@@ -26,7 +26,7 @@ def difference(folder: Path, other: Path) -> str | None:
 
 
 def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
-    """Read what an evaluation measured, and beside it the scores that may be compared with it.
+    """Read the figures of an evaluation and of the scores that may be compared with it.
 
     Scores with another setting, seed or other objects are left out.
 

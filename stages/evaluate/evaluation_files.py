@@ -79,7 +79,7 @@ class Figures:
 
     @property
     def grasps(self) -> list[int]:
-        """List the numbers of grasps that the network was given."""
+        """List the numbers of grasps that were the network's input."""
         return sorted(grasps for metric, grasps in self._values if metric == "chamfer")
 
     @property
@@ -92,11 +92,11 @@ class Figures:
         return np.reshape(self._lookup(metric, grasps)[1], (len(self.object_ids), -1))
 
     def _lookup(self, metric: str, grasps: int = 1) -> tuple[list[int], list[float]]:
-        """Look up the objects' numbers and the values of a metric; none where it was not measured."""
+        """Look up the objects' numbers and the values of a metric; empty if it was not measured."""
         return self._values.get((metric, grasps), ([], []))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
-        """Compute the mean over the choices of grasps: (object,); (0,) where the network was not given so many."""
+        """Compute the mean over the choices of grasps: (object,); (0,) if the network was not measured with so many."""
         if not self._lookup(metric, grasps)[1]:
             return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))

@@ -1,4 +1,4 @@
-"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and how surfaces look."""
+"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and the quality of surfaces."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ ALL = "all"
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""
 POINTS_IN_BOX = 20_000
-"""In the box around an object and its closed mesh: their shared part is right to 0.02, where they fill a twentieth of it."""
+"""Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
 
 
 class GraspProtocol(Protocol):
@@ -113,7 +113,7 @@ class GraspProtocol(Protocol):
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 
     def appearance(self, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the appearance of a reconstruction; see the schema's `QUALITY`. Of a point cloud it is its farthest points alone."""
+        """Measure the appearance of a reconstruction; see the schema's `QUALITY`. For a point cloud, measure its farthest points alone."""
         reconstruction, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
         spike = {"spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999)))}
         if not len(reconstruction.faces):
@@ -135,12 +135,12 @@ class GraspProtocol(Protocol):
         }
 
     def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the inside that a reconstruction shares with the object: its own, or that of a closed mesh if the settings ask for one.
+        """Measure the overlap of the insides of a reconstruction, or of its closed mesh if the settings ask for one, and the object.
 
         Returns
         -------
-        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed. There
-        is no `iou` of surfaces so thin that no point is in them.
+        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing for charts that are not to be closed.
+        Surfaces so thin that no point is inside have no `iou`.
         """
         object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
@@ -159,7 +159,7 @@ class GraspProtocol(Protocol):
             return closed | {"iou": 0.0}
         rng = numpy_rng(self.job.seed, "evaluate", "closed", object_id)
         points = rng.uniform(np.minimum(low, true_low), np.maximum(high, true_high), (POINTS_IN_BOX, 3))
-        with suppress(InvalidInput):  # both are thinner than the points are apart
+        with suppress(InvalidInput):  # both are thinner than the spacing of the points
             closed["iou"] = intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)
         return closed
 
@@ -204,8 +204,8 @@ class GraspProtocol(Protocol):
 def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
     """List the cases of a model.
 
-    A model without touch is the same for any number of grasps, without the occluded image for any grasp; all grasps are
-    the same grasps whichever comes first.
+    A model without touch gives the same result for any number of grasps, and without the occluded image for any grasp. All grasps together
+    are the same input whichever comes first.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ class Case:
     grasps
         The grasps whose touches are given, none for a model without touch.
     grasp_count
-        Number of grasps that the figures are of.
+        Number of grasps under which the figures are reported.
     firsts
         The first grasps whose figures the reconstruction gives.
     """
@@ -124,7 +124,7 @@ class Protocol(ABC):
 
 
 def stored(reconstruction: Reconstruction) -> Reconstruction:
-    """Round a reconstruction to the float32 in which it is stored and written: what is measured is what anybody can measure again."""
+    """Round a reconstruction to float32, in which it is stored and exported, so that measurements can be repeated from files."""
     return replace(reconstruction, vertices=reconstruction.vertices.astype(np.float32).astype(np.float64))
 
 
@@ -151,7 +151,7 @@ def draw(reconstruction: Reconstruction, count: int, rng: np.random.Generator) -
 
 
 def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Measure a model, or whatever the protocol reconstructs with, on the test objects, with the job's batch size and seed.
+    """Measure a model, or another method that the protocol reconstructs with, on the test objects, with the job's batch size and seed.
 
     Returns
     -------
@@ -198,7 +198,7 @@ def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple
 
 
 def surfaces_group(model: Reconstructor) -> str:
-    """Name the group below which a model's surfaces are."""
+    """Name the group that holds a model's surfaces."""
     return "predictions" if model.has_charts else "meshes"
 
 

@@ -1,4 +1,4 @@
-"""Reconstructions that another method wrote as files, measured as networks' are."""
+"""Reconstructions of another method, from files, measured as those of networks."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from stages.evaluate.stage import write_measured
 
 @dataclass(frozen=True)
 class Method:
-    """What stands in the place of a network: a method of which there are files alone.
+    """A method that is known only by its files, in the place of a network.
 
     Attributes
     ----------
     image, touch
-        Whether the baselines that look at images and at touches are measured beside it.
+        Whether the baselines that use images and touches are measured beside it.
     has_charts
         False: its surfaces are meshes or point clouds.
     """
@@ -61,7 +61,7 @@ class ScoreProtocol(GraspProtocol):
         self.sparse: list[int] = []
 
     def cases(self, model: Any) -> list[Case]:
-        """List the numbers of grasps, and the first ones, that there are files of."""
+        """List the numbers of grasps, and the first grasps, for which there are files."""
         available = self.touched.shape[1]
         return [
             Case(first, tuple((first + step) % available for step in range(count)), count, (first,))
@@ -69,7 +69,7 @@ class ScoreProtocol(GraspProtocol):
         ]
 
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
-        """Read the files; a `StageError` where one cannot be read that could be a moment ago."""
+        """Read the files; raise a `StageError` if one has become unreadable since it was checked."""
         try:
             surfaces = [
                 read_surface(self.files.paths[case.grasp_count, case.first][self.objects.rows.object_ids[row]]) for row, case in work
@@ -101,7 +101,7 @@ class Score(DatasetStage):
     folder
         Holds the files, as `find_files` takes them.
     reads
-        The artifacts beside `surfaces` and `grasps` that the baselines look at, of those that were made.
+        The existing artifacts beside `surfaces` and `grasps` that the baselines use.
     """
 
     name = "score"

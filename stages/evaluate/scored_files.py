@@ -1,4 +1,4 @@
-"""Another method's reconstructions as files: found by the object's name, read, and refused where they are not what they should be."""
+"""Another method's reconstructions as files: found by the object's name, checked and read."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Y_UP = (".glb", ".gltf")
 """Formats whose y points up by their standard; they are turned to the world's z."""
 
 SIZES = 10.0
-"""Times larger or smaller than the object, beyond which a reconstruction is in another unit, not bad."""
+"""Ratio of sizes beyond which a reconstruction is taken to be in another unit than the object, and not just bad."""
 TURNED = 0.25
-"""Share of its error that a reconstruction keeps when it is turned, below which it was made with another axis up."""
+"""Share of its error that remains when a reconstruction is turned, below which it was made with another axis up."""
 TURN_POINTS = 500
-"""Points by which that is told."""
+"""Points of a reconstruction with which that is tested."""
 UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
-"""Units by how many of them are a metre."""
+"""Units, by their number per metre."""
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -51,9 +51,9 @@ class ScoredFiles:
     paths
         By number of grasps and first grasp, and by object.
     faults
-        A line for each file that is missing, or that is there and cannot be used.
+        A line for each file that is missing or cannot be used.
     unused
-        Names of files that are of no test object.
+        Names of files without a test object.
     """
 
     paths: Mapping[tuple[int, int], Mapping[str, Path]]
@@ -201,7 +201,7 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
 
 
 def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
-    """Say why a reconstruction cannot be in the world's frame and in metres; None if it may.
+    """Explain why a reconstruction cannot be in the world's frame and in metres; None if it may.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def _has_area(reconstruction: Reconstruction) -> bool:
 
 
 def _share_when_turned(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> float:
-    """Compute what share of its distance to the object a reconstruction keeps when it is turned from y up to z up in its place."""
+    """Compute the share of a reconstruction's distance to the object that remains when it is turned from y up to z up about its middle."""
     sample, tree = vertices[np.linspace(0, len(vertices) - 1, min(TURN_POINTS, len(vertices))).astype(int)], cKDTree(points)
     middle = _box(points)[0]
     x, y, z = (sample - middle).T

@@ -21,7 +21,7 @@ ARRAYS = ("points", "rendering", "rendering_camera", "silhouette")
 STEP = 2
 """Every second pixel of every second row of a silhouette is compared."""
 CHAMFER_FACTOR = 1000.0
-"""Of Table 4's Chamfer distances."""
+"""Factor of Table 4's Chamfer distances."""
 
 
 class SingleImageProtocol(Protocol):
@@ -59,7 +59,7 @@ class SingleImageProtocol(Protocol):
         return retrieve(self.objects, training, self._figures, **options, silhouettes=silhouettes)
 
     def extra(self) -> dict[str, Arrays]:
-        """Make none."""
+        """Return no further groups."""
         return {}
 
     def _figures(self, distances: CloudDistances, row: int) -> Mapping[str, float]:

@@ -63,7 +63,7 @@ class NetworkEvaluation(DatasetStage):
         return {name: load_reconstructor(name, job.models[model], device) for name, model in self.rows(job.settings).items()}
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Measure model by model, and training objects in their place; then write the tables."""
+        """Measure model by model, then the baselines, and write the tables."""
         models = self.load(job)
         protocol = self.protocol(job, list(models.values()))
         figures: dict[str, Figures] = {}
@@ -95,13 +95,13 @@ def write_measured(
     Parameters
     ----------
     job, protocol
-        What is measured, and how.
+        The job, and the protocol by which it measures.
     figures, inputs
-        The figures of the networks, and what each is given, by name.
+        The figures and the inputs of the networks, by name.
     groups
         The other groups of the schema.
     extra_attributes
-        Attributes of the root beside those that all have.
+        Attributes of the root beside the common ones.
     """
     rows = protocol.objects.rows
     attributes = {
@@ -141,7 +141,7 @@ class Evaluate(NetworkEvaluation):
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts that the models take, and the grasps, whose touch sites are measured around whatever the models take."""
+        """Name the artifacts that the models take, and the grasps, around whose touch sites every model is measured."""
         networks = [inputs_of(name) for name in settings.configurations]
         takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
         return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))

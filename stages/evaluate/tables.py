@@ -40,7 +40,7 @@ ACCURACY = {
 """The metrics that need no explanation, by label, and the factors to their units."""
 
 SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
-"""Metrics beside them that only surfaces have, of their first grasp, and closed ones."""
+"""Further metrics that only surfaces have (of the first grasp), and only closed ones."""
 
 CHAMFER = ("chamfer", TABLE_3_FACTOR)
 """In Table 3's unit."""
@@ -48,7 +48,7 @@ CHAMFER = ("chamfer", TABLE_3_FACTOR)
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
 SMALLEST = "smallest value that sampling allows"
-"""Of a Chamfer distance: that of two samplings of one surface."""
+"""Label of the least Chamfer distance, that of two samplings of one surface."""
 
 
 def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
@@ -111,12 +111,12 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
 
 
 def _numbers(networks: Networks) -> list[int]:
-    """List the numbers of grasps that any of these networks was given."""
+    """List the numbers of grasps with which any of these networks was measured."""
     return sorted({number for figures in networks.values() for number in figures.grasps})
 
 
 def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..., np.random.Generator]) -> Table:
-    """Make the table of the plainest figures with one grasp, or the fewest that a network was given.
+    """Make the table of the simplest figures with one grasp, or the fewest with which a network was measured.
 
     Baselines and the limit of sampling are below the networks.
     """
@@ -159,7 +159,7 @@ def _distances_by_class(networks: Networks, members: Members, classes: list[str]
 
 
 def _about_chamfer(diagonals: NDArray[np.float64], paper: bool) -> str:
-    """Explain the Chamfer distances of the tables that follow, and why the paper's figures are beside them or not."""
+    """Explain the Chamfer distances of the following tables, and why the paper's figures are beside them or not."""
     text = (
         "Chamfer distance: mean squared nearest distance, both directions summed, in m² or × "
         f"{TABLE_3_FACTOR:.0f}, the unit of Table 3 of {PAPER}. It grows with the square of an object's size."
@@ -195,7 +195,7 @@ def _dataset(table: Arrays, paper: bool) -> Table:
 
 
 def _theirs(figures: Sequence[float] | None, columns: Sequence[int], digits: str) -> list[Row]:
-    """Make a row with the paper's figures for the columns 1, 2, …, where it has some."""
+    """Make a row with the paper's figures, if it has some, for the columns 1, 2, …."""
     if figures is None:
         return []
     return [Row([f"  {PAPER}", *(f"{figures[at - 1]:{digits}}" if at <= len(figures) else None for at in columns)], dim=True)]

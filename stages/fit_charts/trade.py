@@ -1,4 +1,4 @@
-"""What `fit-charts` trades: how near charts are to their clouds, for the time of fitting."""
+"""The trade-off of `fit-charts`: the distance of charts from their clouds against the time of fitting."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class RenderVision(ObjectStage):
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the hand to draw is the one that grasped."""
         hand = attributes["grasps"]["settings"]["hand"]
-        if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # wherever they lie now
+        if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # the files may have been moved
             return
         if hand != settings.hand:
             raise InvalidInput(
@@ -69,7 +69,7 @@ class RenderVision(ObjectStage):
         raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def warnings(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name objects that an image does not hold or that are too small in it, and the zoom with which all are as large as can be."""
+        """Name objects that leave an image or are too small in it, and the largest zoom with which all fit."""
         cameras = _scene(settings).cameras
         largest = np.inf
         outside: dict[tuple[str, ...], list[str]] = {}

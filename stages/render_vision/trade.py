@@ -1,4 +1,4 @@
-"""What `render-vision` trades: how much of an image a coarser one shows."""
+"""The trade-off of `render-vision`: the difference of coarser images from a fine one."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ from stages.simulate_grasps.settings import GraspSettings
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp as simulated; `fault` says why it is none: it does not rest, leaves its joint limits, or penetrates itself or the object.
+    """A grasp as simulated; `fault` is why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object.
 
-    `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
-    `pregrasp_angles` are those that the fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
+    `find_contacts` gives the contacts of the sensors that touch, None for the others, and `find_closure` their margin; each is computed
+    at its first use. The fingers closed from `pregrasp_angles`; `holds` tells that the grasp passed the hold test of a hold search.
     """
 
     hand_pose: NDArray[np.float64]
@@ -69,7 +69,7 @@ class Grasp:
 
 
 class GraspPlan(NamedTuple):
-    """A grasp before physics: pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
+    """A grasp before physics: the pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
 
     hand_pose: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
@@ -124,7 +124,7 @@ class GraspSearch:
         return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
+        """Compute the joint angles from which the fingers close: each finger is drawn back as far as there is room behind it."""
         hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
         postures = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
         clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, postures), floor=0.0) >= 0  # (3, S)

@@ -23,22 +23,22 @@ from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 
 DRAWS = 256
-"""Poses drawn at once, among which one is chosen that has room."""
+"""Poses drawn at once; one that has room is chosen among them."""
 MAX_DRAWS = 4
-"""Times that so many are drawn before a pose is drawn as for touches."""
+"""Most times that `DRAWS` poses are drawn; then a pose is drawn as for touches."""
 FINGER_ROOM = -0.003
-"""m that the two fingers may overlap the object in a drawn posture: the inverse kinematics finds the rest."""
+"""m by which the two fingers may overlap the object in a drawn posture: the inverse kinematics corrects it."""
 GEL_DISTANCE = 0.002
-"""m that their gels may be from it."""
+"""m, largest distance of their gels from the object in a drawn posture."""
 WEIGHED_CHOICES = 128
-"""Choices of fingers' postures whose contacts are weighed."""
+"""Most choices of fingers' postures whose contacts are evaluated."""
 BATCHES = (1, 8, 32)
-"""Choices where the weighing pauses: of those after one that cannot be surpassed, no contact is measured."""
+"""Choices after which the evaluation checks whether the best one can still be surpassed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pinches:
-    """A hand's opposed postures, with the frames of their grips and of their links, in the root link's frame, and their two fingers."""
+    """A hand's opposed postures, with the frames of their grips and of their links in the root link's frame, and their pairs of fingers."""
 
     postures: OpposedPostures
     grips: NDArray[np.float64]
@@ -137,7 +137,7 @@ class HoldPlanner:
         return np.flatnonzero(has_room & fits.all(axis=1))
 
     def _lightest(self, choices: GraspChoices, best: Load) -> tuple[int, Load]:
-        """Find the choice that carries the object best: its number and load; -1 and `best` where none surpasses this."""
+        """Find the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
         hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
         picks = choices.picks[:WEIGHED_CHOICES]
@@ -164,5 +164,5 @@ class HoldPlanner:
         return number, best
 
     def _is_perfect(self, load: Load) -> bool:
-        """Tell whether no plan could surpass this."""
+        """Tell whether no plan can surpass a load."""
         return load == (0, len(self.prepared_hand.sensors))

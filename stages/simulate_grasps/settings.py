@@ -9,7 +9,7 @@ from pydantic import model_validator
 from pipeline.config.settings import ObjectSettings, described_by, setting
 
 SECOND_CHANCES = 4
-"""Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
+"""Factor of `attempts` after which the search for an object with some sound grasps, but not enough, is given up."""
 
 
 class GraspSettings(ObjectSettings):

@@ -62,7 +62,7 @@ class SimulateGrasps(ObjectStage):
         return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
 
     def constants(self, settings: GraspSettings) -> Row:
-        """Labels of grasps, sensors and joints, which later stages' arrays take over."""
+        """Name grasps, sensors and joints, for later stages' arrays too."""
         hand = load_hand(settings.hand)
         sensors = np.array([mount.name for mount in hand.sensors])
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
@@ -102,7 +102,7 @@ class SimulateGrasps(ObjectStage):
             )
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
+        """Estimate the attempts: about a dozen unless all are requested, and eight in a hold search, which tests each."""
         holds = settings.search == "hold"
         attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
         test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
@@ -197,7 +197,7 @@ class _Grasping:
         return kept, touched, faults
 
     def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Tell whether no attempt could better these."""
+        """Tell whether no attempt can improve on these grasps."""
         if self.settings.exhaustive:
             return False
         if self.settings.search == "hold":
@@ -210,7 +210,7 @@ class _Grasping:
         return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
 
     def _held(self, kept: list[Grasp], stored: list[StoredGrasp]) -> Row:
-        """Test every direction of the grasps that are not known to hold in all."""
+        """Test every direction of the grasps that have not passed all of them."""
         if self.test is None:
             return {}
         rule = HOLD_TESTS[self.settings.test]

@@ -1,4 +1,4 @@
-"""What `simulate-touch` trades: depth in the gel against bytes and time."""
+"""The trade-off of `simulate-touch`: the accuracy of depth in the gel against bytes and time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from schemas.touch import TOUCH
 
 
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:
-    """Compute what 99.9 % of the depths in the gel stay within, um by object."""
+    """Compute the 99.9th percentile of the depth errors in the gel, um by object."""
     top = max(sensor.w for sensor in touch_sensors(DataDirectory(reference).collection(TOUCH).first.attributes))
     errors_by_object = {}
     for name, (depth,), (truth,) in paired_rows(data, reference, "depth"):

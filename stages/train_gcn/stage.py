@@ -67,7 +67,7 @@ class GcnLearner(ReconstructionLearner):
 
 
 class TrainGcn(ReconstructionTraining):
-    """Train a network that deforms vision charts to the whole surface."""
+    """Train a network that deforms vision charts into the whole surface."""
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
@@ -102,5 +102,5 @@ class TrainSingleImage(TrainGcn):
         return model_name("single-image")
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
-        """Give none: the supplement searched none here."""
+        """Return an empty grid: the supplement searched none for this network."""
         return {}

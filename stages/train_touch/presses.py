@@ -1,4 +1,4 @@
-"""What a local network learns from: presses that `simulate-presses` made, or made here for a sensor alone."""
+"""The training data of a local network: presses of `simulate-presses`, or presses made here for a sensor without a dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `train-unet` trades: depth predicted for test objects, for the time of training."""
+"""The trade-off of `train-unet`: the error of predicted depths of test objects against the time of training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Adam on many touch charts at once, each as if it were alone."""
+"""Adam on many touch charts at once, independently of each other."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pipeline.kernels.metrics.surface_regularisers import neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import doubled_areas, map_to_surfaces
 
 CHECK_MARGIN = 2.0
-"""The exact loss is checked once its estimate is below this many halts: in 10 steps it falls by less than that."""
+"""The exact loss is checked once its estimate is below this multiple of the halt: in 10 steps it falls by less than that."""
 NEAR_FLOORS = 10.0
-"""A chart is near its cloud once its loss is below this many sampling floors of `cloud_points`. Until then those points stand for the
-whole cloud: from afar many points are about equally near, where a tree of all of them is ten times slower."""
+"""A chart is near its cloud once its loss is below this multiple of the sampling floor of `cloud_points`. Until then those points represent
+the whole cloud: from afar many points are about equally near, and a tree of all of them is ten times slower."""
 BETAS = 0.9, 0.999
 """Adam's decays of the mean gradient and of its square, as published: the supplement names none."""
 EPSILON = 1e-8
@@ -28,14 +28,14 @@ EPSILON = 1e-8
 
 
 class ChartState:
-    """One chart: its cloud, and how far its fit has come; lengths are sensor widths.
+    """One chart: its cloud and the progress of its fit; lengths are sensor widths.
 
     Parameters
     ----------
     cloud
         (n, 3) float64, n at least 1.
     cloud_points
-        The steps go through the cloud again and again, that many points at a time (None: all), in an order shuffled once.
+        Steps cycle through the cloud, so many points at a time (None: all), in an order that is shuffled once.
     generator
         Shuffles the cloud and draws the chart's samples.
     """
@@ -43,7 +43,7 @@ class ChartState:
     def __init__(self, cloud: Tensor, cloud_points: int | None, generator: torch.Generator) -> None:
         size = min(cloud_points or len(cloud), len(cloud))
         order = torch.randperm(len(cloud), generator=generator) if size < len(cloud) else torch.arange(len(cloud))
-        parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a last one of fewer points is left out
+        parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a smaller last part is left out
         self.cloud, self.first_part, self.parts = SearchCloud(cloud), SearchCloud(parts[0]), cycle(parts)
         self.generator = generator
         self.steps = 0
@@ -132,7 +132,7 @@ class ChartOptimizer:
         return losses.tolist(), gradient
 
     def _check_stop_rule(self, i: int, loss: float, exact: bool) -> StopRule | None:
-        """Record a chart's loss; where it is exact, return why the chart is done, or None."""
+        """Record a chart's loss; if it is exact, return the rule that ends the fit, or None."""
         chart, options = self._charts[i], self._options
         chart.recent = (chart.recent + [loss])[-options.check_every :]
         chart.near = chart.near or options.cloud_points is None or loss < NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2

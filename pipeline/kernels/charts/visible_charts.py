@@ -11,11 +11,11 @@ WIDTH = 0.016
 MEASURED = 0.9
 """Share of a chart's pixels that must be measured, its corners among them; the others are filled in."""
 UNEVEN = 2e-3
-"""m: RMS of the depths around the chart, beyond which a window holds an edge of the object, or noise."""
+"""m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise."""
 STEEP = 2.0
-"""Slope against the image plane beyond which a surface is seen too flatly."""
+"""Slope against the image plane above which a surface is seen at too flat an angle."""
 CHARTS = 64
-"""Charts at most, spread evenly: five grasps touch with twenty."""
+"""Most charts, spread evenly over the surface; five grasps make twenty touch charts."""
 RIM = 1
 """Pixels at the rim of the mask that are left out: cameras mix depths there."""
 
@@ -67,7 +67,7 @@ def visible_charts(
 
 
 def _fitted(depth: NDArray[np.floating], corner: tuple[int, int], intrinsic: NDArray[np.floating], side: int) -> NDArray[np.float64] | None:
-    """Fit a chart (side², 3) to the depths of a window with its first pixel at `corner`; None where they are no smooth surface."""
+    """Fit a chart (side², 3) to the depths of a window with its first pixel at `corner`; None if they are not a smooth surface."""
     down, across = (np.linspace(-1, 1, count) for count in depth.shape)
     v, u = np.meshgrid(down, across, indexing="ij")
     measured = np.isfinite(depth)

@@ -32,7 +32,7 @@ NORMAL_WEIGHT = 2.0
 CANDIDATES = 6
 """Faces, nearest by their middles, among which the nearest face is searched."""
 REACH = 4.0
-"""Spacings around the points within which the mesh gives way."""
+"""Distance from the points within which the mesh is moved, in spacings."""
 FALLOFF = 3.0
 """A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
 LARGEST_SHARE = 0.25
@@ -59,8 +59,8 @@ def closed_surface(
 
     Returns
     -------
-    Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it, however far
-    the surface was from there: a bulge leads to them.
+    Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it; a bulge
+    reaches those that were far from the surface.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def closed_surface(
 def attach_points(
     vertices: Points, faces: Faces, points: Points, normals: Points, *, spacing: float, tolerance: float
 ) -> tuple[Points, Faces]:
-    """Pull a closed mesh through points, and what is around them along, smoothly.
+    """Pull a closed mesh smoothly through points, together with their surroundings.
 
     Parameters
     ----------
@@ -149,13 +149,13 @@ def _nearest_facing_points(
 def _displace_vertices(
     vertices: Points, faces: Faces, points: Points, face: NDArray[np.intp], places: Points, spacing: float, *, coarse: bool
 ) -> Points:
-    """Displace the vertices around the places so that these come to the points, or near; where `coarse`, details come along as they are."""
+    """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
     offset = points - places
     distances, nearest = cKDTree(places).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
     movable = distances < REACH * spacing + np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
-    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough, for what is left is pulled again
+    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
     constraints = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
@@ -178,7 +178,7 @@ def _insert_points(vertices: Points, faces: Faces, points: Points, tolerance: fl
         order = order[squared[order] > tolerance**2]
         if not len(order):
             return vertices, faces
-        split, first = np.unique(face[order], return_index=True)  # one point per face and round: a vertex once made stays
+        split, first = np.unique(face[order], return_index=True)  # one point per face and round: new vertices stay
         a, b, c = faces[split].T
         new = len(vertices) + np.arange(len(split))
         new_faces = [np.stack(corners, axis=1) for corners in ((a, b, new), (b, c, new), (c, a, new))]

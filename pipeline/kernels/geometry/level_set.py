@@ -36,7 +36,7 @@ def level_set_mesh(
     dense_radius: float = 0.0,
     loose_pieces: bool = True,
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Make the closed mesh that encloses where a field is negative, in a box.
+    """Make the closed mesh around the part of a box where a field is negative.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def level_set_mesh(
     slope
         How much the field changes at most per unit: 1 for a signed distance.
     halvings
-        The field is computed on a grid 2^halvings times as wide; its cells are then halved, and the field is computed only at points
-        where it can be 0 given `slope` and its neighbours, and on along the surface that is found. 0 computes it at all points, and needs
-        no slope.
+        The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where
+        it can be 0 given `slope` and its neighbours, and further along the surface. With 0 it is computed at all points, and needs no
+        slope.
     dense_points, dense_radius
         The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
     loose_pieces
@@ -107,7 +107,7 @@ def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Fiel
 
 
 def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, radius: float) -> None:
-    """Set what is within a distance of places (M, 3) along each axis, on a grid that begins at 0; and one more point on each side."""
+    """Mark the points of a grid from 0 on within a distance of places (M, 3) along each axis, and one more point on each side."""
     reach = int(np.ceil(radius / step)) + 1
     for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
         first, last = np.maximum(place - reach, 0), np.maximum(place + reach + 1, 0)
@@ -115,7 +115,7 @@ def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, ra
 
 
 def _leave_out_loose_pieces(values: NDArray[np.float64], anchors: NDArray[np.bool_]) -> None:
-    """Turn the negative regions positive, but the largest and those with a point that is held."""
+    """Turn the negative regions positive, except the largest and those that contain an anchor."""
     region, count = ndimage.label(values < 0)  # 0 where values are positive
     size = np.bincount(region.ravel())
     size[0] = 0

@@ -17,7 +17,7 @@ Faces = NDArray[np.int64]
 FARTHEST = 1e18
 """Largest coordinate that kernels take, any unit: its square fits into float32 too."""
 SLIVER_FLATNESS = 3e-6
-"""A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
+"""A flatter face is replaced by its longest edge, which is off by at most 3e-6 of its length. libigl's distance to it would err by more."""
 SMALLEST = 1e-100
 """Coordinates that are all smaller, and not 0, are refused: their products vanish in float64."""
 
@@ -30,7 +30,7 @@ def check_coordinates(points: NDArray[np.floating], name: str) -> None:
     points
         (N, 3), any unit.
     name
-        What they are, in the plural.
+        Of the points in messages, in the plural.
 
     Raises
     ------

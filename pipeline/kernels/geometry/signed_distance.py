@@ -108,7 +108,7 @@ def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integ
 def sample_around_surface(
     surface: Points, count: int, rng: np.random.Generator, *, near: float, spread: tuple[float, float], reach: float
 ) -> Points:
-    """Draw points in space: some near a surface, the others all over the cube around it.
+    """Draw points in space: a share near a surface, the others throughout the cube around it.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def sample_around_surface(
     rng
         Draws them.
     near
-        Share of the points that are near: a point of the surface, moved along each axis by normal deviates of one standard deviation.
+        Share of the points near the surface: a point of it, moved along each axis by normal deviates of one standard deviation.
     spread
         Least and largest standard deviation, m; each point's is between them, uniform in its logarithm.
     reach
@@ -127,7 +127,7 @@ def sample_around_surface(
 
     Returns
     -------
-    (count, 3) m, in random order: the first of them are a fair sample.
+    (count, 3) m, in random order: any first part is a fair sample.
     """
     near_count = round(near * count)
     low, high = np.log(spread).tolist()

@@ -29,7 +29,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     vertices, faces
         The triangles. Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half.
     spacing
-        Edges of the mesh are about as long; features and tunnels that are narrower are lost.
+        Approximate length of the mesh's edges; narrower features and tunnels are lost.
 
     Returns
     -------
@@ -51,7 +51,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     triangles = without_slivers(vertices, faces)
 
     def distance(points: Points) -> Points:
-        """Compute the distance from the shell of the triangles, negative in it and inside."""
+        """Compute the signed distance from the shell around the triangles, negative in the shell and inside it."""
         distances: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles)[0]) - spacing
         if (off_shell := distances > 0).any():
             distances[off_shell] = np.where(is_inside(points[off_shell], vertices, faces), -distances[off_shell], distances[off_shell])
@@ -61,13 +61,13 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     used = vertices[np.unique(faces)]
     shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
     squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, triangles)
-    on_surface = squared < (1.5 * spacing) ** 2  # others close a hole
+    on_surface = squared < (1.5 * spacing) ** 2  # the others close a hole
     shell[on_surface] = nearest[on_surface] + REMAINING_SHARE * (shell - nearest)[on_surface]
     return shell, sides
 
 
 def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
-    """Keep the part of a closed mesh that encloses most, and the vertices that it uses."""
+    """Keep the part of a closed mesh with the greatest volume, and its vertices."""
     label = igl.facet_components(np.ascontiguousarray(faces))[1]
     volumes = np.bincount(label, weights=np.linalg.det(vertices[faces]))
     used, renamed = np.unique(faces[label == np.argmax(volumes)], return_inverse=True)

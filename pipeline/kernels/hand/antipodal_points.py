@@ -13,9 +13,9 @@ from pipeline.kernels.hand.distance_field import DistanceField
 Float64Array = NDArray[np.float64]
 
 RAYS = 4000
-"""From surface points through the object."""
+"""Rays that are traced from surface points through the object."""
 TILT = 0.25
-"""Standard deviation of a ray's slope against the inward normal: objects have more pairs than those that face each other exactly."""
+"""Standard deviation of a ray's slope against the inward normal: most pairs do not face each other exactly."""
 CONE_SHARE = 0.8
 """Share of the friction angle by which a normal may be off the line between the points."""
 SELF_HIT = 2e-4
@@ -53,7 +53,7 @@ def antipodal_points(
 
     Returns
     -------
-    The pairs, of every place where a ray leaves the object; there may be none.
+    One pair for each place where a ray leaves the object; there may be none.
     """
     start = rng.integers(len(points), size=RAYS)
     origin, outward = points[start], normals[start]
@@ -72,7 +72,7 @@ def antipodal_points(
 
 
 def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: float) -> Float64Array:
-    """Weigh pairs by how near they are to the centre of mass: gravity turns an object less that is held there.
+    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there.
 
     Parameters
     ----------
@@ -88,6 +88,6 @@ def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: flo
     (P,) float64 that sum to 1.
     """
     away = length(pairs.centre - centre)
-    excess = np.maximum(away - np.quantile(away, 0.05), 0)  # also of an object that is hollow there
+    excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
     weights = (1 + (excess / spread) ** 2) ** -2
     return np.asarray(weights / weights.sum())

@@ -1,4 +1,4 @@
-"""Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own only."""
+"""Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own file only."""
 
 from __future__ import annotations
 
@@ -61,16 +61,16 @@ def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, 
 
 @compiled
 def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
-    """Least gap of pairs of boxes; inf where there are none."""
+    """Compute the least gap of pairs of boxes; inf without pairs."""
     gap = np.inf
-    for a, b in zip(first, second):  # noqa: B905 - as numba has it
+    for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
         gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
     return gap
 
 
 @compiled
 def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp], gap: float) -> NDArray[np.bool_]:
-    """(N, pairs) whether boxes keep less than `gap`, for boxes (N, C, 4, 4)."""
+    """Find the pairs of boxes (N, C, 4, 4) that are nearer than `gap`, (N, pairs)."""
     near = np.empty((len(world), len(first)), np.bool_)
     for n in range(len(world)):
         for pair in range(len(first)):
@@ -89,7 +89,7 @@ def conflicts(
     fingers: int,
     gap: float,
 ) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b.
+    """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b.
 
     World frames (O, C, 4, 4) of boxes; the pairs that may not touch; and the finger of each box, -1 for none.
     """

@@ -18,7 +18,7 @@ from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
 
 BLOCK = 4_000_000
-"""Points times faces of a shape whose distances are held at once: 32 MB."""
+"""Points times faces whose distances are held in memory at once: 32 MB."""
 MAX_LATTICE = 2_000_000
 """Points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand."""
 
@@ -147,7 +147,7 @@ def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: NDArra
 
 
 def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
+    """Make points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     counts = np.ceil((high - low) / spacing).astype(int)
@@ -157,12 +157,12 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
     depth = np.concatenate([-(np.einsum("pc,cf->pf", block, np.ascontiguousarray(normals.T)) + offsets).max(axis=1) for block in blocks])
     subdivide: Any = trimesh.remesh.subdivide_to_size
     surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
-    surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice
+    surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: points on common edges repeat
     return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])
 
 
 def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
-    """Largest first, keep a sphere unless a kept one holds all of it but `tolerance`."""
+    """Keep a sphere, largest first, unless a kept one contains it to within `tolerance`."""
     kept = np.empty(0, np.intp)
     for i in np.argsort(-depth, kind="stable"):
         gap = np.linalg.norm(points[kept] - points[i], axis=1) + depth[i] - depth[kept]

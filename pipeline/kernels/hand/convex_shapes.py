@@ -20,7 +20,7 @@ from pipeline.kernels.geometry.mesh import Mesh, directed_edges, without_slivers
 from pipeline.kernels.hand.model import Link, Shape
 
 MAX_FACES = 1000
-"""Faces of a collision shape. A mesh of no more is taken as it is: as many corners as this gives are no burden."""
+"""Most faces of a collision shape. A mesh with no more is used as it is."""
 TOLERANCE = 1e-4
 """m, that a hull of more than `MAX_FACES` faces may lose: a tenth of the clearance that grasps keep. It is doubled until the rest fits."""
 SAMPLE_SPACING = 2e-3
@@ -33,7 +33,7 @@ ON_SURFACE = 1e-6
 
 @dataclass(frozen=True)
 class ConvexError:
-    """By how much convex shapes differ from the meshes of a link.
+    """The differences between a link's meshes and its convex shapes.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float6
 
 
 def convex_error(link: Link, convex: Link) -> ConvexError:
-    """Measure by how much the convex shapes of a link differ from its meshes.
+    """Measure the differences between a link's meshes and its convex shapes.
 
     Parameters
     ----------

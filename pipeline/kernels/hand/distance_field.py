@@ -174,7 +174,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[is_near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side will do
+    on_surface = distance[is_near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side is right
     away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
     sign = np.where(inside == 1, -1.0, 1.0)
     sign[is_near] = np.where(field._is_inside(closest, away, distance[is_near]), -1.0, 1.0)
@@ -184,7 +184,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
 
 
 def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
-    """Side of a cell and band, m, and blocks along each axis, for an object of that extent (3,), m."""
+    """Compute the side of a cell and the band, m, and the blocks along each axis, for an object of an extent (3,), m."""
     while True:
         rim = max(band, 2 * cell)
         blocks = np.ceil((extent + 2 * rim) / (cell * BLOCK))

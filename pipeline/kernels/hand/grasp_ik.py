@@ -33,7 +33,7 @@ Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 NEAR_CONTACT = 0.0025
-"""m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
+"""m outside or inside the object up to which a sampled posture is a candidate: refinement can correct as much."""
 MAX_CANDIDATES = 320
 """Sampled postures per finger whose clearance is measured, those with most contact first."""
 REFINED_POSTURES = 12
@@ -127,7 +127,7 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
 
     Returns
     -------
-    True where every finger has, among some samples, one that keeps clear of object and palm.
+    True if every finger has a posture, among a few samples, that is clear of object and palm.
     """
     rows = even_rows(len(ik.frames))
     contact_values = np.where(ik.free[rows], np.float32(0), -np.inf)
@@ -221,7 +221,7 @@ def _measure_best(
     """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
     by_finger = np.ascontiguousarray(contact.T)
     ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
-    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is that to improve on
+    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is the posture to improve
     measured = [
         measure_best(field.grid, frames, spheres.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
         for f, spheres in enumerate(ik.fingers.spheres)
@@ -231,14 +231,14 @@ def _measure_best(
 
 
 def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
-    """(N, F) sums over the sensors of each finger, of (N, S); nothing for a finger that carries none."""
+    """Sum gains (N, S) over the sensors of each finger, (N, F); 0 for a finger without sensors."""
     return np.stack([gains[:, list(finger.sensors)].sum(axis=1) for finger in hand.fingers], axis=1)
 
 
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
-    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
+    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves has the same in all
     frames = compose(hand_pose, frames)
     contact = np.where(np.take_along_axis(ik.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
     value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
@@ -250,7 +250,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
 
 
 def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
-    """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: those with most contact, and some of all."""
+    """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: by contact, and an even spread."""
     contact, coverage = gel_contact(field, ik.probes, hand_pose)  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
     scores = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
@@ -260,7 +260,7 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> N
 
 
 def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
-    """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
+    """Combine joint angles (N, J), in which finger s takes row `rows[:, s]` of `angles`."""
     finger_of_joint = np.empty(len(hand.joint_names), np.intp)
     for number, finger in enumerate(hand.fingers):
         finger_of_joint[list(finger.joints)] = number

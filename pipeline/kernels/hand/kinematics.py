@@ -89,7 +89,7 @@ def _joint_tree(hand: Hand) -> _JointTree:
 
 @compiled
 def _follow_joints(frames: Float64Array, tree: _JointTree, values: Float64Array, sin: Float64Array, cos: Float64Array) -> None:
-    """Fill the link frames (N, L, 4, 4), of which the root's are given, from the values (N, M) of the moving joints."""
+    """Fill the link frames (N, L, 4, 4), except the root's, from the values (N, M) of the moving joints."""
     resting_frame, motion = np.empty((4, 4)), np.empty((4, 4))
     for n in range(len(frames)):
         for j in range(len(tree.parent)):

@@ -22,7 +22,7 @@ FREQUENT_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkOverlap:
-    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those; they are apart where it is negative."""
+    """Two links whose boxes overlap in a share of postures, by a median `depth`, m; a negative depth is a gap."""
 
     first: int
     second: int

@@ -18,7 +18,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
 PROBE_DEPTH = 0.6
-"""Height above the sensor plane, in gel thicknesses, to which a surface should press in: a firm touch, far from the rigid face."""
+"""Height above the sensor plane, in gel thicknesses, that a surface should reach: a firm touch, far from the rigid face."""
 PROBES = 4
 """Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
 LOOKUP_ERROR_CELLS = 2
@@ -150,7 +150,7 @@ def finger_clearance(
     frames
         (N, L, 4, 4) float64 link frames, world.
     floor
-        m; below it some value below it will do.
+        m; where the distance is smaller, any value below the floor is returned.
 
     Returns
     -------
@@ -195,7 +195,7 @@ def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[n
 
     Returns
     -------
-    (K,) float64, m, in the order of the spheres; all of those that are below the limit, and some others.
+    (K,) float64, m, in the order of the spheres: all gaps below the limit, and some others.
     """
     points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
     candidates = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)

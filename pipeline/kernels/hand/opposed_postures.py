@@ -1,4 +1,4 @@
-"""Postures in which two gels of a hand face each other: what the hand can pinch, by width, prepared once per hand."""
+"""Postures in which two gels of a hand face each other, by the width that they pinch; prepared once per hand."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from pipeline.kernels.hand.self_collision import fingers_apart
 Float64Array = NDArray[np.float64]
 
 WIDTH_STEP = 0.004
-"""m, by which widths are told apart: postures of every width are kept alike, and each serves widths up to this far from its own."""
+"""m, step of the width: as many postures are kept of each step, and each serves widths up to one step from its own."""
 POSTURES_PER_STEP = 16
 """Postures kept of each pair of gels and width: enough that palms come from many sides."""
 THINNEST = 0.0005
-"""m, the thinnest sheet that is pinched; gels that are nearer cross each other."""
+"""m, the thinnest sheet that is pinched; nearer gels cross each other."""
 FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
-"""Cosine and sine of the angle, 30°, by which the two normals may be off: what two gels and a friction coefficient of 0.5 forgive."""
+"""Cosine and sine of the angle, 30°, by which the two normals may be off: two gels with a friction coefficient of 0.5 hold up to it."""
 SIDE, SIDE_SHARE = 0.004, 0.27
-"""m, and share of the width, that one gel may be beside the other's axis."""
+"""Largest distance of one gel from the other's axis, m, and as a share of the width."""
 START_STEPS = 128
 """Steps of width from which postures start: up to half a metre."""
 ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
-"""The same of sampled postures, cosine and m: what least squares can make good."""
+"""The same limits for sampled postures, cosine and m: least squares can correct as much."""
 MAX_STEP, TINY = 0.3, 1e-300
 ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
 """Steps of damped least squares (Levenberg, 1944) that turn the gels towards each other, and their finite differences, rad."""
@@ -53,7 +53,7 @@ class OpposedPostures:
     width
         (R,) between the gels, m.
     fault
-        (R,) how far they are from facing each other: above 1, they do not.
+        (R,) deviation from facing each other; above 1, the gels do not.
     """
 
     joint_angles: Float64Array
@@ -64,7 +64,7 @@ class OpposedPostures:
     fault: Float64Array
 
     def rows(self, rows: NDArray[np.intp]) -> OpposedPostures:
-        """Select some postures, in that order."""
+        """Select postures by their numbers, in that order."""
         return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
@@ -78,8 +78,7 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 
     Returns
     -------
-    Postures of all widths that the hand has, ascending, the best of each width and pair of gels; none of a hand whose fingers meet at an
-    angle, as those of a claw.
+    Postures by ascending width, the best of each width and pair of gels; none for a hand whose fingers meet at an angle, as a claw's do.
 
     Notes
     -----
@@ -93,7 +92,7 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 
 
 def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
-    """Postures of one pair of gels, the best of each width."""
+    """Find the postures of one pair of gels, the best of each width."""
     hand = ik.hand
     fingers = hand.sensor_fingers[list(pair)].tolist()
     rows = _facing_samples(ik, pair, fingers)
@@ -114,7 +113,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
 
 
 def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
-    """Step (N, K) of the moving joints by which the gels of postures (N, J) come nearer to facing each other across a width (N,), rad."""
+    """Compute the step (N, K) of the moving joints, rad, that brings the gels of postures (N, J) nearer to facing each other."""
     nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
     offsets = _offsets(ik, angles, pair, width)
     nudged_offsets = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
@@ -132,7 +131,7 @@ def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float
 
 
 def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array) -> Float64Array:
-    """How far two gels are from facing each other across a width (N,): (N, 6), in units of what is allowed."""
+    """Compute the deviations (N, 6) of two gels from facing each other across a width (N,), in units of the allowed ones."""
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     axis = unit_vectors(normals[:, 0] - normals[:, 1])
     return np.concatenate(
@@ -141,7 +140,7 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
 
 
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
-    """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other; of two motors few of every width."""
+    """Pair sampled postures (N, 2) of two fingers whose gels roughly face each other; with two motors, only a few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
     samples = np.arange(len(ik.joint_angles))
     first, second = (samples[ik.free[:, finger]] if finger >= 0 else samples[:1] for finger in fingers)
@@ -154,11 +153,11 @@ def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> N
 
 @compiled
 def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
-    """Rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
+    """Find rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
     counts = np.zeros(START_STEPS, np.intp)
     pairs = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
     count = 0
-    for shift in range(len(second)):  # all pairs, in an order that visits all of both alike
+    for shift in range(len(second)):  # all pairs, in an order that visits the points of both evenly
         for i in range(len(first)):
             j = (shift + i) % len(second)
             facing, along, squared = 0.0, 0.0, 0.0
@@ -178,7 +177,7 @@ def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Arr
 
 
 def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:
-    """Middle points (N, S, 3) of gels at the depth to which they touch, m, and their outward normals, in the root link's frame."""
+    """Compute the middle points (N, S, 3) of gels at the depth of touches, m, and their outward normals, in the root link's frame."""
     mounts = [ik.hand.sensors[sensor] for sensor in sensors]
     tips = frames[:, [mount.link for mount in mounts]]
     points = np.einsum("nsij,sj->nsi", tips[..., :3, :3], ik.fingers.probes[list(sensors)].mean(axis=1)) + tips[..., :3, 3]
@@ -197,7 +196,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedP
 
 
 def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:
-    """Select, of every step of width, the postures (K,) with least fault, if it is below 1."""
+    """Select the postures (K,) with the least fault of every step of width, if it is below 1."""
     order = np.lexsort((fault, np.floor(width / WIDTH_STEP)))
     order = order[fault[order] < 1]
     step = np.floor(width[order] / WIDTH_STEP)

@@ -17,7 +17,7 @@ Float64Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 BEAM_WIDTH = 256
-"""Partial choices that are carried from finger to finger."""
+"""Partial choices that are kept from finger to finger."""
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
@@ -131,7 +131,7 @@ def choose_postures(
 
 
 def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
+    """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b."""
     owner = hand.link_fingers[boxes.link]
     return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
@@ -169,5 +169,5 @@ def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
 
 
 def world_boxes(boxes: CollisionBoxes, frames: Float64Array) -> Float64Array:
-    """(..., C, 4, 4) frames of boxes for link frames (..., L, 4, 4)."""
+    """Compute the frames of boxes, (..., C, 4, 4), from link frames (..., L, 4, 4)."""
     return compose(frames[..., boxes.link, :, :], boxes.frames)

@@ -185,12 +185,12 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     points
         (N, 3), m; N at least 2.
     normals
-        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as a nearest
-        distance has it (what `sampling_floor` asks for); with them, both do.
+        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as nearest
+        distances see them (which `sampling_floor` needs); with them, both count.
 
     Returns
     -------
-    m², accurate to 1/√N: the area over which the points, each against the others on its side, would lie as far apart as they do.
+    m², accurate to 1/√N: the area on which as many random points would have the nearest distances that these have on their side.
 
     Raises
     ------

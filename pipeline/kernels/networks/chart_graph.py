@@ -79,7 +79,7 @@ class ChartGraph:
 
 
 class _SymmetricProduct(torch.autograd.Function):
-    """A product with a symmetric sparse matrix, and so its gradient; torch's own transposes the matrix in each backward pass.
+    """A product with a symmetric sparse matrix, whose gradient is such a product too; torch's own transposes the matrix in each pass.
 
     That takes 14 times as long as the product, and made a training step of the draft touch network 1.8 times as long.
     """
@@ -164,5 +164,5 @@ def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool
     size = len(charts.vertices) + count * len(square)
     rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
     neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + sparse.eye_array(size)
-    neighbours.data[:] = 1  # sides of two faces were added up
+    neighbours.data[:] = 1  # a side of two faces was counted twice
     return neighbours

@@ -15,7 +15,7 @@ from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance", "group"]
 GROUPS = 8
-"""Most groups of channels that a group normalisation has; fewer where they would not be equal."""
+"""Most groups of channels of a group normalisation; fewer where groups would have different sizes."""
 
 
 @dataclass(frozen=True)

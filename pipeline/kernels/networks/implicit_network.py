@@ -54,7 +54,7 @@ class ImplicitConfig(NetworkInputs):
     spacing
         Of the grid that a reconstruction's mesh is made on, m.
     touch_reach
-        The farthest, m, that a reconstruction follows what was felt: the weight there is 1/e. 0 goes by the network alone.
+        Largest distance, m, to which a reconstruction follows touches: the weight there is 1/e. 0 uses the network alone.
     """
 
     encoder_layers: Literal[12, 15, 18, 25] = 12
@@ -75,7 +75,7 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
     "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
 }
-"""The implicit networks by name: they are given what the supplement's of that name are given; `implicit-any` any of it."""
+"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them."""
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ class Encoding:
     cameras
         (K, 3, 4) projection matrices; None without an image.
     with_image
-        (K,) int64: the items that have an image; all of them, but for a network that takes any.
+        (K,) int64: the items that have an image; all of them, except for a network that takes any inputs.
     overall
         (B, G) global features.
     touches
-        What the items' sensors felt; None without touch.
+        The points of the items' touch charts; None without touch.
     """
 
     maps: list[Tensor]
@@ -106,8 +106,8 @@ class Encoding:
 class ImplicitNetwork(nn.Module):
     """Predicts signed distances at query points.
 
-    A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), so that it knows whether it is seen to be
-    free; what was felt nearest to it; and global features of the image and of all touches. A residual network makes a distance of these.
+    A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), which tell whether it is visibly free; the
+    features of the touch nearest to it; and global features of the image and of all touches. A residual network predicts its distance.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ class ImplicitNetwork(nn.Module):
                 deep = self.encoder(images)
                 maps = [images, *deep]
                 image_code = _placed(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)), with_image, image_code)
-            elif self.training:  # processes that share a step wait for the gradient of each weight, be it zero
+            elif self.training:  # processes that share a step wait for the gradient of each weight, even if it is zero
                 image_code = image_code + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
             overall.append(image_code)
         if self.config.touch:
@@ -221,7 +221,7 @@ class ImplicitNetwork(nn.Module):
         return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches)
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
-        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
+        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, limited to about the band."""
         return self._decode(code, queries)[0]
 
     def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
@@ -248,7 +248,7 @@ class ImplicitNetwork(nn.Module):
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), touch_features
 
     def errors_at_touches(self, code: Encoding) -> Tensor | None:
-        """Predict the distances, (B, P) m, of touched points, which are 0 in truth; 0 of other points, None where none is followed."""
+        """Predict the distances, (B, P) m, of touched points, which are truly 0; 0 for other points, None if no touch is followed."""
         touches = code.touches
         if touches is None or self.config.touch_reach < SMALLEST_REACH or not bool(touches.touched.any()):
             return None
@@ -256,13 +256,13 @@ class ImplicitNetwork(nn.Module):
         return predicted * (touches.touched & touches.normals.any(dim=2))
 
     def decode_with_touches(self, code: Encoding, queries: Tensor, errors: Tensor | None) -> Tensor:
-        """Predict distances as `decode`, but follow the touches near them: for reconstructions.
+        """Predict distances as `decode`, corrected by the touches nearby: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. Its error at the
-        nearest touched point is taken away, less and less the farther that is. Then, at a distance d from that point and the finger above
-        it, the height above its tangent plane has the weight exp(-(d / reach)⁴), the network the rest. Near the point this is flat: the
-        height decides on the sign, however far off the network is. The reach grows with the error: where the network is right, its
-        curved surface is better than a plane, and a thin object has another side.
+        nearest touched point is subtracted, with a weight that falls with distance. Then, at a distance d from that point and the finger
+        above it, the height above its tangent plane has the weight exp(-(d / reach)⁴), and the network the remaining weight. Near the point
+        this weight is flat: the height decides on the sign, however wrong the network is. The reach grows with the error: where the network
+        is right, its curved surface is better than a plane, and a thin object has another side.
 
         Parameters
         ----------
@@ -284,16 +284,16 @@ class ImplicitNetwork(nn.Module):
         return torch.lerp(predicted, radius * heights, weights)
 
     def touched_points(self, code: Encoding) -> NDArray[np.float64]:
-        """List the points, (M, 3) world, m, that were touched of the items: distances change fast around them."""
+        """List the touched points of the items, (M, 3) world, m: distances change fast around them."""
         touches = code.touches
         touched = self.last.weight.new_zeros(0, 3) if touches is None else touches.points[touches.touched]
         return np.asarray(self.config.radius * touched.double().cpu().numpy() + np.array(self.config.centre))
 
     def _unit(self, points: Tensor) -> Tensor:
-        """Radii from the centre, from world, m."""
+        """Convert world, m, to radii from the centre."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
 
 
 def _placed(features: Tensor, items: Tensor, base: Tensor) -> Tensor:
-    """Put the features of some items, (K, …), among those of all, (B, …); unchanged if they are of all."""
+    """Insert the features of some items, (K, …), into those of all, (B, …); return them as they are if K is B."""
     return features if len(features) == len(base) else base.to(features).index_copy(0, items, features)

@@ -1,4 +1,4 @@
-"""Features of touch charts for implicit networks: the nearest touched point, and the nearest point known to be outside."""
+"""Features of touch charts for implicit networks: of the nearest touched point, and of the nearest point that is known to be outside."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """Hold the vertices of the touch charts of B items, with normals, in P places per item: as many as the item with the most vertices has.
+    """Hold the vertices of the touch charts of B items, with normals, padded to P, the largest number of vertices of an item.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class TouchPoints:
     touched
         (B, P) bool: points that were touched.
     outside
-        (B, P) bool: points of sensors that touched nothing. Places that an item leaves empty are neither touched nor outside.
+        (B, P) bool: points of sensors that touched nothing. Padding is neither touched nor outside.
     """
 
     points: Tensor
@@ -44,7 +44,7 @@ class TouchPoints:
 
     @property
     def present(self) -> Tensor:
-        """(B, P) bool: the places that hold a point."""
+        """(B, P) bool: the entries that are no padding."""
         return self.touched | self.outside
 
     @property
@@ -85,7 +85,7 @@ class TouchPoints:
 
 
 class NearestPoints:
-    """Finds the nearest of some of each item's points: in a k-d tree per item on a CPU, by comparing all pairs of the batch on a GPU.
+    """Search for the nearest among a subset of each item's points: in a k-d tree per item on a CPU, by comparing all pairs on a GPU.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def chart_normals(vertices: Tensor) -> Tensor:
 
 
 def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:
-    """Sort the touch charts of a batch by item.
+    """Group the touch charts of a batch by item.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) ->
     where = torch.stack([item, place]).to(vertices.device)
 
     def placed(charts: Tensor) -> Tensor:
-        """(T, S, ...) among those of all items, zeros elsewhere: (B, P, ...)."""
+        """Pad (T, S, ...) values per item with zeros: (B, P, ...)."""
         padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
         return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
 

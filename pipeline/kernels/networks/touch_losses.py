@@ -95,7 +95,7 @@ def projected_chamfer_loss(
     """
     _check(predicted, depth, mask)
     true = visible_depth(depth, gel).to(predicted.dtype)
-    total = (predicted * 0).sum()  # keeps the graph where no mask holds a pixel
+    total = (predicted * 0).sum()  # keeps the graph if every mask is empty
     for item in range(len(predicted)):
         row, col = mask[item].nonzero(as_tuple=True)
         if len(row):

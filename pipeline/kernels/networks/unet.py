@@ -11,7 +11,7 @@ from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_
 LEVELS = 4
 """Poolings on the way down, and deconvolutions on the way up."""
 MIN_SIDE = 2**LEVELS
-"""Pixels per side below which nothing is left after the last pooling."""
+"""Fewest pixels per side: with fewer, nothing is left after the last pooling."""
 
 
 class UNet(nn.Module):

@@ -15,12 +15,12 @@ from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibrati
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 FLAT = 1e-7
-"""m: pixels that are drawn in less, and lie less deep in the shade, keep the untouched colours."""
+"""m: pixels whose indentation and depth in the shade are smaller keep the untouched colours."""
 MM = 1e3
 
 
 def gel_indentation(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute how deep the gel is drawn in: the impression D' (rows, cols), m, with the sensor's membrane or elastic gel if it has one."""
+    """Compute the indentation of the gel, (rows, cols) m, from the impression D' and the sensor's membrane or elastic gel if it has one."""
     if sensor.gel is not None:
         return press_elastic(pressed, sensor, sensor.gel).indentation
     if sensor.membrane == 0 or not pressed.any():
@@ -63,7 +63,7 @@ def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: C
 
 
 def fitted_positions(sensor: Sensor, within: tuple[float, float, float, float] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the positions of pixels at which coefficients are taken: those nearest to them in the part that was fitted.
+    """Compute the positions at which the coefficients of pixels are evaluated: the nearest ones in the fitted part of the gel.
 
     Parameters
     ----------

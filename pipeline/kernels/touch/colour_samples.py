@@ -29,7 +29,7 @@ class Sample:
     Attributes
     ----------
     bump
-        (rows, cols) float64, m: how deep the gel is drawn in, of the whole image.
+        (rows, cols) float64, m: the gel's indentation in the whole image.
     at
         Rows and columns of the pixels.
     distance

@@ -54,5 +54,5 @@ def _round(
     for i in range(len(depth)):
         steps = gel_steps if depth[i] < gel else far_steps
         rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps
-        if depth[i] >= gel > rounded[i]:  # what does not press into the gel does not after rounding
+        if depth[i] >= gel > rounded[i]:  # a surface outside the gel stays outside
             rounded[i] = beyond

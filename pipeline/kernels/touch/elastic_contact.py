@@ -19,11 +19,11 @@ from pipeline.kernels.touch.sensor import Gel, Sensor
 
 Array = NDArray[np.float64]
 MAX_CELLS = 160
-"""Cells along the longer side of an image, of which more pixels share one: contact is solved on them."""
+"""Most cells along the longer side of an image, on which contact is solved; with more pixels, several share a cell."""
 TOLERANCE = 1e-4
-"""Of the deepest impression: how far the gel's surface may be from the object's in the contact. The force errs by as much."""
+"""Largest gap between gel and object in the contact, as a share of the deepest impression. The force errs by as much."""
 MAX_STEPS = 300
-"""Ten times what any press has needed."""
+"""Ten times the most that any press has needed."""
 
 
 class ElasticContact(NamedTuple):
@@ -93,7 +93,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
 
 
 def _cell_means(pressed: Array, factor: int) -> Array:
-    """Average squares of pixels; what a square lacks at the rim is 0: nothing is known to press there."""
+    """Average squares of pixels; beyond the rim, where nothing is known to press, the impression is 0."""
     if factor == 1:
         return pressed
     rows, cols = (-(-count // factor) for count in pressed.shape)
@@ -117,14 +117,14 @@ class _Displacement:
         self.spectrum = fft.rfft2(wrapped)
 
     def __call__(self, pressure: Array) -> Array:
-        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: no line of zeros is transformed, and none that is cut
+        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
         waves = fft.fft(lines, self.padded[0], axis=0)
         waves *= self.spectrum
         lines = fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
         return np.ascontiguousarray(fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
 
     def restricted(self, shape: tuple[int, ...]) -> _Displacement:
-        """Return that of a smaller grid."""
+        """Return the displacements on a smaller grid."""
         return self if shape == self.shape else _Displacement(self.kernel[: shape[0], : shape[1]])
 
 
@@ -134,13 +134,13 @@ def _grid_displacement(shape: tuple[int, int], pitch: tuple[float, float], poiss
 
 
 class _Stiffness:
-    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver, in single precision."""
+    """The approximate inverse of `_Displacement` on a periodic grid, which preconditions the solver; in single precision."""
 
     def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
         rows, cols = self.padded = fft.next_fast_len(shape[0]), fft.next_fast_len(shape[1], real=True)
         waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(rows, pitch[0]), fft.rfftfreq(cols, pitch[1]))]
         wave = np.hypot(waves[0][:, None], waves[1][None])
-        wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a lone contact is no infinite one
+        wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a single contact is not infinite
         self.spectrum = (wave / (2 * layer_factor(wave * thickness, poisson))).astype(np.float32)
 
     def __call__(self, displacement: Array) -> Array:
@@ -173,7 +173,7 @@ def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -
         change = displacement(direction)
         length = (gap * direction).sum() / (change * direction).sum()
         pressure = pressure - length * direction
-        if through.any() or (pressure < 0).any():  # another contact: directions begin again
+        if through.any() or (pressure < 0).any():  # the contact has changed: restart the directions
             np.maximum(pressure, 0, out=pressure)
             surface, steepness = displacement(pressure), 0.0
         else:

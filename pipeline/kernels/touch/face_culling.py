@@ -94,5 +94,5 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[n
 
 
 def _all_axes(holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether it holds along all axes, (3, N) to (N,)."""
+    """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
     return np.asarray(holds[0] & holds[1] & holds[2])

@@ -18,23 +18,23 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.ball_contact import Circle
 
 SMALLEST = 8.0
-"""Pixels: radius of a contact that is looked for at least."""
+"""Smallest radius of a contact that is searched for, pixels."""
 LEAST_CHANGE = 6.0
-"""Levels by which a contact differs from the untouched image at least, where it differs most."""
+"""Least change from the untouched image, levels, where a contact differs most."""
 LEAST_SEEN = 0.4
 """Share of a contact's rim that must lie in the image."""
 LEAST_FILLED = 0.4
-"""Share of a contact that must differ by a third of where it differs most: of a contact at the rim less may be a wrong circle."""
+"""Share of a contact that must differ by a third of its largest change; with less, at the rim, the circle may be wrong."""
 MARGIN = 20
-"""Pixels around the place where colours change, in which they fade."""
+"""Pixels around a region of changed colours, in which the change fades."""
 ANGLES, PER_PIXEL = 180, 4
-"""Directions in which the rim is sought, and samples per pixel of radius."""
+"""Directions in which the rim is searched, and samples per pixel of radius."""
 FADES = (0.3, 0.15)
-"""Radii by which the rim is moved at most, in turns that seek where the strength of the change falls most."""
+"""Largest shifts of the rim, in radii, of the rounds that search where the strength of the change falls most."""
 REFINED = 0.05
-"""Radii by which the rim is moved at most where colours jump most: where it is blurred, they jump most in the middle."""
+"""Largest shift of the rim, in radii, of the round that searches where colours jump most: in the middle of a blurred rim."""
 RIM = 2.0
-"""Pixels by which a point of the rim lies beside the circle at most, and on either side of it those that are compared."""
+"""Largest distance of a point of the rim from the circle, pixels; and pixels on either side of it that are compared."""
 
 Round = tuple[float, float, float]
 

@@ -1,4 +1,4 @@
-"""Patches of an object as reliefs: what a gel meets that is pressed onto the object from outside."""
+"""Patches of an object as reliefs: what a gel meets when it is pressed onto the object from outside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 
 ATTEMPTS = 20
-"""Points that are tried before an object counts as one without a patch: rays pass thin parts between two pixels."""
+"""Points that are tried before an object counts as having no patch: rays may pass thin parts between two pixels."""
 
 
 def random_patch(

@@ -90,15 +90,15 @@ def press_relief(relief: Array, sensor: Sensor, depth: float) -> Array:
 
 
 def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges | None = None, shapes: Sequence[str] | None = None) -> Press:
-    """Draw a press: a shape at a random place, turned and perhaps tilted, as deep as drawn.
+    """Draw a press: a shape of random size, place, turn, tilt and depth.
 
     Parameters
     ----------
     sensor
         Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
     rng
-        Draws everything; equal states give equal presses, for other pixel counts the same press in other pixels, but for one that lies
-        between the pixels at the rim: then another is drawn.
+        Draws everything. Equal states give equal presses, also with other pixel counts, except for a shape that lies between the pixels at
+        the rim: another is drawn in its place.
     ranges
         By default those of `PressRanges`.
     shapes
@@ -148,7 +148,7 @@ def draw_direction(rng: np.random.Generator) -> tuple[float, float]:
 
 
 class ShapeDraw(NamedTuple):
-    """What has been drawn for a shape: its radius and its depth in the gel, m; and what draws the rest."""
+    """The drawn radius and depth in the gel of a shape, m, and the generator of its other properties."""
 
     size: float
     depth: float
@@ -207,7 +207,7 @@ def _ring(x: Array, y: Array, draw: ShapeDraw) -> Array:
 
 
 def _bumps(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """Make some round bumps beside each other."""
+    """Make several round bumps beside each other."""
     count = int(draw.rng.integers(2, 9))
     tops = [
         (draw.rng.uniform(-1, 1, 2) * draw.size, draw.rng.uniform(0.1, 0.45) * draw.size, draw.rng.uniform(0, 0.7) * draw.depth)
@@ -247,7 +247,7 @@ def _dome(radius: float, squared: Array) -> Array:
 
 
 def _outside(x: Array, y: Array, draw: ShapeDraw) -> Array:
-    """How far points lie beyond the sides of a polygon of 3 to 6 corners, m; negative inside: `-size` in the middle at the least."""
+    """Compute the distance of points beyond the sides of a polygon of 3 to 6 corners, m; negative inside, at least `-size`."""
     count = int(draw.rng.integers(3, 7))
     sines, cosines = sin_cos(2 * math.pi / count * (np.arange(count) + draw.rng.uniform(-0.25, 0.25, count)))
     reach = draw.size * draw.rng.uniform(0.6, 1.0, count)

@@ -126,7 +126,7 @@ def _decoded(photograph: bytes) -> NDArray[np.float64]:
 
 
 def _lamp_image(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
-    """Shade the impression by equations 2 to 5; elsewhere keep the untouched image."""
+    """Shade the indented pixels by equations 2 to 5; elsewhere keep the untouched image."""
     rest, image = _resting_surface(sensor)
     image = image.copy()
     _shade(rest + bump / sensor.width if rest.any() else bump / sensor.width, rest, sensor, image)
@@ -138,7 +138,7 @@ def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.ui
     """Compute the surface at rest, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
     rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
     image = np.zeros((*sensor.shape, 3), np.uint8)
-    _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # nothing is as it was: all is shaded
+    _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # NaN equals no height: every pixel is shaded
     return rest, image
 
 

@@ -1,4 +1,4 @@
-"""The colours that an image shows of a surface."""
+"""The colours of a surface in an image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 
 STEEPEST = 0.1
-"""Cosine between a normal and the way to the camera, below which a vertex is on the rim, and its pixel may show the background."""
+"""Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
 OFFSET = 1e-3
 """Distance of a ray's start from the surface over the surface's extent."""
 ALIKE = 6
@@ -72,7 +72,7 @@ def seen_colors(
 def _are_unoccluded(
     vertices: NDArray[np.float64], faces: NDArray[np.int64], points: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Tell which rays from points of the mesh, in these directions, hit nothing of it; Embree traces in float32."""
+    """Find the points of the mesh from which rays in given directions do not hit it; Embree traces in float32."""
     centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
     scene = rtcore_scene.EmbreeScene()
     mesh = TriangleMesh(scene, ((vertices - centre) / extent).astype(np.float32), faces.astype(np.int32))

@@ -1,4 +1,4 @@
-"""Images as another camera would have taken them from the same place, and the training camera carried to that place.
+"""Images as another camera would have taken them from the same position, and the training camera moved to that position.
 
 Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
 
@@ -17,7 +17,7 @@ from skimage.transform import warp
 from pipeline.kernels.geometry.transforms import compose, length, solve_3x3, unit_vectors
 
 UNCHANGED = 1e-3
-"""Pixels by which an image is moved at most without being resampled."""
+"""Largest shift, pixels, at which an image is not resampled."""
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
 
@@ -79,7 +79,7 @@ def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -
 
 
 def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn the training camera in the place of a real one, so that it shows the target as in training.
+    """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], tar
 
 
 def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's place."""
+    """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's position."""
     azimuth = camera_direction(matrix, target).azimuth
     forward = unit_vectors(target - optical_centre(matrix))
     level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
