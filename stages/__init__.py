@@ -1,1 +1,1 @@
-"""One room a stage: opens its inputs, calls kernels, returns a row an object."""
+"""The stages, one folder each: a stage opens its inputs, calls kernels and returns a row per object."""

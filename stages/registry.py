@@ -33,7 +33,7 @@ class Entry(NamedTuple):
     settings: str
 
 
-OWN = {
+BUILT_IN = {
     "sample-surfaces": Entry("stages.sample_surfaces", "SampleSurfaces", "SurfaceSettings"),
     "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
     "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
@@ -51,16 +51,19 @@ OWN = {
     "evaluate-single-image": Entry("stages.evaluate", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
 }
 
-STAGES: dict[str, Entry | EntryPoint] = {**OWN, **{entry.name: entry for entry in plugins.declared("stages") if entry.name not in OWN}}
-"""All stages: `OWN`, then those of plugins."""
+STAGES: dict[str, Entry | EntryPoint] = {
+    **BUILT_IN,
+    **{entry.name: entry for entry in plugins.declared("stages") if entry.name not in BUILT_IN},
+}
+"""All stages: `BUILT_IN`, then those of plugins."""
 
-GRASP_STAGES = [name for name in OWN if "single-image" not in name and name != "read-renderings"]
+GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and name != "read-renderings"]
 """Stages for any manifest; the others need a manifest that names renderings."""
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 """Stages that make a dataset."""
 TRADES = {
-    **{name: f"{OWN[name].folder}.trade" for name in GRASP_STAGES if find_spec(f"{OWN[name].folder}.trade")},
+    **{name: f"{BUILT_IN[name].folder}.trade" for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].folder}.trade")},
     **{name: module for name, entry in STAGES.items() if isinstance(entry, EntryPoint) and (module := plugins.sibling(entry, "trade"))},
 }
 """Modules in which stages declare what they trade between speed and accuracy: `trade` in their folder, or beside a plugin's stage."""
@@ -79,7 +82,7 @@ def load_stage(name: str) -> ObjectStage | DatasetStage:
         A plugin's stage cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
     """
     packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
-    plugins.check_unique("stage", name, ["vt-pipeline"] * (name in OWN) + packages)
+    plugins.check_unique("stage", name, ["vt-pipeline"] * (name in BUILT_IN) + packages)
     entry = STAGES[name]
     if isinstance(entry, EntryPoint):
         return _load_plugin(entry)

@@ -1,1 +1,1 @@
-"""What a user chooses: settings, presets, manifests, and the description files of hands, sensors and scenes."""
+"""The user's choices: settings, presets and manifests."""

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from pipeline.config.mesh_layout import Found, Layout, as_name, find_objects
+from pipeline.config.mesh_layout import FoundObjects, Layout, as_name, find_objects
 from pipeline.config.objects import Object
 from pipeline.config.sources import MeshSource
 from pipeline.console import abbreviate, pluralise
@@ -19,10 +19,10 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES, read_file
 
 MAX_ENTRIES = 500_000
-"""Files and folders below a folder of meshes: with more, it is another folder that was meant."""
+"""Most files and folders below a folder of meshes: with more, it is probably the wrong folder."""
 
 MAX_CATALOGUE_BYTES = 100 * 2**20
-"""Size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
+"""Largest size of a catalogue: 500 bytes for each of `MAX_OBJECTS`."""
 
 UNREAD = (".msh", ".3ds", ".fbx", ".blend", ".max", ".x3d", ".wrl", ".step", ".stp", ".iges", ".igs", ".skp", ".usd", ".usdz")
 """Formats of meshes and solids that are not read."""
@@ -44,36 +44,38 @@ class Directory(MeshSource):
     category: str = "object"
     """Of objects without a sub-folder above."""
 
-    def each(self, root: Path | None) -> Iterator[Object]:
-        """List every mesh file below the folder, hidden ones apart."""
-        folder, _, found = self._found(root)
-        for item in found.objects:
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
+        """List every mesh file below the folder, except hidden ones."""
+        folder, _, objects = self._find_objects(root)
+        for item in objects.objects:
             yield Object(item.name, item.category or self.category, self.placed(folder / item.file, folder))
 
-    def _found(self, root: Path | None) -> tuple[Path, list[Path], Found]:
-        """Find the folder, all that is below it, and the objects among that."""
+    def _find_objects(self, root: Path | None) -> tuple[Path, list[Path], FoundObjects]:
+        """Find the folder, all files and folders below it, and the objects among them."""
         folder = _folder(root or self.path, "a folder of meshes")
         entries = sorted(islice(folder.rglob("*"), MAX_ENTRIES + 1))
         if len(entries) > MAX_ENTRIES:
             raise InvalidInput(f"{folder.resolve()} has more than {MAX_ENTRIES} files and folders; give the folder of the meshes alone")
-        inner = [path.relative_to(folder) for path in entries if not path.is_dir()]
-        files = [file for file in inner if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
+        relative = [path.relative_to(folder) for path in entries if not path.is_dir()]
+        files = [file for file in relative if file.suffix.lower() in MESH_SUFFIXES and not any(part.startswith(".") for part in file.parts)]
         if not files:
             raise InvalidInput(f"no mesh files below {folder.resolve()}; looked for {', '.join(MESH_SUFFIXES)} in all its sub-folders")
         return folder, entries, find_objects(files, self.layout)
 
     def remarks(self, root: Path | None) -> Iterator[str]:
         """Name a layout that was recognised, other meshes of one object, formats that are not read, and links, which are not followed."""
-        folder, entries, objects = self._found(root)
+        folder, entries, objects = self._find_objects(root)
         yield from objects.remarks()
-        found: dict[str, list[str]] = {}
+        files_by_reason: dict[str, list[str]] = {}
         for path in entries:
             if path.is_symlink() and path.is_dir():
-                found.setdefault("links to folders are not followed; copy what they lead to", []).append(str(path.relative_to(folder)))
+                files_by_reason.setdefault("links to folders are not followed; copy what they lead to", []).append(
+                    str(path.relative_to(folder))
+                )
             elif path.suffix.lower() in UNREAD:
                 reason = f"{path.suffix.lower()} cannot be read; convert to one of {', '.join(MESH_SUFFIXES)}"
-                found.setdefault(reason, []).append(str(path.relative_to(folder)))
-        for reason, files in found.items():
+                files_by_reason.setdefault(reason, []).append(str(path.relative_to(folder)))
+        for reason, files in files_by_reason.items():
             yield f"left out {pluralise(len(files), 'file')} ({abbreviate(files)}): {reason}"
 
 
@@ -92,7 +94,7 @@ class Catalogue(MeshSource):
     path: Path | None = None
     """The folder; by default, the one given with `--objects`."""
 
-    def each(self, root: Path | None) -> Iterator[Object]:
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the objects of the catalogue in its order; one whose file is missing fails when it is read."""
         folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
@@ -116,7 +118,7 @@ class Catalogue(MeshSource):
 
 
 def _unit(text: str, line: str) -> float | None:
-    """Read the unit that a line states, m; None where it states none."""
+    """Read the unit of a line, m; None if it states none."""
     if not text:
         return None
     try:
@@ -158,39 +160,39 @@ class ShapeNet(MeshSource):
             raise ValueError(f"counts are of {sorted(self.counts)}, synsets of {sorted(self.synsets)}; they must be the same")
         return self
 
-    def each(self, root: Path | None) -> Iterator[Object]:
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every model of the named synsets, whose numbers must be those of `counts`; one without a file fails when it is read."""
-        given = _folder(root or self.path, "a folder laid out as ShapeNetCore")
-        folder = given / self.meshes
-        there = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
-        if not there:
+        parent = _folder(root or self.path, "a folder laid out as ShapeNetCore")
+        folder = parent / self.meshes
+        present = {category: synset for category, synset in self.synsets.items() if (folder / synset).is_dir()}
+        if not present:
             problem = f"has none of {abbreviate([*self.synsets.values()])}" if folder.is_dir() else "is no folder"
-            way = Path("DIR", self.meshes, "SYNSET", "MODEL", "model.obj")
-            raise InvalidInput(f"{folder.resolve()} {problem}; give a folder laid out as {way} with --objects DIR (make: OBJECTS=DIR)")
-        for category, synset in (there if self.classes_may_be_missing else self.synsets).items():
+            layout = Path("DIR", self.meshes, "SYNSET", "MODEL", "model.obj")
+            raise InvalidInput(f"{folder.resolve()} {problem}; give a folder laid out as {layout} with --objects DIR (make: OBJECTS=DIR)")
+        for category, synset in (present if self.classes_may_be_missing else self.synsets).items():
             files = {model.name: _model_file(model) for model in sorted((folder / synset).glob("*")) if model.is_dir()}
-            whole = sum(file.is_file() for file in files.values())
+            complete = sum(file.is_file() for file in files.values())
             where = (folder / synset).resolve()
-            if not whole:
+            if not complete:
                 raise InvalidInput(f"no models of {category} in {where}; looked for MODEL/models/model_normalized.obj and MODEL/model.obj")
-            if self.counts is not None and whole != self.counts[category]:
+            if self.counts is not None and complete != self.counts[category]:
                 raise InvalidInput(
-                    f"{where} holds {whole} models of {category}, the manifest counts {self.counts[category]}; "
+                    f"{where} holds {complete} models of {category}, the manifest counts {self.counts[category]}; "
                     "complete or prune the folder, or state other counts in a manifest of your own"
                 )
             for name, file in files.items():
                 # its materials name ../images
                 source = self.placed(file, folder / synset / name)
                 if self.renderings is not None:
-                    source["renderings"] = str(given / self.renderings / synset / name / "rendering")
+                    source["renderings"] = str(parent / self.renderings / synset / name / "rendering")
                 yield Object(f"{category}-{as_name(name)}", category, source)
 
 
-def _folder(path: Path | None, what: str) -> Path:
+def _folder(path: Path | None, description: str) -> Path:
     path = path and path.expanduser()
     if path is None or not path.is_dir():
         problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
-        raise InvalidInput(f"{problem}; give {what} with --objects DIR (make: OBJECTS=DIR)")
+        raise InvalidInput(f"{problem}; give {description} with --objects DIR (make: OBJECTS=DIR)")
     return path
 
 

@@ -40,7 +40,7 @@ class Splits(BaseModel):
 
     @property
     def are_counts(self) -> bool:
-        """Whether these are counts: whole numbers, of which no share of 1 is all there is."""
+        """Whether these are counts: whole numbers that sum to more than 1."""
         return self._total > 1 + 1e-9 and all(float(n).is_integer() for n in (self.train, self.valid, self.test))
 
     @property
@@ -57,9 +57,9 @@ class Splits(BaseModel):
 
 
 def without_controls(name: str) -> str:
-    """Return a name; an `InvalidInput` where it has characters that steer how text is shown."""
-    if found := CONTROLS.search(name):
-        raise InvalidInput(f"{name!r} has the character {found[0]!r}, which steers how text is shown; write the name without it")
+    """Return a name; raise an `InvalidInput` if it has control characters."""
+    if match := CONTROLS.search(name):
+        raise InvalidInput(f"{name!r} has the character {match[0]!r}, which steers how text is shown; write the name without it")
     return name
 
 
@@ -95,23 +95,23 @@ class Manifest(BaseModel):
         sources = self._with_roots(root)
         try:
             listed = (replace(item, split=source.split or "") for source, folder in sources for item in source.find(folder))
-            found = sorted(listed, key=lambda item: item.object_id)
-            _check_names(found)
-            splits = self._splits_of(found)
+            objects = sorted(listed, key=lambda item: item.object_id)
+            _check_names(objects)
+            splits = self._splits_of(objects)
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"manifest {self.name}: {error}") from error
-        return [replace(item, split=splits[item.object_id]) for item in found]
+        return [replace(item, split=splits[item.object_id]) for item in objects]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
         """Return the manifest with other units, of `METRES`, or another up-axis, for mesh files whose own entry states none."""
         if units is None and up is None:
             return self
-        wanted = {"metres_per_unit": METRES[units] if units else None, "up": up}
-        stated = {name: value for name, value in wanted.items() if value is not None}
+        values = {"metres_per_unit": METRES[units] if units else None, "up": up}
+        updates = {name: value for name, value in values.items() if value is not None}
         files = [isinstance(source, MeshSource) for source in self.sources]
         if not any(files):
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
-        changed = (source.model_copy(update=stated if placed else {}) for source, placed in zip(self.sources, files, strict=True))
+        changed = (source.model_copy(update=updates if placed else {}) for source, placed in zip(self.sources, files, strict=True))
         return self.model_copy(update={"sources": tuple(changed)})
 
     def _with_paths_below(self, folder: Path) -> Manifest:
@@ -124,7 +124,7 @@ class Manifest(BaseModel):
         return self.model_copy(update={"sources": tuple(changed)})
 
     def remarks(self, root: Path | None = None) -> list[str]:
-        """Say how its folders were understood, and which files that look like objects are left out."""
+        """Report the recognised layout of its folders, and files that look like objects but are left out."""
         return [line for source, folder in self._with_roots(root) if isinstance(source, MeshSource) for line in source.remarks(folder)]
 
     def _with_roots(self, root: Path | None) -> list[tuple[Source, Path | None]]:
@@ -145,26 +145,26 @@ class Manifest(BaseModel):
             )
         return [(source, root if source is takers[0] else None) for source in self.sources]
 
-    def _splits_of(self, found: Sequence[Object]) -> dict[str, str]:
-        """Draw the split of each object whose source states none: by seed and id, each category spread evenly over the splits."""
-        stated = {item.object_id: item.split for item in found if item.split}
-        items = [item for item in found if not item.split]
-        wanted = (self.splits.train, self.splits.valid, self.splits.test)
-        if self.splits.are_counts and sum(wanted) != len(items):
-            counts = " + ".join(f"{number:g}" for number in wanted)
+    def _splits_of(self, objects: Sequence[Object]) -> dict[str, str]:
+        """Draw the split of each object whose source states none, by seed and id; each category is spread evenly over the splits."""
+        stated_splits = {item.object_id: item.split for item in objects if item.split}
+        items = [item for item in objects if not item.split]
+        amounts = (self.splits.train, self.splits.valid, self.splits.test)
+        if self.splits.are_counts and sum(amounts) != len(items):
+            counts = " + ".join(f"{number:g}" for number in amounts)
             raise InvalidInput(
-                f"the splits count {counts} = {sum(wanted):g} objects, {len(items)} were found"
-                f"{f' without the {len(stated)} whose source states its split' if stated else ''}; "
+                f"the splits count {counts} = {sum(amounts):g} objects, {len(items)} were found"
+                f"{f' without the {len(stated_splits)} whose source states its split' if stated_splits else ''}; "
                 "complete the folder, or state shares that sum to 1 in a manifest of your own"
             )
         lots = {item.object_id: hashlib.sha256(f"{self.seed}\0split\0{item.object_id}".encode()).hexdigest() for item in items}
-        drawn = sorted(items, key=lambda item: lots[item.object_id])
+        shuffled = sorted(items, key=lambda item: lots[item.object_id])
         sizes, ranks = Counter(item.category for item in items), defaultdict[str, Iterator[int]](count)
-        shares = {item.object_id: (next(ranks[item.category]) + 0.5) / sizes[item.category] for item in drawn}
+        shares = {item.object_id: (next(ranks[item.category]) + 0.5) / sizes[item.category] for item in shuffled}
         order = sorted(shares, key=lambda object_id: (shares[object_id], lots[object_id]))
-        split_sizes = [round(number) for number in wanted] if self.splits.are_counts else _sizes(wanted, len(items))
+        split_sizes = [round(number) for number in amounts] if self.splits.are_counts else _sizes(amounts, len(items))
         names = [split for split, size in zip(SPLITS, split_sizes, strict=True) for _ in range(size)]
-        return stated | dict(zip(order, names, strict=True))
+        return stated_splits | dict(zip(order, names, strict=True))
 
 
 def _sizes(shares: Sequence[float], objects: int) -> list[int]:
@@ -178,23 +178,23 @@ def _sizes(shares: Sequence[float], objects: int) -> list[int]:
     return sizes
 
 
-def _check_names(found: Sequence[Object]) -> None:
-    """Refuse objects, sorted by id, of which one cannot be named as it is or two are named alike."""
-    for item in found:
+def _check_names(objects: Sequence[Object]) -> None:
+    """Refuse invalid and repeated names of objects, which are sorted by id."""
+    for item in objects:
         if not OBJECT_ID.fullmatch(item.object_id):
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
         without_controls(item.category)
-    for one, other in pairwise(found):
+    for one, other in pairwise(objects):
         if one.object_id == other.object_id:
-            both = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))
+            origins = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))
             raise InvalidInput(
-                f"two objects are called {one.object_id}: {both}; rename a file, or let one procedural source make the class"
+                f"two objects are called {one.object_id}: {origins}; rename a file, or let one procedural source make the class"
             )
 
 
 def load_manifest(name_or_path: str) -> Manifest:
-    """Read a manifest: one of the built-in names, or the path of a YAML file; an `InvalidInput` says what is wrong with it.
+    """Read a manifest: one of the built-in names, or the path of a YAML file; raise an `InvalidInput` if it is invalid.
 
     A relative `path` of a file's source counts from the file's folder, of a built-in manifest from where the command runs.
     """

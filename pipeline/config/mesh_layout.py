@@ -35,15 +35,15 @@ class MeshFile:
 
 
 @dataclass(frozen=True)
-class Found:
-    """The objects among mesh files; how many of them are folders, and the files that are other meshes of these."""
+class FoundObjects:
+    """The objects among mesh files; the number of them that are folders, and the files that are other meshes of these."""
 
     objects: list[MeshFile]
     folders: int
     others: list[Path]
 
     def remarks(self) -> Iterator[str]:
-        """Say that there is a folder per object, and which meshes are left out because of that."""
+        """Report a layout with a folder per object, and the meshes that it leaves out."""
         if self.folders:
             example = next(item for item in self.objects if item.file.parent.parts)
             yield (
@@ -55,8 +55,8 @@ class Found:
             yield f"left out {pluralise(len(names), 'file')} ({abbreviate(names)}): another mesh of the same object is taken"
 
 
-def find_objects(files: Sequence[Path], layout: Layout | None = None) -> Found:
-    """Tell which mesh files are objects.
+def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:
+    """Find the objects among mesh files.
 
     Parameters
     ----------
@@ -75,20 +75,20 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> Found:
     for file in files:
         homes[_home(file)].append(file)
     loose = homes.pop((), [])
-    single = {home for home, inside in homes.items() if layout == "folders" or (layout is None and len(_names(inside)) < 2)}
+    single = {home for home, meshes in homes.items() if layout == "folders" or (layout is None and len(_names(meshes)) < 2)}
     if layout is None and not (len(single) > len(homes) / 2 and (len(single) > 1 or _named_by_folder(*homes.items()))):
         single = set()
     objects, others = [_by_file(file) for file in loose], []
-    for home, inside in homes.items():
+    for home, meshes in homes.items():
         if home in single:
-            best = min(inside, key=_rank)
+            best = min(meshes, key=_rank)
             objects.append(MeshFile(best, as_name(*home), as_name(home[0]) if len(home) > 1 else None))
-            others += [file for file in inside if file is not best]
+            others += [file for file in meshes if file is not best]
         else:
-            objects += [_by_file(file) for file in inside]
+            objects += [_by_file(file) for file in meshes]
     repeated = Counter(item.name for item in objects)
     unique = [item if repeated[item.name] == 1 else replace(item, name=f"{item.name}-{item.file.suffix[1:].lower()}") for item in objects]
-    return Found(unique, len(single), sorted(others))
+    return FoundObjects(unique, len(single), sorted(others))
 
 
 def as_name(*parts: str) -> str:
@@ -108,13 +108,13 @@ def _home(file: Path) -> tuple[str, ...]:
 
 
 def _names(files: Sequence[Path]) -> set[str]:
-    """Collect what files are called, those for collisions apart, unless there are no others."""
-    seen = [file for file in files if not _collides(file)] or files
-    return {file.stem.lower() for file in seen} - GENERIC
+    """Collect the names of files, without those for collisions unless there are no others."""
+    visible = [file for file in files if not _collides(file)] or files
+    return {file.stem.lower() for file in visible} - GENERIC
 
 
 def _named_by_folder(first: tuple[tuple[str, ...], Sequence[Path]], *_: object) -> bool:
-    """Tell whether the meshes of a folder are called as it is, or not named."""
+    """Tell whether the meshes of a folder have its name or a generic one."""
     home, files = first
     return _names(files) <= {home[-1].lower()}
 
@@ -124,7 +124,7 @@ def _collides(file: Path) -> bool:
 
 
 def _rank(file: Path) -> tuple[object, ...]:
-    """Order meshes of one object: those to be seen, with textures, of the better scan, of a format with materials; then by path."""
+    """Rank a mesh among those of one object: visual, with textures, of the better scan, of a format with materials; then by path."""
     folders = {part.lower() for part in file.parent.parts}
     scan = next((number for number, name in enumerate(SCANS, 1) if name in folders), 0)
     plain = file.stem.lower() in PLAIN or bool(folders & PLAIN)

@@ -1,4 +1,4 @@
-"""The objects of a dataset: what each is made from, and digests of that."""
+"""The objects of a dataset: the source of each, and digests of it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Object:
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe an object's source wherever its files lie: a file is replaced by the hash of what it holds.
+    """Describe an object's source independently of where its files lie: a file is replaced by the hash of its content.
 
     The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
 
@@ -31,17 +31,17 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     InvalidInput, OSError
         A file is missing, no regular file or too large, or cannot be read.
     """
-    stated = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
+    description = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     if "file" not in source:
-        return stated
+        return description
     companions = Companions(Path(source["file"]), Path(source["root"]))
     digests = {name: hashlib.sha256(content).hexdigest() for name, content in companions.items()}
-    return {**stated, "file": {"sha256": companions.sha256, "companions": digests}}
+    return {**description, "file": {"sha256": companions.sha256, "companions": digests}}
 
 
-def checksum(found: list[Object]) -> str:
-    """Compute one SHA-256 for all files of a source: of the lines `ID SHA256`, by id."""
-    files = sorted((item.object_id, Path(item.source["file"])) for item in found if "file" in item.source)
+def checksum(objects: list[Object]) -> str:
+    """Compute one SHA-256 for all files of a source, of the lines `ID SHA256` in id order."""
+    files = sorted((item.object_id, Path(item.source["file"])) for item in objects if "file" in item.source)
     return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
 
 

@@ -1,7 +1,7 @@
 """Settings: each with its default, its reason, and what it changes.
 
-A setting defines what is asked for (which hand, how many grasps), or changes results (how accurately that is answered: each has
-a measured error), or changes speed alone.
+A setting defines the task (which hand, how many grasps), or changes results (how accurately the task is solved: each has a measured
+error), or changes speed alone.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ class Settings(BaseModel):
         """Return the settings that change speed alone."""
         return self._that_change("speed")
 
-    def _that_change(self, *what: Change) -> dict[str, Any]:
-        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) in what}
+    def _that_change(self, *kinds: Change) -> dict[str, Any]:
+        return {name: value for name, value in self.model_dump(mode="json").items() if self.changes(name) in kinds}
 
     @classmethod
     def changes(cls, name: str) -> str:
@@ -47,7 +47,7 @@ def setting(default: Any, reason: str, *, changes: Change = "results", **limits:
 
 
 def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
-    """Read the description file that a setting names, so that what is wrong with it is said before the first stage runs.
+    """Read the description file that a setting names, so that errors in it are reported before the first stage runs.
 
     It is imported by name: its code belongs to the keys of the stages that use it, not to those of all.
     """
@@ -60,11 +60,11 @@ def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:
 
 
 class ObjectSettings(Settings):
-    """What stages over objects have in common."""
+    """The settings of every stage over objects."""
 
     object_seconds: int = setting(
         3600,
-        "a worker that is longer at one object is ended, and after a second time the object has failed: some meshes never end",
+        "a worker that takes longer for one object is ended, and after the second time the object has failed: some meshes never end",
         ge=1,
         changes="speed",
     )

@@ -1,4 +1,4 @@
-"""Where objects come from: each kind of source lists its objects, and says how each is to be loaded."""
+"""Sources of objects: each kind lists its objects, and describes how to load each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 
 MAX_OBJECTS = 200_000
-"""Objects of a source: listing them takes a second, and memory, before anything else is done."""
+"""Most objects of a source: listing them takes a second, and memory, before anything else is done."""
 
 Category = Literal["bottle", "cellphone", "knife", "rifle"]
 
@@ -36,22 +36,22 @@ class Source(BaseModel):
     """Where its files can be had, for whoever makes the dataset again from its recipe: the address of a web page."""
 
     @abstractmethod
-    def each(self, root: Path | None) -> Iterator[Object]:
-        """List every object of the source; an `OSError` or `InvalidInput` says what is not there."""
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
+        """List every object of the source; raise an `OSError` or `InvalidInput` if something is missing."""
 
     def find(self, root: Path | None) -> list[Object]:
         """List every object of the source, and check its checksum if it states one."""
-        found = list(islice(self.each(root), MAX_OBJECTS + 1))
-        if not found:
+        objects = list(islice(self.list_objects(root), MAX_OBJECTS + 1))
+        if not objects:
             raise InvalidInput(f"a {type(self).__name__.lower()} source names no objects; give it some, or leave it out")
-        if len(found) > MAX_OBJECTS:
+        if len(objects) > MAX_OBJECTS:
             raise InvalidInput(f"a source has more than {MAX_OBJECTS} objects; split it into several manifests")
-        if self.sha256 is not None and (actual := checksum(found)) != self.sha256:
+        if self.sha256 is not None and (actual := checksum(objects)) != self.sha256:
             raise InvalidInput(
-                f"the {len(found)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
+                f"the {len(objects)} files of this source have checksum {actual}, the manifest says {self.sha256}: "
                 "other files than it was written for; install the pinned packages, or state the new checksum in a manifest of your own"
             )
-        return found
+        return objects
 
 
 class MeshSource(Source):
@@ -63,7 +63,7 @@ class MeshSource(Source):
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
     def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
-        """Say how to load a file of this source, which may name files below `root`, and has an up-axis and a unit of its own."""
+        """Describe how to load a file of this source, which may name files below `root` and state its own up-axis and unit."""
         unit, axis = stated_units(file)
         return {
             "file": str(file),
@@ -74,7 +74,7 @@ class MeshSource(Source):
         }
 
     def remarks(self, root: Path | None) -> Iterator[str]:
-        """Say how the folder was understood, and what of it is left out although it looks like objects."""
+        """Report the recognised layout of the folder, and files that look like objects but are left out."""
         yield from ()
 
 
@@ -92,7 +92,7 @@ class Procedural(Source):
     seed: int = Field(ge=0)
     """From which their shapes are drawn."""
 
-    def each(self, root: Path | None) -> Iterator[Object]:
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List every variant of every category."""
         for category, count in self.count.items():
             for number in range(count):
@@ -127,12 +127,12 @@ class Pybullet(MeshSource):
     category: str = "object"
     """Of all these objects."""
 
-    def each(self, root: Path | None) -> Iterator[Object]:
+    def list_objects(self, root: Path | None) -> Iterator[Object]:
         """List the named files, then the first of `random_urdfs`."""
         data = Path(str(resources.files("pybullet_data")))
-        named = [(name, entry.file, entry.up) for name, entry in self.files.items()]
-        numbered = [(f"random-{n:03d}", f"random_urdfs/{n:03d}/{n:03d}.obj", self.up) for n in range(self.random_urdfs)]
-        for name, file, up in [*named, *numbered]:
+        named_files = [(name, entry.file, entry.up) for name, entry in self.files.items()]
+        numbered_files = [(f"random-{n:03d}", f"random_urdfs/{n:03d}/{n:03d}.obj", self.up) for n in range(self.random_urdfs)]
+        for name, file, up in [*named_files, *numbered_files]:
             if not (data / file).is_file():
                 raise InvalidInput(f"there is no {file!r} in {data}; correct the path of {name}, or reinstall the pinned packages")
             yield Object(name, self.category, self.placed(data / file, (data / file).parent, up))

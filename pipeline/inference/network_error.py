@@ -15,7 +15,7 @@ from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists
-from stages.evaluate.baselines import LABELS, LOOKED_UP, retrieved_by
+from stages.evaluate.baselines import BASELINE_PREFIX, LABELS, retrieved_by
 from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
@@ -57,7 +57,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
     nearer = "" if ours < theirs else "warning: worse than looking up: "
     return (
         f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
-        f"the {LABELS[found.removeprefix(LOOKED_UP)]} in its place: {theirs:.1f} mm"
+        f"the {LABELS[found.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"
     )
 
 

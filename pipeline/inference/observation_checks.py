@@ -58,7 +58,7 @@ def used_inputs(config: NetworkInputs, observation: RobotObservation) -> Network
         return config
     camera = observation.camera
     image: ImageKind | None = None if camera is None else "unoccluded" if camera.hand_mask is None else "occluded"
-    return config.given(NetworkInputs(image=image, touch=observation.is_felt))
+    return config.restricted_to(NetworkInputs(image=image, touch=observation.is_felt))
 
 
 @dataclass(frozen=True)

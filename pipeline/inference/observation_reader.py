@@ -103,7 +103,7 @@ class ObservationReader:
 
     def suited_to(self, observed: RobotObservation) -> ObservationReader:
         """Give a model that takes any inputs what an observation has."""
-        return replace(self, model=self.model.given(used_inputs(self.model.config, observed)))
+        return replace(self, model=self.model.restricted_to(used_inputs(self.model.config, observed)))
 
     @cached_property
     def inputs(self) -> ModelInputs:

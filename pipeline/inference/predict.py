@@ -21,7 +21,7 @@ from pipeline.inference.observation_file import RobotObservation, load_observati
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
-from pipeline.kernels.networks.network_configurations import WAYS
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.vertex_colors import foreground
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
@@ -239,7 +239,7 @@ def _of_object(
 ) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
     if reader.model.image == "any":
-        reader = replace(reader, model=reader.model.given(WAYS["occluded-touch"]))
+        reader = replace(reader, model=reader.model.restricted_to(INPUT_CHOICES["occluded-touch"]))
     model = reader.model
     seen = reader.of_object(data, object_id, chosen)
     made = model.reconstruct([seen])[0]

@@ -1,1 +1,1 @@
-"""Pure functions on arrays: they import nothing of ours but one another."""
+"""Pure functions on arrays: of the project's modules they import only each other and `errors`."""

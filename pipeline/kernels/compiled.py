@@ -18,7 +18,7 @@ def compiled(function: F) -> F:
     Parameters
     ----------
     function
-        The Python function, which `.py_func` of the compiled one is.
+        The Python function; the compiled one holds it as `.py_func`.
 
     Returns
     -------
@@ -28,7 +28,7 @@ def compiled(function: F) -> F:
     -----
     The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
 
-    `numba.guvectorize` is not for us: two processes that fill its cache at once leave files that crash whoever reads them (numba #10128).
+    `numba.guvectorize` is not used: two processes that fill its cache at once leave files that crash their readers (numba #10128).
     """
     try:
         return cast(F, numba.njit(error_model="numpy", cache=True)(function))

@@ -37,12 +37,12 @@ def network_input(images: Tensor, dtype: torch.dtype) -> Tensor:
 
 
 def check_intensities(name: str, images: Tensor) -> None:
-    """Refuse images whose values leave [0, 1], as those do that nobody divided by 255.
+    """Refuse images whose values leave [0, 1], such as images that were not divided by 255.
 
     Parameters
     ----------
     name
-        What the message calls the images.
+        Of the images in the message.
     images
         Any shape, floating.
 
@@ -62,7 +62,7 @@ def check_full_precision(name: str, values: Tensor) -> None:
     Parameters
     ----------
     name
-        What the message calls the values.
+        Of the values in the message.
     values
         Any shape.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import torch
 
-from pipeline.kernels.networks.network_configurations import WAYS, NetworkInputs
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, NetworkInputs
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
@@ -26,24 +26,24 @@ EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {
 """The networks of all families by name."""
 
 ROWS: Mapping[str, tuple[str, NetworkInputs]] = {
-    f"{name}-{way}": (name, config.given(inputs))
+    f"{name}-{way}": (name, config.restricted_to(inputs))
     for name, config in EVERY_CONFIGURATION.items()
     if config.image == "any"
-    for way, inputs in WAYS.items()
+    for way, inputs in INPUT_CHOICES.items()
 }
-"""Networks that take any inputs, as they are given these: `implicit-any-touch` is the network `implicit-any` with touches alone."""
+"""Networks that take any inputs, with each combination of them: `implicit-any-touch` is the network `implicit-any` with touches alone."""
 
 GRASP_CONFIGURATIONS = {name: config for name, config in EVERY_CONFIGURATION.items() if config.image != "rendering"}
-"""Those that are given grasps of an object, seen or felt; the others are given a rendering."""
+"""The networks whose inputs are grasps of an object, by image or touch; the input of the others is a rendering."""
 
 
 def network_of(configuration: str) -> str:
-    """Name the network that a configuration is trained as: its own name, but for the ways to use one that takes any inputs."""
+    """Name the network that a configuration uses: its own name, or that of the network that takes any inputs."""
     return ROWS[configuration][0] if configuration in ROWS else configuration
 
 
 def inputs_of(configuration: str) -> NetworkInputs:
-    """Look up what a configuration's network is given."""
+    """Look up the inputs of a configuration."""
     return ROWS[configuration][1] if configuration in ROWS else EVERY_CONFIGURATION[configuration]
 
 
@@ -55,9 +55,9 @@ def family_of(configuration: str) -> str:
 
 
 def model_name(configuration: str, training_seed: int = 0) -> str:
-    """Name the folder of a configuration's model, below a data directory, which holds further trainings below `models/seed-1` and so on."""
-    parts = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), network_of(configuration))
-    return "/".join(filter(None, parts))
+    """Name the folder of a configuration's model below a data directory; further trainings are below `models/seed-1` and so on."""
+    folders = ("models", f"seed-{training_seed}" if training_seed else "", family_of(configuration), network_of(configuration))
+    return "/".join(filter(None, folders))
 
 
 def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
@@ -66,7 +66,7 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
     Parameters
     ----------
     configuration
-        Its name, or a way to use it, of `ROWS`.
+        A key of `EVERY_CONFIGURATION` or `ROWS`.
     folder
         Written by its training.
     device
@@ -78,11 +78,11 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
         The folder holds no such network.
     """
     loaded = FAMILIES[family_of(configuration)](folder, device)
-    return loaded.given(inputs_of(configuration)) if configuration in ROWS else loaded
+    return loaded.restricted_to(inputs_of(configuration)) if configuration in ROWS else loaded
 
 
 def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
-    """Find the networks that were trained: by configuration, the folder below `models` that holds its record."""
+    """Find the trained networks: by configuration, the folder below `models` that holds its record."""
     names = (*EVERY_CONFIGURATION, *ROWS)
     folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in names}
     records = {folder: set(names_in(folder)) for folder in set(folders.values())}

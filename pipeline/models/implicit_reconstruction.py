@@ -16,7 +16,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor
 QUERIES = 2**12
 """Points whose distances are predicted at a time: their features stay in a processor's cache, a fifth faster than eight times as many."""
 MARGIN = 1.04
-"""The meshed cube reaches as many radii from the centre: beyond any object that was scaled to 0.5 m."""
+"""Half the side of the meshed cube, in radii: beyond any object that was scaled to 0.5 m."""
 HALVINGS = 3
 """Times that the spacing of the first predictions is halved, where the surface may be."""
 
@@ -29,25 +29,25 @@ class ImplicitReconstructor(Reconstructor):
     network: ImplicitNetwork
 
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
-        found = []
+        reconstructions = []
         for observation in observations:
             code = self.network.encode(**vars(self._batch([observation])))
             vertices, faces = self._mesh(code)
-            every = np.arange(len(vertices))
-            found.append(Reconstruction(vertices, faces, vision=len(vertices), position=every, side=self.config.side))
-        return found
+            position = np.arange(len(vertices))
+            reconstructions.append(Reconstruction(vertices, faces, vision=len(vertices), position=position, side=self.config.side))
+        return reconstructions
 
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Mesh the zeros of one item's distances; where nothing is inside, the places that are nearest to being so.
+        """Mesh the zeros of one item's distances; if no point is inside, a level set around the smallest distance.
 
-        Without an image, only the largest piece and those that were felt are kept: the others are guesses that exclude each other.
+        Without an image, only the largest piece and touched ones are kept: the others are guesses that exclude each other.
         """
         errors = self.network.errors_at_touches(code)
 
         def distances(points: NDArray[np.float64]) -> NDArray[np.float64]:
             queries = torch.from_numpy(points).to(code.overall)
-            parts = [self.network.decode_with_touches(code, part[None], errors)[0] for part in torch.split(queries, QUERIES)]
-            return np.asarray(torch.cat(parts).double().cpu().numpy())
+            blocks = [self.network.decode_with_touches(code, block[None], errors)[0] for block in torch.split(queries, QUERIES)]
+            return np.asarray(torch.cat(blocks).double().cpu().numpy())
 
         config = self.network.config
         centre, reach, spacing = np.array(config.centre), MARGIN * config.radius, config.spacing
@@ -59,11 +59,11 @@ class ImplicitReconstructor(Reconstructor):
             halvings=HALVINGS,
             dense_points=self.network.touched_points(code),
             dense_radius=config.touch_reach,
-            loose_pieces=len(code.seen) > 0,
+            loose_pieces=len(code.with_image) > 0,
         )
         if len(faces):
             return vertices, faces
         coarse = 4 * spacing  # this surface is a guess, and needs no detail
         grid = np.stack(np.meshgrid(*(np.arange(low, high, coarse) for low, high in zip(*box, strict=True)), indexing="ij"), axis=-1)
-        least = distances(grid.reshape(-1, 3)).min() + 1e-9
-        return level_set_mesh(lambda points: distances(points) - least, *box, coarse, halvings=0)
+        lowest = distances(grid.reshape(-1, 3)).min() + 1e-9
+        return level_set_mesh(lambda points: distances(points) - lowest, *box, coarse, halvings=0)

@@ -1,4 +1,4 @@
-"""A trained network on disk: weights as safetensors (no pickles), and beside them, as JSON, the description that their use needs."""
+"""A trained network on disk: weights as safetensors (no pickles), and a description of the network as JSON."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.formats.file_content import read_file, regular_stat
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
 MAX_BYTES = 2**20
-"""Of a description."""
+"""Largest size of a description."""
 
 D = TypeVar("D", bound=BaseModel)
 N = TypeVar("N", bound=nn.Module)
@@ -37,7 +37,7 @@ def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) 
         Its sizes, sensor, …, which are written as JSON.
     """
     weights = {name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}
-    (folder / WEIGHTS).write_bytes(save(weights))  # whose errors name the disk, unlike those of `save_file`
+    (folder / WEIGHTS).write_bytes(save(weights))  # its errors name the disk, unlike those of `save_file`
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
 
 
@@ -52,7 +52,7 @@ def read_description(folder: Path, kind: type[D]) -> D:
 
 
 def read_weights(folder: Path) -> dict[str, Tensor]:
-    """Read the weights that `save_model` wrote; a `StoreError` where there are none that can be read."""
+    """Read the weights that `save_model` wrote; raise a `StoreError` if they cannot be read."""
     try:
         regular_stat(folder / WEIGHTS)
         return load_file(folder / WEIGHTS)
@@ -61,7 +61,7 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
 
 
 def load_network(folder: Path, make: Callable[[], N], device: torch.device | str) -> N:
-    """Load a network for evaluation; it takes memory only if its weights fit.
+    """Load a network for evaluation; memory is allocated only if its weights fit.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
     weights = read_weights(folder)
     with torch.device("meta"):  # shapes without memory
         network = make()
-    wanted, stored = ({name: tuple(value.shape) for name, value in state.items()} for state in (network.state_dict(), weights))
-    if differing := sorted(name for name in wanted.keys() | stored.keys() if wanted.get(name) != stored.get(name)):
+    expected, stored = ({name: tuple(value.shape) for name, value in state.items()} for state in (network.state_dict(), weights))
+    if differing := sorted(name for name in expected.keys() | stored.keys() if expected.get(name) != stored.get(name)):
         name = differing[0]
         raise unusable(
             folder,
             f"{len(differing)} arrays of {WEIGHTS} differ from {DESCRIPTION}, {name} first: "
-            f"{stored.get(name, 'missing')}, not {wanted.get(name, 'there')}",
+            f"{stored.get(name, 'missing')}, not {expected.get(name, 'there')}",
         )
     network = network.to_empty(device=device)
     network.load_state_dict(weights)
@@ -94,5 +94,5 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
 
 
 def unusable(folder: Path, why: object) -> StoreError:
-    """Make the error that a folder's network cannot be used."""
+    """Make the error for a folder whose network cannot be used."""
     return StoreError(f"{folder} holds no trained model that can be used ({why}); delete it, and run the stage that trains it")

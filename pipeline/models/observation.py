@@ -29,7 +29,7 @@ class Observation:
     touched
         (T,) bool: whether the chart is that of a successful touch.
     camera
-        (3, 4) projection matrix of world points, m, to pixels of the image, where it is not the training's.
+        (3, 4) projection matrix of world points, m, to pixels of the image, if it is not the training's.
     """
 
     image: np.ndarray | None
@@ -63,7 +63,7 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     grasps
         Grasps whose charts are given; the image is the first camera's of the first. Or a viewpoint.
     config
-        The network's inputs; of one that takes any, those that it is given here.
+        The network's inputs; for a network that takes any, those of this observation.
     """
     image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
     if not config.touch:
@@ -100,7 +100,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     config
         The network's inputs. If it takes any image, items may have none: these get black ones, and zeros for a camera.
     camera
-        The projection matrix (3, 4) of images that have none of their own; None where each has its own.
+        The projection matrix (3, 4) of images without their own; None if each has its own.
     like
         A tensor of the network.
 
@@ -114,29 +114,36 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     if not observations:
         raise ValueError("observations is empty; give at least one")
     images = None
-    pictures = [seen.image for seen in observations if seen.image is not None]
+    pictures = [observation.image for observation in observations if observation.image is not None]
     if config.image == "any" and 0 < len(pictures) < len(observations):
         blank, nowhere = np.zeros_like(pictures[0]), np.zeros((3, 4))
         own_camera = nowhere if camera is None else camera.cpu().numpy()
         observations = [
-            replace(seen, image=blank, camera=nowhere) if seen.image is None else replace(seen, camera=_first(seen.camera, own_camera))
-            for seen in observations
+            replace(observation, image=blank, camera=nowhere)
+            if observation.image is None
+            else replace(observation, camera=_first(observation.camera, own_camera))
+            for observation in observations
         ]
-        pictures = [seen.image for seen in observations if seen.image is not None]
+        pictures = [observation.image for observation in observations if observation.image is not None]
     if config.image is not None and (pictures or config.image != "any"):
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
             raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
-        if any(seen.camera is not None for seen in observations):
-            own = [camera if seen.camera is None else torch.tensor(seen.camera, device=like.device) for seen in observations]
-            camera = torch.stack([matrix for matrix in own if matrix is not None])
+        if any(observation.camera is not None for observation in observations):
+            cameras = [
+                camera if observation.camera is None else torch.tensor(observation.camera, device=like.device)
+                for observation in observations
+            ]
+            camera = torch.stack([matrix for matrix in cameras if matrix is not None])
         images = network_input(torch.from_numpy(np.stack(pictures)).to(like.device), like.dtype)
-    if not config.touch or not any(len(felt.touched) for felt in observations):
-        none = like.new_zeros(0, config.side**2, 3)
-        return NetworkBatch(images, camera, none, none.new_zeros(0, dtype=torch.bool), [0] * len(observations))
-    touch_vertices = torch.from_numpy(np.concatenate([felt.touch_vertices for felt in observations if len(felt.touched)])).to(like)
-    touched = torch.from_numpy(np.concatenate([felt.touched for felt in observations])).to(like.device)
-    return NetworkBatch(images, camera, touch_vertices, touched, [len(felt.touched) for felt in observations])
+    if not config.touch or not any(len(observation.touched) for observation in observations):
+        no_charts = like.new_zeros(0, config.side**2, 3)
+        return NetworkBatch(images, camera, no_charts, no_charts.new_zeros(0, dtype=torch.bool), [0] * len(observations))
+    touch_vertices = torch.from_numpy(
+        np.concatenate([observation.touch_vertices for observation in observations if len(observation.touched)])
+    ).to(like)
+    touched = torch.from_numpy(np.concatenate([observation.touched for observation in observations])).to(like.device)
+    return NetworkBatch(images, camera, touch_vertices, touched, [len(observation.touched) for observation in observations])
 
 
-def _first(own: np.ndarray | None, common: np.ndarray) -> np.ndarray:
-    return common if own is None else own
+def _first(camera: np.ndarray | None, default: np.ndarray) -> np.ndarray:
+    return default if camera is None else camera

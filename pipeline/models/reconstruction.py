@@ -53,7 +53,7 @@ class Reconstruction:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it is one mesh, as implicit networks make it, in place of charts: none of its vertices coincided with another one."""
+        """Whether it is one mesh, as of implicit networks, instead of charts: no two of its vertices have one position."""
         return len(self.position) == len(np.unique(self.position))
 
 
@@ -121,10 +121,10 @@ class Reconstructor(ABC):
         self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
         self.resolution, self.background = description.resolution, description.background
 
-    def given(self, inputs: NetworkInputs) -> Self:
-        """Make a reconstructor of the same network, which takes any inputs, that is given these."""
+    def restricted_to(self, inputs: NetworkInputs) -> Self:
+        """Make a reconstructor with the same network, which takes any inputs, and these inputs."""
         restricted = copy.copy(self)
-        restricted.config = self.config.given(inputs)
+        restricted.config = self.config.restricted_to(inputs)
         restricted.image, restricted.touch = restricted.config.image, restricted.config.touch
         return restricted
 
@@ -154,32 +154,37 @@ class Reconstructor(ABC):
         return batch
 
 
-def join_vision_charts(made: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def join_vision_charts(reconstruction: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Join the vision charts to one closed surface: vertices (P, 3), one per distinct position, m, and faces (F, 3)."""
-    position = made.position
+    position = reconstruction.position
     count = np.bincount(position)
-    vertices = np.stack([np.bincount(position, weights=axis) for axis in made.vertices[: made.vision].T], axis=1) / count[:, None]
-    return vertices, position[made.faces[(made.faces < made.vision).all(axis=1)]]
+    vertices = (
+        np.stack([np.bincount(position, weights=axis) for axis in reconstruction.vertices[: reconstruction.vision].T], axis=1)
+        / count[:, None]
+    )
+    return vertices, position[reconstruction.faces[(reconstruction.faces < reconstruction.vision).all(axis=1)]]
 
 
 def close_reconstruction(
-    made: Reconstruction, resolution: int = RESOLUTION, given: Observation | None = None
+    reconstruction: Reconstruction, resolution: int = RESOLUTION, observation: Observation | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`.
 
     Parameters
     ----------
-    made
+    reconstruction
         The reconstruction.
     resolution
         Cells per side of the grid.
-    given
+    observation
         The observation whose touch charts are used, for an implicit network, whose reconstructions hold none.
 
     Returns
     -------
     Vertices (V, 3), m, and faces (F, 3).
     """
-    _, faces = chart_square(made.side)
-    charts = made.vertices[made.vision :] if given is None else given.touch_vertices[given.touched]
-    return closed_surface(*join_vision_charts(made), charts.reshape(-1, made.side**2, 3), faces.numpy(), resolution=resolution)
+    _, faces = chart_square(reconstruction.side)
+    charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
+    return closed_surface(
+        *join_vision_charts(reconstruction), charts.reshape(-1, reconstruction.side**2, 3), faces.numpy(), resolution=resolution
+    )

@@ -1,4 +1,4 @@
-"""Networks that ship with the package: models as trainings fill a folder with them, and one per calibrated sensor; each has a card."""
+"""Networks that ship with the package: models in the layout of a training, and one per calibrated sensor; each has a card."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
 SENSORS = "sensors"
 """Folder below `SHIPPED` of the networks that read photographs, by their sensor's name. `make sensor-weights` fills it."""
 DEFAULT = "implicit-any"
-"""The network that reconstructs where none is named."""
+"""The network that reconstructs if none is named."""
 CARD = "{}.card.yaml"
 MAX_BYTES = 2**16
-"""Of a card."""
+"""Largest size of a card."""
 
 
 class _Entry(BaseModel):
@@ -45,7 +45,7 @@ class Error(_Entry):
 
 
 class SensorError(_Entry):
-    """Mean errors of the depth that a network reads in images of balls; of the shape alone where nobody knows how deep a ball is.
+    """Mean errors of the depth that a network reads in images of balls; of the shape alone if the depth of a ball is not known.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class SensorError(_Entry):
 
 
 class SensorCard(_Entry):
-    """What a shipped network that reads a sensor's photographs is.
+    """The card of a shipped network that reads a sensor's photographs.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class SensorCard(_Entry):
     commit, command
         Which code trained it, and how.
     errors
-        By the images that it has not seen: simulated ones and, if they were there, photographs.
+        By kind of images that it was not trained on: simulated ones and, if available, photographs.
     not_for
         What it is not for.
     """
@@ -93,7 +93,7 @@ class SensorCard(_Entry):
 
 
 class ModelCard(_Entry):
-    """What a shipped network is.
+    """The card of a shipped network.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class ModelCard(_Entry):
     commit, command
         Which code trained it, and how.
     errors
-        Of objects that it has not seen: by row of the tables (what it was given), and by class; `all` is every object.
+        Of objects that it was not trained on: by row of the tables (its inputs), and by class; `all` is every object.
     not_for
         What it is not for.
     """
@@ -120,7 +120,7 @@ class ModelCard(_Entry):
 
 
 def shipped_models() -> Path:
-    """Find the folder of the networks that ship; a `StageError` if this version has none."""
+    """Find the folder of the networks that ship; raise a `StageError` if this version has none."""
     if not trained_models(SHIPPED):
         raise StageError(
             "no network ships with this version of vt-pipeline: name a folder of models with --models, or a data directory with --data"
@@ -141,7 +141,7 @@ def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
 
 
 def read_card(configuration: str, models: Path = SHIPPED) -> ModelCard:
-    """Read the card of a shipped network; a `StoreError` if there is none, or it cannot be used."""
+    """Read the card of a shipped network; raise a `StoreError` if there is none, or it cannot be used."""
     path = card_path(models, configuration)
     try:
         return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))

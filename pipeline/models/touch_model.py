@@ -31,9 +31,9 @@ UNTOUCHED = "untouched.png"
 IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
 SIDES_TOLERANCE = 0.03
-"""By which the sides of photographs may differ from the sensor's: pixels that are not quite square."""
+"""Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
 SAME_SENSOR = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
-"""What two descriptions of one sensor have in common, whatever their pixels, gel and background."""
+"""Fields that are equal in all descriptions of one sensor, whatever their pixels, gel and background."""
 MM = 1e3
 
 
@@ -55,7 +55,7 @@ class _Description(BaseModel):
 def save_touch_model(
     folder: Path, network: UNet | LocalNetwork, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float | None = None
 ) -> None:
-    """Write a trained network with all that its users need.
+    """Write a trained network with its sensor and untouched image.
 
     Parameters
     ----------
@@ -69,27 +69,27 @@ def save_touch_model(
         Of a U-Net: squared difference of colours above which a pixel touches, see `contact_mask`.
     """
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
-    described = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
-    own = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
-    save_model(folder, network, described | own)
+    description = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
+    kind = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
+    save_model(folder, network, description | kind)
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
     """Load the network that `train-unet` or `train-touch` saved in `folder`; raise a `StoreError` if it is missing."""
-    described = read_description(folder, _Description)
-    kind = LocalNetwork if described.network == "local" else UNet
-    network: nn.Module = load_network(folder, lambda: kind(described.width), device)
+    description = read_description(folder, _Description)
+    kind = LocalNetwork if description.network == "local" else UNet
+    network: nn.Module = load_network(folder, lambda: kind(description.width), device)
     try:
         untouched = read_image(folder / UNTOUCHED)
     except InvalidInput as error:
         raise unusable(folder, error) from error
-    if untouched.shape[:2] != described.sensor.shape:
-        raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {described.sensor.shape}")
+    if untouched.shape[:2] != description.sensor.shape:
+        raise unusable(folder, f"{UNTOUCHED} has {untouched.shape[:2]} pixels, its sensor {description.sensor.shape}")
     if isinstance(network, LocalNetwork):
-        return LocalTouchModel(network, described.sensor, untouched)
+        return LocalTouchModel(network, description.sensor, untouched)
     assert isinstance(network, UNet)
-    assert described.mask_threshold is not None
-    return UnetTouchModel(network, described.sensor, untouched, described.mask_threshold)
+    assert description.mask_threshold is not None
+    return UnetTouchModel(network, description.sensor, untouched, description.mask_threshold)
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class TouchModel(ABC):
     def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
         """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `maps`."""
         depth, mask = self.maps(images)
-        seen = resample(self.sensor, *depth.shape[1:])
-        return [masked_points(*maps, seen) for maps in zip(depth, mask, strict=True)]
+        sensor = resample(self.sensor, *depth.shape[1:])
+        return [masked_points(*maps, sensor) for maps in zip(depth, mask, strict=True)]
 
     @abstractmethod
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise `InvalidInput` where `sensor` is not the one of the tactile images that the network was trained on."""
+        """Raise an `InvalidInput` if the network was trained on another sensor's tactile images."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class UnetTouchModel(TouchModel):
         return depth, contact_mask(torch.tensor(images), torch.tensor(self.untouched), self.mask_threshold).numpy()
 
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise `InvalidInput` where the sensor is another one."""
+        """Raise an `InvalidInput` if the sensor is another one."""
         if sensor != self.sensor:
             raise InvalidInput(
                 f"the U-Net knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-unet on these"
@@ -173,7 +173,7 @@ class UnetTouchModel(TouchModel):
 
 
 class GelReading(NamedTuple):
-    """What a local network reads: (N, H, W) float32 indentation of the gel, m, and its contact."""
+    """The reading of a local network: (N, H, W) float32 indentation of the gel, m, and its contact."""
 
     indentation: NDArray[np.float32]
     contact: NDArray[np.bool_]
@@ -181,7 +181,7 @@ class GelReading(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalTouchModel(TouchModel):
-    """A local network, for images of its sensor with any number of pixels: it reads them with the pixels that it was trained on."""
+    """A local network, for images of its sensor with any number of pixels: they are resampled to those of its training."""
 
     network: LocalNetwork
 
@@ -193,7 +193,7 @@ class LocalTouchModel(TouchModel):
         images
             (N, H, W, 3) uint8.
         untouched
-            (H, W, 3) uint8, the photograph with nothing in the gel of the same day; by default the model's own.
+            (H, W, 3) uint8, a photograph of the same day with nothing in the gel; by default the model's own.
 
         Returns
         -------
@@ -202,37 +202,37 @@ class LocalTouchModel(TouchModel):
         Raises
         ------
         InvalidInput
-            The images are not uint8 colours, have not the sides of the sensor, or `untouched` has other pixels.
+            The images are not uint8 colours, have another aspect ratio than the sensor, or `untouched` has other pixels.
         """
         self._check(images, untouched)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
-        parts = []
+        batches = []
         with torch.inference_mode():
-            rest = self._seen(self.untouched if untouched is None else untouched, parameter)
-            for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # none is a batch too
-                change = without_drift(self._seen(images[first : first + IMAGES_AT_ONCE], parameter) - rest)
+            untouched_levels = self._resized(self.untouched if untouched is None else untouched, parameter)
+            for first in range(0, max(len(images), 1), IMAGES_AT_ONCE):  # an empty batch is read too
+                change = without_drift(self._resized(images[first : first + IMAGES_AT_ONCE], parameter) - untouched_levels)
                 shape = self.network(change, position, pitch)
                 maps = torch.stack([shape.depth.clamp(min=0) / MM, shape.contact], dim=1)
-                parts.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
-        depth, contact = torch.cat(parts).unbind(dim=1)
+                batches.append(interpolate(maps, size=images.shape[1:3], mode="bilinear").cpu())
+        depth, contact = torch.cat(batches).unbind(dim=1)
         return GelReading(depth.float().numpy(), (contact > 0).numpy())
 
     def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Predict the depth D, of the gel at rest less its indentation, and find the contact."""
         reading = self.read(images)
-        rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
-        return np.maximum(rest - reading.indentation, 0).astype(np.float32), reading.contact
+        gel_at_rest = gel_surface(resample(self.sensor, *images.shape[1:3]))
+        return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
 
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise `InvalidInput` where the sensor is another one, but for its number of pixels and how its gel gives way."""
+        """Raise an `InvalidInput` if the sensor is another one; its number of pixels and its gel's softness may differ."""
         if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SAME_SENSOR):
             raise InvalidInput(
                 f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-touch for it"
             )
 
-    def _seen(self, images: np.ndarray, parameter: Tensor) -> Tensor:
+    def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:
         """Average (…, H, W, 3) images to the network's pixels: (B, 3, rows, cols), levels."""
         levels = (
             torch.tensor(np.ascontiguousarray(images), device=parameter.device)
@@ -250,10 +250,10 @@ class LocalTouchModel(TouchModel):
         self.check_sides(images.shape[1], images.shape[2])
 
     def check_sides(self, rows: int, cols: int) -> None:
-        """Raise an `InvalidInput` where images of this many pixels are wider or higher than the sensor is."""
-        given, own = cols / rows, self.sensor.width / self.sensor.height
-        if abs(given / own - 1) > SIDES_TOLERANCE:
+        """Raise an `InvalidInput` if the aspect ratio of images with so many pixels is not the sensor's."""
+        aspect, expected = cols / rows, self.sensor.width / self.sensor.height
+        if abs(aspect / expected - 1) > SIDES_TOLERANCE:
             raise InvalidInput(
-                f"photographs of {rows} x {cols} pixels are {given:.3g} times as wide as high, sensor {self.sensor.name} is {own:.3g}: "
-                "crop them to what the sensor file describes"
+                f"photographs of {rows} x {cols} pixels are {aspect:.3g} times as wide as high, sensor {self.sensor.name} is "
+                f"{expected:.3g}: crop them to what the sensor file describes"
             )

@@ -1,4 +1,4 @@
-"""Objects as convex parts, for engines that know no concave shapes: coacd's decomposition, kept in a cache."""
+"""Objects as convex parts, for engines without concave shapes: coacd's decomposition, kept in a cache."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.store.storage import temporary
 
 THRESHOLD = 0.05
-"""Concavity of a part, as a share of the object's size, that is left as it is (Wei et al. 2022): coacd's default."""
+"""Largest concavity of a part, as a share of the object's size (Wei et al. 2022): coacd's default."""
 
 
 def convex_parts(mesh: Mesh) -> list[NDArray[np.float64]]:
@@ -27,7 +27,7 @@ def convex_parts(mesh: Mesh) -> list[NDArray[np.float64]]:
 
     Returns
     -------
-    Of each part its vertices (N, 3), m, whose convex hull it is. A file below `XDG_CACHE_HOME`, named by the mesh's content, keeps them.
+    The vertices (N, 3), m, of each part, which is their convex hull. They are cached below `XDG_CACHE_HOME` by the mesh's hash.
 
     Raises
     ------

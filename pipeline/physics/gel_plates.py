@@ -1,4 +1,4 @@
-"""Gels as physics has them: plates on springs, which slide along the sensor's normal from its plane to the gel's surface."""
+"""Gels in physics: plates on springs, which slide along the sensor's normal from its plane to the gel's surface."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ with 2 N."""
 GEL_MASS = 0.02
 """kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow."""
 DAMPING = 0.25
-"""Of that spring, as a share of the critical one."""
+"""Damping of that spring, as a share of the critical damping."""
 
 OVERLAP = 1e-4
-"""m that a plate begins in the object: of two flat faces that only meet engines find no contact, and the spring drives one into the other
-by 3 mm in its first step."""
+"""m by which a plate starts in the object: engines find no contact between two flat faces that only meet, and the spring would drive one
+into the other by 3 mm in its first step."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def gel_spring(sensor: Sensor, contact: Contact | None, *, friction: float, marg
     Notes
     -----
     In the contact it presses as an elastic layer does (Winkler's foundation: pressure = modulus * indentation / thickness). Where the
-    plate's way from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
+    plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
     Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
     """
     if contact is None:

@@ -1,4 +1,4 @@
-"""Tests of grasps: under which accelerations an object must stay, in which motion of the fingers, and how far it may move."""
+"""Tests of grasps: the accelerations under which an object must stay, the motion of the fingers, and how far the object may move."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ class GraspTest:
         return all(self.holds_against(test, grasp, direction) for direction in self.directions)
 
     def holds_against(self, test: HoldTest, grasp: StoredGrasp, direction: Sequence[float]) -> bool:
-        """Tell whether it holds while the acceleration acts along a unit vector."""
+        """Tell whether a grasp holds while the acceleration acts along a unit vector."""
         motion = test.hold(
             grasp,
             closes=self.closes,
-            acceleration=[self.acceleration * part for part in direction],
+            acceleration=[self.acceleration * component for component in direction],
             seconds=self.seconds,
             limit=self.moved,
-            whole=np.isfinite(self.turned),  # how far it turns is known in the end only
+            whole=np.isfinite(self.turned),  # the turn is known only at the end
         )
         return motion.moved <= self.moved and motion.turned <= self.turned and motion.penetration <= self.penetration
 
@@ -78,6 +78,6 @@ GRASP_TESTS = {
         penetration=0.01,
     ),
 }
-"""`lift`: the weight alone. `six-directions`: it along each axis, 0.2 kg with the hand's friction, or, `-easy`, 0.1 kg with friction 1.
-`dexgraspbench`: the force-closure test of DexGraspBench (Chen et al. 2024, `fc_mocap.py`), but for the springs in our gels, and for
-fingers that feel the acceleration too."""
+"""`lift`: the weight alone. `six-directions`: the weight along each axis, 0.2 kg with the hand's friction; `-easy`: 0.1 kg with friction 1.
+`dexgraspbench`: the force-closure test of DexGraspBench (Chen et al. 2024, `fc_mocap.py`), except that our gels have springs, and that the
+acceleration acts on the fingers too."""

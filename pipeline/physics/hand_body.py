@@ -15,9 +15,9 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3
-"""Share of the remaining way that a position motor asks for in one step: closes 0.3 rad to within 1e-4 in about 25 steps."""
+"""Share of the remaining distance that a position motor covers in one step: it closes 0.3 rad to within 1e-4 in about 25 steps."""
 GEAR_FORCE = 1000.0
-"""N m (N), with which a joint is held to the one that it follows: as rigid as a gear."""
+"""N m (N), with which a joint is held to its leader: as rigid as a gear."""
 GEAR_ERP, CHAIN_ERP = 0.5, 5.0
 """Correction of a gear's error, of which Bullet takes a fifth per step: between two branches; and in one chain, all of it at once.
 
@@ -25,16 +25,16 @@ At a tenth per step, a joint that follows one further up its own finger sags und
 HULL_MARGIN = 0.001
 """m by which Bullet thickens the convex shapes of a URDF."""
 GEAR_SLACK = 0.01
-"""rad that a following joint may be off where the fingers rest: 0.5 mm at the end of 50 mm."""
+"""rad by which a following joint may be off when the fingers rest: 0.5 mm at the end of 50 mm."""
 SLIDE = 10.0
-"""rad/m, by which ways and speeds of prismatic joints are compared with those of others: a turn carries what is 0.1 m away as far."""
+"""rad/m, by which motions of prismatic joints are compared with rotations: a point 0.1 m from the axis moves as far."""
 
 
 class HandBody:
     """A hand that a client has loaded; `links` are PyBullet's numbers of the hand's links, `motors` those of its joint vector."""
 
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
-        """Load a URDF that `write_physics_urdf` wrote, which may have got further links."""
+        """Load a URDF from `write_physics_urdf`, to which links may have been added."""
         self.client, self.hand = client, hand
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
@@ -50,7 +50,7 @@ class HandBody:
         self._followers = [self._couple(number) for number in range(len(hand.followers))]
 
     def _couple(self, number: int) -> int:
-        """Hold a joint that follows another one to it, as a gear does; its number."""
+        """Couple a following joint to its leader, as a gear does; return its number."""
         follower = self.hand.followers[number]
         leader: int = self.motors[follower.entry]
         joint: int = self.links[follower.link]
@@ -91,7 +91,7 @@ class HandBody:
         self.drive(target)
 
     def drive(self, target: NDArray[np.float64]) -> None:
-        """Give the motors other targets (J,), rad."""
+        """Set the targets (J,) of the motors, rad."""
         self.client.setJointMotorControlArray(
             self.body,
             self.motors,
@@ -108,10 +108,10 @@ class HandBody:
         return np.array([state[0] for state in states]), max(speeds)
 
     def gears_hold(self, angles: NDArray[np.float64]) -> bool:
-        """Return whether every joint that follows another one is where that puts it."""
+        """Return whether every following joint is where its leader puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
-            off = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
-            if abs(off) * _weight(self.hand, follower.link) > GEAR_SLACK:
+            error = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)
+            if abs(error) * _weight(self.hand, follower.link) > GEAR_SLACK:
                 return False
         return True
 
@@ -122,5 +122,5 @@ def _weight(hand: Hand, link: int) -> float:
 
 @lru_cache(maxsize=4)
 def _untested_pairs(hand: Hand) -> frozenset[tuple[int, int]]:
-    """Pairs of links that may touch, and those that lie so close side by side that their hulls would push them apart."""
+    """Find the pairs of links that may touch, or lie so close side by side that their hulls would push them apart."""
     return hand.allowed_contacts | close_links(hand, collision_boxes(hand), 2 * HULL_MARGIN).keys()

@@ -1,4 +1,4 @@
-"""The hold test, the door to an engine that tests grasps: an object that is freed in the hand, and how far it moves."""
+"""The hold test, the interface of engines that test grasps: an object is freed in the hand, and its motion recorded."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ DOWN = (0.0, 0.0, GRAVITY)
 class HoldTest(AbstractContextManager["HoldTest"]):
     """A hand that is fixed in the world and an object that is free, in a physics engine; `engines.hold_test` opens one.
 
-    Each gel is a plate on a spring (`gel_spring`), which touches the object where the tactile image has it nearest. A gel that does not
-    touch is drawn in; rigid links are as in the grasp. Motors hold the posture with no more than the hand's torque.
+    Each gel is a plate on a spring (`gel_spring`), which touches the object at its nearest point in the tactile image. A gel without
+    contact is retracted; rigid links are as in the grasp. Motors hold the posture with at most the hand's torque.
 
     Parameters
     ----------
@@ -40,8 +40,8 @@ class HoldTest(AbstractContextManager["HoldTest"]):
         contact's area for gels, and none for links.
     """
 
-    look: float
-    """s between two looks at the object."""
+    look_interval: float
+    """Time between two looks at the object, s."""
 
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
@@ -87,11 +87,11 @@ class HoldTest(AbstractContextManager["HoldTest"]):
         acceleration
             (3,) of gravity on the object and the hand's links, world, m/s².
         seconds
-            How long at most: an object that rests ends the test.
+            Longest duration: the test ends early when the object rests.
         limit
             m that the object's centre may move; beyond, the test ends early.
         whole
-            Whether to go on where the object is so slow that it cannot reach the limit any more; then the way in the end is known.
+            Whether to continue when the object is too slow to reach the limit; then its final motion is known.
 
         Notes
         -----
@@ -106,17 +106,17 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._step(CLOSING_SECONDS / CLOSING_STAGES)
         self._accelerate(acceleration)
         self._drive(grasp.squeeze)
-        looks = round(seconds / self.look)
-        track = Track(start, self._joint_angles(), limit=limit, interval=self.look, looks=looks, whole=whole)
+        looks = round(seconds / self.look_interval)
+        track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval, looks=looks, whole=whole)
         for _ in range(looks):
-            self._step(self.look)
+            self._step(self.look_interval)
             if track.ends(self._object_pose(), self._joint_angles()):
                 break
         return track.motion(penetration)
 
     @abstractmethod
     def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
-        """Put hand, gels and object to where a test begins; how deep the hand is in the object, m."""
+        """Place hand, gels and object for the start of a test; return the penetration of the hand into the object, m."""
 
     @abstractmethod
     def _accelerate(self, acceleration: Sequence[float]) -> None:
@@ -124,7 +124,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
 
     @abstractmethod
     def _drive(self, posture: NDArray[np.float64]) -> None:
-        """Set what the motors drive to (J,), rad."""
+        """Set the targets (J,) of the motors, rad."""
 
     @abstractmethod
     def _step(self, seconds: float) -> None:
@@ -132,8 +132,8 @@ class HoldTest(AbstractContextManager["HoldTest"]):
 
     @abstractmethod
     def _joint_angles(self) -> NDArray[np.float64]:
-        """(J,) rad."""
+        """Read the joint angles, (J,) rad."""
 
     @abstractmethod
     def _object_pose(self) -> NDArray[np.float64]:
-        """(7,) centre, m, and quaternion of the object; NaN where the engine met numbers that it could not use."""
+        """Read the centre, m, and quaternion of the object, (7,); NaN after a numerical failure of the engine."""

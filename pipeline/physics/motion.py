@@ -1,4 +1,4 @@
-"""How an object that was freed in a grasp and the hand move, and how the hand closes on it."""
+"""The motion of a freed object and of the hand that grasps it, and the path on which the hand closes."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.geometry.transforms import length
 
 RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
-"""An object rests when its pose, m and quaternion, changes by less in so many looks, a quarter of a second; what slides accelerates.
-Of 50 grasps of ten objects, the rest of the second moves none by 0.1 mm."""
+"""An object rests when its pose, m and quaternion, changes by less in this number of looks, a quarter of a second; a sliding object
+accelerates. In 50 grasps of ten objects, none moved by 0.1 mm in the remaining time."""
 SAFETY, SURE_TURN = 5, 0.05
-"""An object that creeps is sure to stay where so many times what it would move on in the remaining time, at the speed of the last quarter
-of a second, leaves it within the limit, and turns it by less, as a change of a quaternion (6°): then the rest is not simulated."""
+"""A creeping object is sure to stay if `SAFETY` times its motion in the remaining time, at the speed of the last quarter second, leaves it
+within the limit, and turns it by less than `SURE_TURN`, as a change of a quaternion (6°): then the remaining time is not simulated."""
 CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4
-"""Targets that the motors are given from one posture to the next where a hand closes, and the time that takes, as in DexGraspBench."""
+"""Motor targets from one posture to the next when a hand closes, and the time that this takes, as in DexGraspBench."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How an object that was freed in a grasp and the hand have moved.
+    """The motion of an object that was freed in a grasp, and of the hand.
 
     Attributes
     ----------
     moved, turned
-        Way of the object's centre, m, and angle of its turn, rad, in the end; infinite where the engine's numbers overflow.
+        Final displacement of the object's centre, m, and its rotation angle, rad; infinite if the engine's numbers overflow.
     penetration
         How deep the hand was in the object at the start, by the engine's shapes, m: in PyBullet's surface, only what crosses it counts.
     poses
@@ -49,7 +49,7 @@ class Motion:
 
 
 class Track:
-    """The poses (7,) of an object that was freed, and the joint angles (J,) of the hand, looked at every `interval`, s, `looks` times."""
+    """Record the poses (7,) of a freed object and the joint angles (J,) of the hand every `interval`, s, `looks` times."""
 
     def __init__(
         self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float, looks: int, whole: bool
@@ -58,11 +58,11 @@ class Track:
         self.limit, self.interval, self.looks, self.whole = limit, interval, looks, whole
 
     def ends(self, pose: NDArray[np.float64], angles: NDArray[np.float64]) -> bool:
-        """Add a look, and tell whether the object is beyond the limit, or rests, or, unless `whole`, is too slow to get there in time."""
+        """Add a look, and tell whether the object is beyond the limit, rests or, unless `whole`, is too slow to reach the limit in time."""
         self.poses.append(pose)
         self.angles.append(angles)
         moved = length(pose[:3] - self.poses[0][:3])
-        if not moved <= self.limit:  # where it is not a number, either
+        if not moved <= self.limit:  # NaN ends the test, too
             return True
         if len(self.poses) <= RESTING_LOOKS:
             return False
@@ -78,8 +78,8 @@ class Track:
         moved = turned = np.inf
         if np.isfinite(last).all():
             # of unit quaternions, which have two signs
-            apart = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
-            moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(apart / 2, 1.0)))
+            difference = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
+            moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(difference / 2, 1.0)))
         return Motion(moved, turned, penetration, np.array(self.poses), np.array(self.angles), self.interval)
 
 

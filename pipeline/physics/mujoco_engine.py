@@ -25,15 +25,15 @@ from pipeline.physics.hold_test import HoldTest
 from pipeline.store.temporary import temporary_folder
 
 TIMESTEP = 0.002
-"""s; at 1/240 s with a gain that is stable there, fingers sag and drop what they hold."""
+"""s; at 1/240 s with a gain that is stable there, fingers sag and drop the object."""
 GAIN = {"revolute": 100.0, "continuous": 100.0, "prismatic": 1e5}
 """N m/rad and N/m of a motor: 0.7 N m at 7 mrad, 20 N at 0.2 mm."""
 ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
-"""kg m² and kg of a motor's rotor as its joint feels it; without, a light fingertip swings on such a gain faster than the steps."""
+"""kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
 HAND, GEL = 1, 2
-"""Bits of what collides: links with links, both with the object, gels with nothing of the hand."""
+"""Collision bits: links collide with links, links and gels with the object, gels with no part of the hand."""
 
 
 class MujocoHoldTest(HoldTest):
@@ -45,7 +45,7 @@ class MujocoHoldTest(HoldTest):
         MuJoCo is not installed.
     """
 
-    look = 0.02
+    look_interval = 0.02
 
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
@@ -55,7 +55,7 @@ class MujocoHoldTest(HoldTest):
         self._spec = self._hand_spec(self.opened.enter_context(temporary_folder()))
 
     def _hand_spec(self, folder: Path) -> Any:
-        """Describe the hand to MuJoCo; what it loads reads meshes in the folder."""
+        """Make MuJoCo's description of the hand, which reads meshes in the folder."""
         mujoco, hand = self.mujoco, self.hand
         urdf = write_physics_urdf(hand, folder)
         add_gel_plates(urdf, hand, self.sensors)
@@ -96,9 +96,9 @@ class MujocoHoldTest(HoldTest):
         body = spec.worldbody.add_body(name="object", pos=centre, ipos=np.zeros(3), mass=self.mass, explicitinertial=True)
         body.inertia = self.mass * (squares.sum() - squares)
         body.add_freejoint(name="object")
-        for number, part in enumerate(convex_parts(mesh)):
+        for number, vertices in enumerate(convex_parts(mesh)):
             shape = spec.add_mesh(
-                name=f"part {number}", uservert=(part - centre).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+                name=f"part {number}", uservert=(vertices - centre).ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
             )
             bits = HAND | GEL
             body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=shape.name, mass=0.0, contype=bits, conaffinity=bits, **HARD)
@@ -120,8 +120,8 @@ class MujocoHoldTest(HoldTest):
             self._press(number, contact, out=closes)
         self.mujoco.mj_forward(model, data)
         bodies = model.geom_bodyid[data.contact.geom]
-        inside = data.contact.dist[(bodies == model.body("object").id).any(axis=-1)]
-        return max(-float(inside.min(initial=0.0)), 0.0)
+        distances = data.contact.dist[(bodies == model.body("object").id).any(axis=-1)]
+        return max(-float(distances.min(initial=0.0)), 0.0)
 
     def _accelerate(self, acceleration: Sequence[float]) -> None:
         self.model.opt.gravity[:] = acceleration
@@ -136,7 +136,7 @@ class MujocoHoldTest(HoldTest):
         return np.array([self.data.joint(name).qpos[0] for name in self.hand.joint_names])
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:
-        """Put a gel to its contact, or `out` to where it is not pressed in, and set its spring."""
+        """Move a gel to its contact, or with `out` to its surface, and set its spring."""
         model, sensor, name = self.model, self.sensors[number], gel_name(number)
         spring = gel_spring(sensor, contact, friction=self.hand.friction)
         joint = model.joint(name)
@@ -146,7 +146,7 @@ class MujocoHoldTest(HoldTest):
         model.geom_friction[model.body(name).geomadr, 1] = spring.torsion if self.torsion is None else self.torsion
 
     def _object_pose(self) -> NDArray[np.float64]:
-        """Where MuJoCo met numbers that it could not use, it began again by itself."""
+        """Read the pose; after a numerical failure MuJoCo has reset itself, and the pose is NaN."""
         warnings = self.mujoco.mjtWarning
         failed = any(self.data.warning[kind].number for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC))
         return np.full(7, np.nan) if failed else self.data.joint("object").qpos.copy()

@@ -15,14 +15,14 @@ COLLISION_MARGIN = 5e-4
 
 
 class ObjectShapes:
-    """Makes shapes of meshes for one client. The lists that PyBullet is given are kept and filled again: it never gives them back."""
+    """Make shapes of meshes for one client. The lists that PyBullet gets are reused: it never frees them."""
 
     def __init__(self, client: PhysicsClient) -> None:
         self._client = client
         self._points: list[list[float]] = []
 
     def create(self, mesh: Mesh) -> list[int]:
-        """Make the shapes, numbers of the client, that together are a mesh in world coordinates."""
+        """Make the shapes of a mesh in world coordinates; return the client's numbers of them."""
         shapes = []
         for first in range(0, len(mesh.faces), FACES_PER_SHAPE):
             used, indices = np.unique(mesh.faces[first : first + FACES_PER_SHAPE], return_inverse=True)

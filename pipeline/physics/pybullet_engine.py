@@ -27,14 +27,14 @@ STEPS_PER_SECOND = 240
 class PybulletHoldTest(HoldTest):
     """`HoldTest` in PyBullet, in one client. The object collides as it is, concave."""
 
-    look = 5 / STEPS_PER_SECOND
+    look_interval = 5 / STEPS_PER_SECOND
 
     def __init__(
         self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
     ) -> None:
         super().__init__(hand, sensors, mass=mass, friction=friction, torsion=torsion)
         self.client = PhysicsClient()
-        self.opened.callback(lambda: self.client.disconnect())  # whose attribute alone would make the client forget its number
+        self.opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
         self._urdf = write_physics_urdf(hand, self.opened.enter_context(temporary_folder()))
         add_gel_plates(self._urdf, hand, sensors)
         self._shapes = ObjectShapes(self.client)
@@ -45,29 +45,29 @@ class PybulletHoldTest(HoldTest):
         """Replace everything by the hand and an object; see `HoldTest.load`."""
         client = self.client
         client.resetSimulation()
-        first, *others = self._shapes.create(mesh)
+        base_shape, *link_shapes = self._shapes.create(mesh)
         centre = points.mean(axis=0)
         squares = ((points - centre) ** 2).mean(axis=0)
-        none, straight = [[0.0, 0.0, 0.0]] * len(others), [[0.0, 0.0, 0.0, 1.0]] * len(others)
+        zeros, identity = [[0.0, 0.0, 0.0]] * len(link_shapes), [[0.0, 0.0, 0.0, 1.0]] * len(link_shapes)
         self._object = client.createMultiBody(
             self.mass,
-            first,
+            base_shape,
             baseInertialFramePosition=centre.tolist(),
-            linkMasses=[0.0] * len(others),
-            linkCollisionShapeIndices=others,
-            linkVisualShapeIndices=[-1] * len(others),
-            linkPositions=none,
-            linkOrientations=straight,
-            linkInertialFramePositions=none,
-            linkInertialFrameOrientations=straight,
-            linkParentIndices=[0] * len(others),
-            linkJointTypes=[pybullet.JOINT_FIXED] * len(others),
-            linkJointAxis=none,
+            linkMasses=[0.0] * len(link_shapes),
+            linkCollisionShapeIndices=link_shapes,
+            linkVisualShapeIndices=[-1] * len(link_shapes),
+            linkPositions=zeros,
+            linkOrientations=identity,
+            linkInertialFramePositions=zeros,
+            linkInertialFrameOrientations=identity,
+            linkParentIndices=[0] * len(link_shapes),
+            linkJointTypes=[pybullet.JOINT_FIXED] * len(link_shapes),
+            linkJointAxis=zeros,
         )
-        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet knows none of a concave shape
+        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet computes none for a concave shape
         client.changeDynamics(self._object, -1, localInertiaDiagonal=inertia)
-        for part in range(-1, len(others)):  # friction coefficients are multiplied: the hand's counts
-            client.changeDynamics(self._object, part, collisionMargin=COLLISION_MARGIN, lateralFriction=1.0)
+        for body_part in range(-1, len(link_shapes)):  # friction coefficients are multiplied: the hand's counts
+            client.changeDynamics(self._object, body_part, collisionMargin=COLLISION_MARGIN, lateralFriction=1.0)
         self._start = (centre.tolist(), [0.0, 0.0, 0.0, 1.0])
         self._hand = HandBody(client, self.hand, self._urdf)
         for link in () if self.torsion is None else self._hand.links:
@@ -75,8 +75,8 @@ class PybulletHoldTest(HoldTest):
         self._gels = [self._hand.numbers[gel_name(number)] for number in range(len(self.sensors))]
         for gel in self._gels:
             client.setJointMotorControl2(self._hand.body, gel, pybullet.VELOCITY_CONTROL, force=0)  # the motor that every joint has
-            for other in (*self._hand.links, *self._gels):
-                client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, other, 0)
+            for collider in (*self._hand.links, *self._gels):
+                client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, collider, 0)
 
     def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
         client, hand, start = self.client, self._hand, grasp.pregrasp if closes else grasp.joint_angles
@@ -94,7 +94,7 @@ class PybulletHoldTest(HoldTest):
         self._hand.drive(posture)
 
     def _step(self, seconds: float) -> None:
-        """Step, with the gels' springs."""
+        """Advance the simulation, with the gels' springs."""
         body, gels, tops = self._hand.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
         states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
         for _ in range(round(seconds * STEPS_PER_SECOND)):
@@ -112,7 +112,7 @@ class PybulletHoldTest(HoldTest):
         return np.concatenate(self.client.getBasePositionAndOrientation(self._object))
 
     def _press(self, number: int, contact: Contact | None, *, out: bool) -> GelSpring:
-        """Put a gel to its contact, or `out` to where it is not pressed in; its spring."""
+        """Move a gel to its contact, or with `out` to its surface; return its spring."""
         sensor, gel = self.sensors[number], self._gels[number]
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion

@@ -6,16 +6,16 @@ import os
 import sys
 
 sys.stderr.flush()
-_kept = os.dup(2)
-_nowhere = os.open(os.devnull, os.O_WRONLY)
-os.dup2(_nowhere, 2)  # its build time would look like a complaint
+_stderr = os.dup(2)
+_null = os.open(os.devnull, os.O_WRONLY)
+os.dup2(_null, 2)  # its build time would look like a warning
 try:
     import pybullet
     from pybullet_utils.bullet_client import BulletClient
 finally:
-    os.dup2(_kept, 2)
-    os.close(_kept)
-    os.close(_nowhere)
+    os.dup2(_stderr, 2)
+    os.close(_stderr)
+    os.close(_null)
 
 __all__ = ["PhysicsClient", "pybullet"]
 

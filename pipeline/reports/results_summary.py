@@ -11,7 +11,7 @@ import numpy as np
 
 from pipeline.console import pluralise
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
-from pipeline.kernels.networks.network_configurations import WAYS
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.comparison import beside
@@ -25,7 +25,7 @@ GIVEN = {
     "unoccluded": "whole\nimage",
     "unoccluded-touch": "whole,\ntouch",
 }
-"""What networks are given, as the plot calls it, by the way of `WAYS`."""
+"""What networks are given, as the plot calls it, by the way of `INPUT_CHOICES`."""
 SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
 """What the sentences compare."""
 OWN = "graph network"
@@ -41,7 +41,7 @@ class Summary:
     sentences
         Three of them.
     errors
-        Mean distances, mm, by series and by way of `WAYS`.
+        Mean distances, mm, by series and by way of `INPUT_CHOICES`.
     retrieved
         The mean distance of a training object, mm, by way.
     """
@@ -73,7 +73,7 @@ def summarise(folder: Path, scored: Sequence[Path], other: Sequence[Path] = ()) 
             errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "summary", name))
     if not errors:
         return None
-    shown = [way for way in WAYS if any(way in of_series for of_series in errors.values())]
+    shown = [way for way in INPUT_CHOICES if any(way in of_series for of_series in errors.values())]
     retrieved = {way: error for way in shown if (error := _retrieved(figures, way)) is not None}
     return Summary(_sentences(errors, retrieved, objects), errors, retrieved)
 
@@ -82,14 +82,14 @@ def _ways(given: Mapping[str, Any]) -> dict[str, str]:
     """Name what each network is given; methods of which that is not known are left out."""
     ways = {}
     for name, inputs in given.items():
-        way = next(way for way, known in WAYS.items() if (known.image, known.touch) == (inputs["image"], inputs["touch"]))
+        way = next(way for way, known in INPUT_CHOICES.items() if (known.image, known.touch) == (inputs["image"], inputs["touch"]))
         if name == way or name.endswith(f"-{way}"):
             ways[name] = way
     return ways
 
 
 def _retrieved(figures: Mapping[str, Figures], way: str) -> float | None:
-    found = figures.get(retrieved_by(WAYS[way].image, WAYS[way].touch))
+    found = figures.get(retrieved_by(INPUT_CHOICES[way].image, INPUT_CHOICES[way].touch))
     return None if found is None else 1e3 * float(found.per_object("mean_distance").mean())
 
 

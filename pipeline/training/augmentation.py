@@ -33,24 +33,24 @@ def vary_image(image: np.ndarray, settings: TrainingSettings, generator: torch.G
     return np.asarray(levels.round_().clamp_(0, 255).to(torch.uint8).numpy())
 
 
-def vary_observation(seen: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
+def vary_observation(observation: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
     """Vary the image of an observation, and leave out some of its touch charts.
 
     Parameters
     ----------
-    seen
+    observation
         The observation.
     settings
         As `vary_image` takes them; and `touch_dropout`, the probability that a touch is left out.
     generator
         Draws the variation.
     """
-    if seen.image is not None:
-        seen = replace(seen, image=vary_image(seen.image, settings, generator))
+    if observation.image is not None:
+        observation = replace(observation, image=vary_image(observation.image, settings, generator))
     if settings.touch_dropout:
-        kept = (torch.rand(len(seen.touched), generator=generator, dtype=torch.float32) >= settings.touch_dropout).numpy()
-        seen = replace(seen, touch_vertices=seen.touch_vertices[kept], touched=seen.touched[kept])
-    return seen
+        kept = (torch.rand(len(observation.touched), generator=generator, dtype=torch.float32) >= settings.touch_dropout).numpy()
+        observation = replace(observation, touch_vertices=observation.touch_vertices[kept], touched=observation.touched[kept])
+    return observation
 
 
 def _within_one(count: int, generator: torch.Generator) -> Tensor:

@@ -14,8 +14,8 @@ class _Sum(torch.autograd.Function):
     """The sum over all processes, in both directions."""
 
     @staticmethod
-    def forward(ctx: Any, own: Tensor) -> Tensor:
-        total = own.clone()
+    def forward(ctx: Any, value: Tensor) -> Tensor:
+        total = value.clone()
         torch.distributed.all_reduce(total)
         return total
 
@@ -25,7 +25,7 @@ class _Sum(torch.autograd.Function):
 
 
 class SharedBatchNorm(_BatchNorm):
-    """Normalises by mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
+    """Normalise by the mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
 
     Attributes
     ----------
@@ -43,12 +43,12 @@ class SharedBatchNorm(_BatchNorm):
         if not self.training:
             return super().forward(input)
         maps = input.to(torch.promote_types(input.dtype, torch.float32))
-        others, shape = [0, *range(2, maps.ndim)], [1, -1, *[1] * (maps.ndim - 2)]
+        reduced, shape = [0, *range(2, maps.ndim)], [1, -1, *[1] * (maps.ndim - 2)]
         count = maps.new_tensor([maps.numel() / self.num_features])
-        total = _sum(self.share * torch.cat([maps.sum(others), count]))
+        total = _sum(self.share * torch.cat([maps.sum(reduced), count]))
         mean, count = total[:-1] / total[-1], total[-1].detach()
         centred = maps - mean.view(shape)
-        variance = _sum(self.share * centred.square().sum(others)) / count
+        variance = _sum(self.share * centred.square().sum(reduced)) / count
         self._track(mean.detach(), variance.detach() * count / (count - 1))
         normalised = centred * (variance + self.eps).rsqrt().view(shape)
         return (normalised * self.weight.view(shape) + self.bias.view(shape)).to(input.dtype)
@@ -63,9 +63,9 @@ class SharedBatchNorm(_BatchNorm):
         self.running_var.lerp_(variance.to(self.running_var), self.momentum or 0)
 
 
-def _sum(own: Tensor) -> Tensor:
+def _sum(value: Tensor) -> Tensor:
     apply: Any = _Sum.apply  # torch does not declare its type
-    total: Tensor = apply(own)
+    total: Tensor = apply(value)
     return total
 
 

@@ -1,4 +1,4 @@
-"""Checkpoints: all that a killed training needs to continue to the same weights, in one file that is written atomically."""
+"""Checkpoints: the state from which a killed training continues to the same weights, in one file that is written atomically."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.store.atomic import write_at_once
 
 FILE = ".checkpoint.safetensors"
-"""Hidden: it stays until the model is finished, of which it is no part."""
+"""Hidden, as it is no part of the model; it stays until the model is finished."""
 
 
 @dataclass
@@ -63,15 +63,15 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in state.optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
-    kept = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    write_at_once(folder / FILE, safetensors.torch.save(kept, metadata={"progress": json.dumps(progress.__dict__)}))
+    stored = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    write_at_once(folder / FILE, safetensors.torch.save(stored, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:
     """Restore the state from the checkpoint in `folder`; return the best weights and the progress.
 
     The module must have the type and device that it is trained with: the moments take those of its parameters. Without a
-    checkpoint, or with one that a crash of the machine cut short, nothing changes: the training starts from the beginning.
+    checkpoint, or with one that a crash of the machine truncated, nothing changes: the training starts from the beginning.
     """
     try:
         regular_stat(folder / FILE)

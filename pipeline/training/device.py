@@ -1,4 +1,4 @@
-"""Where networks run, and on how many threads."""
+"""The device and the number of threads on which networks run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pipeline.errors import StageError
 
 
 def device_of(accelerator: str) -> torch.device:
-    """Find the device of that name; `auto` is a GPU where there is one. A `StageError` where it cannot be used."""
+    """Find the device of a name; `auto` is a GPU if there is one. Raise a `StageError` if it cannot be used."""
     if accelerator == "auto":
         return torch.device("cuda" if torch.cuda.is_available() else "cpu")
     try:
@@ -29,9 +29,9 @@ def torch_threads(count: int) -> Iterator[None]:
     With one, results do not depend on the machine. With several, each operation waits for its slowest thread: where other processes share
     the cores, that takes ten times as long.
     """
-    before = torch.get_num_threads()
+    previous = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
         yield
     finally:
-        torch.set_num_threads(before)
+        torch.set_num_threads(previous)

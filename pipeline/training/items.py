@@ -1,4 +1,4 @@
-"""Training items: an object, how many of its grasps, and which."""
+"""Training items: an object, and the number and choice of its grasps."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pydantic import BaseModel
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import SearchCloud
-from pipeline.kernels.networks.network_configurations import WAYS, ImageKind, NetworkInputs
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, stored_images, stored_observation
 from pipeline.store.storage import Place
 
 TARGETS = 128
-"""Objects whose points are kept with their search tree, half a megabyte each."""
+"""Objects whose points are kept in memory with their search tree, half a megabyte each."""
 
 
 class Items:
@@ -30,7 +30,7 @@ class Items:
     config
         Gives the image and whether the network takes touch.
     each
-        Items per object: each begins with another grasp, or where there are fewer than grasps with one that is drawn.
+        Each begins with another grasp; with fewer items than grasps, that grasp is drawn.
     learned
         Arrays that the loss needs.
     cache_megabytes
@@ -42,17 +42,17 @@ class Items:
         data: Place,
         split: str,
         config: NetworkInputs,
-        each: int,
+        items_per_object: int,
         *,
         learned: tuple[str, ...] = ("points",),
         cache_megabytes: float = CACHE_MEGABYTES,
     ) -> None:
         self.rows = ObjectRows(data, arrays_of(config, learned), split, cache_megabytes=cache_megabytes)
-        self.config, self.each = config, each
+        self.config, self.items_per_object = config, items_per_object
         self._targets: dict[str, SearchCloud] = {}
 
     def __len__(self) -> int:
-        return len(self.rows) * self.each
+        return len(self.rows) * self.items_per_object
 
     @property
     def side(self) -> int:
@@ -88,9 +88,9 @@ class Items:
 
     def object_of(self, item: int) -> str:
         """Name an item's object."""
-        return self.rows.object_ids[item // self.each]
+        return self.rows.object_ids[item // self.items_per_object]
 
-    def view(self, item: int, count: int, others: np.ndarray, given: NetworkInputs | None = None) -> Observation:
+    def view(self, item: int, count: int, order: np.ndarray, inputs: NetworkInputs | None = None) -> Observation:
         """Read the network's input: the item's own grasp, then further ones.
 
         Parameters
@@ -99,12 +99,12 @@ class Items:
             Its number, from 0.
         count
             Number of grasps.
-        others
-            Permutation of all grasps, the order of the further ones.
-        given
-            What a network that takes any inputs is given.
+        order
+            Permutation of all grasps, from which the further ones are taken.
+        inputs
+            The inputs of a network that takes any.
         """
-        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, others), given or self.config)
+        return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
 
     def drawn_view(
         self, item: int, fewest: int, most: int, generator: torch.Generator, *, dropped: tuple[float, float] = (0.0, 0.0)
@@ -123,12 +123,12 @@ class Items:
             For a network that takes any inputs, the shares of items without image, and without touches.
         """
         count = int(torch.randint(fewest, most + 1, (), generator=generator))
-        others = torch.randperm(self.grasps, generator=generator).numpy()
+        order = torch.randperm(self.grasps, generator=generator).numpy()
         if self.config.image != "any":
-            return self.view(item, count, others)
-        seen, which, felt = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
-        image: ImageKind | None = None if seen < dropped[0] else "occluded" if which < 0.5 else "unoccluded"
-        return self.view(item, count, others, self.config.given(NetworkInputs(image=image, touch=felt >= dropped[1])))
+            return self.view(item, count, order)
+        image_draw, kind_draw, touch_draw = torch.rand(3, generator=generator, dtype=torch.float64).tolist()
+        image: ImageKind | None = None if image_draw < dropped[0] else "occluded" if kind_draw < 0.5 else "unoccluded"
+        return self.view(item, count, order, self.config.restricted_to(NetworkInputs(image=image, touch=touch_draw >= dropped[1])))
 
     def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
         """Read the network's input with a fixed choice of grasps, in the order of the dataset.
@@ -138,21 +138,21 @@ class Items:
         item
             Its number, from 0.
         fewest, most
-            An object's items have `fewest` to `most` grasps in turn; those of a network that takes any inputs all `WAYS` in turn, each with
-            more grasps the next time.
+            An object's items have `fewest` to `most` grasps in turn. Those of a network that takes any inputs have all `INPUT_CHOICES` in
+            turn, each with more grasps the next time.
         """
         if self.config.image == "any":
-            again, way = divmod(item, len(WAYS))
-            given = self.config.given([*WAYS.values()][way])
-            return self.view(item, fewest + again % (most - fewest + 1), np.arange(self.grasps), given)
-        return self.view(item, fewest + item % self.each % (most - fewest + 1), np.arange(self.grasps))
+            repetition, choice = divmod(item, len(INPUT_CHOICES))
+            inputs = self.config.restricted_to([*INPUT_CHOICES.values()][choice])
+            return self.view(item, fewest + repetition % (most - fewest + 1), np.arange(self.grasps), inputs)
+        return self.view(item, fewest + item % self.items_per_object % (most - fewest + 1), np.arange(self.grasps))
 
-    def grasps_of(self, item: int, count: int, others: np.ndarray) -> list[int]:
+    def grasps_of(self, item: int, count: int, order: np.ndarray) -> list[int]:
         """Choose the grasps, or the viewpoint, of an item; parameters as `view`."""
-        first = item % self.each % len(others)
-        if self.each < len(others):  # fewer items than grasps, or viewpoints: they begin with each of them in time
-            first = int(others[first])
-        return [first, *(grasp for grasp in others.tolist() if grasp != first)][:count]
+        first = item % self.items_per_object % len(order)
+        if self.items_per_object < len(order):  # fewer items than grasps, or viewpoints: each of them comes first at some time
+            first = int(order[first])
+        return [first, *(grasp for grasp in order.tolist() if grasp != first)][:count]
 
     @property
     def grasps(self) -> int:
@@ -176,10 +176,10 @@ class Items:
 
     def name(self, item: int) -> str:
         """Name an item for a message."""
-        known = self.config.image != "rendering" and 1 < self.grasps <= self.each  # else there is one, or it is drawn
-        return self.object_of(item) + (f" (first grasp {item % self.each % self.grasps})" if known else "")
+        has_first_grasp = self.config.image != "rendering" and 1 < self.grasps <= self.items_per_object  # else it is the only one, or drawn
+        return self.object_of(item) + (f" (first grasp {item % self.items_per_object % self.grasps})" if has_first_grasp else "")
 
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
-    """Name the arrays that a network of this configuration is trained on, those `learned` that its loss needs among them."""
+    """Name the arrays that a network of this configuration is trained on, including those `learned` that its loss needs."""
     return (*learned, *observed_arrays(config), *(["projection"] if config.image not in (None, "rendering") else []))

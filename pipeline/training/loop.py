@@ -28,7 +28,15 @@ from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
 from pipeline.training.process_group import HELP, HelpDone, process_group
-from pipeline.training.processes import GO_ON, end_with_parent, gathered, lost_peers_as_words, make_fabric, no_process_left, processors_of
+from pipeline.training.processes import (
+    RESUME_HINT,
+    end_children_on_interrupt,
+    end_with_parent,
+    gather_strings,
+    lost_peers_as_stage_error,
+    make_fabric,
+    processors_of,
+)
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.schedule import rate_at
 from pipeline.training.settings import TrainingSettings
@@ -38,14 +46,14 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
 
 METRICS = "metrics.json"
 MAX_LOSS_GROWTH = 1e4
-"""A loss above the first epoch's mean by this factor stops the training: no later epoch mends it."""
+"""A loss above the first epoch's mean by this factor stops the training: no later epoch recovers from it."""
 
 
 def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
-    """Train until the epochs or the patience end; leaves the best epoch's weights in the learner's network.
+    """Train until the epochs or the patience end; leave the best epoch's weights in the learner's network.
 
-    A killed training continues from the checkpoint in the folder, to the same weights, to the bit, as one that was not (on the same
-    machine). The checkpoint stays: whoever publishes the model removes it.
+    A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights, to the bit, as an
+    uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
 
     Parameters
     ----------
@@ -79,24 +87,24 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
     fabric = make_fabric(settings, folder, name)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
-        with no_process_left():
+        with end_children_on_interrupt():
             facts: dict[str, Any] = fabric.launch(begin, learner, settings, folder=folder, seed=seed, name=name)
     except ProcessRaisedException as error:  # the error of one of several processes, as text
-        if (words := _words_of(str(error))) is None:
+        if (message := _message_of(str(error))) is None:
             raise
-        raise StageError(words) from error
+        raise StageError(message) from error
     except ProcessExitedException as error:
-        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {GO_ON}") from error
+        raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {RESUME_HINT}") from error
     if group and group.rank:
         raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
 
-def _words_of(raised: str) -> str | None:
-    """Find the message of an error that a person can mend, one of ours or the system's, in the traceback of another process."""
-    last = raised.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
-    match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last.rstrip(), re.MULTILINE | re.DOTALL)
+def _message_of(traceback: str) -> str | None:
+    """Find the message of an error that the user can fix, the project's or the system's, in the traceback of another process."""
+    last_error = traceback.rpartition("Traceback (most recent call last):")[2]  # of errors that were raised from others
+    match = re.search(r"^(?:pipeline\.errors\.\w+: |(?=\w+Error: \[Errno ))(.+)", last_error.rstrip(), re.MULTILINE | re.DOTALL)
     return match and match[1]
 
 
@@ -106,20 +114,20 @@ def _how_it_ended(error: ProcessExitedException) -> str:
 
 def _begin(fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
     end_with_parent()
-    with torch_threads(settings.threads), lost_peers_as_words(fabric, name):
+    with torch_threads(settings.threads), lost_peers_as_stage_error(fabric, name):
         return _Training(fabric, learner, settings, folder=folder, seed=seed, name=name).run()
 
 
 @dataclass(frozen=True)
 class Part:
-    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for mere placeholders."""
+    """Hold the part of a batch that one process learns from: its items, and their share of the batch, 0 for placeholders."""
 
     items: list[int]
     share: float
 
 
 class _Training:
-    """A training in this process, which may be one of several. `network` wraps `module`, the network itself, for device and processes."""
+    """A training in this process, which may be one of several. `network` wraps `module`, the bare network, for device and processes."""
 
     def __init__(self, fabric: Fabric, learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> None:
         self.fabric, self.learner, self.settings, self.folder, self.seed, self.name = fabric, learner, settings, folder, seed, name
@@ -131,7 +139,7 @@ class _Training:
         self.network, self.optimizer = wrapped
         self.state = checkpoint.State(self.module, self.adam)
         self.best, self.progress = checkpoint.load(folder, self.state)  # now that they have their type and device
-        if len(set(gathered(fabric, of_json(asdict(self.progress))))) > 1:
+        if len(set(gather_strings(fabric, of_json(asdict(self.progress))))) > 1:
             raise StageError(f"{name}: processes read different checkpoints from {folder}: the file system shows an old one; run again")
         self.began = time.perf_counter() - self.progress.seconds
         self.steps = math.ceil(len(learner) / settings.batch_size)  # of an epoch
@@ -139,8 +147,8 @@ class _Training:
     def run(self) -> dict[str, Any]:
         """Train to the end of the epochs or of the patience; return the facts."""
         fabric, settings, progress = self.fabric, self.settings, self.progress
-        done = progress.epoch * self.steps + progress.step
-        meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", done)
+        steps_done = progress.epoch * self.steps + progress.step
+        meter = Meter(console_on(sys.stdout), self.name, settings.epochs * self.steps, "steps", steps_done)
         with meter if fabric.is_global_zero else nullcontext():
             while progress.epoch < min(settings.epochs, progress.best + 1 + (settings.patience or math.inf)):
                 self.train_epoch(meter)
@@ -149,8 +157,8 @@ class _Training:
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
         kinds = processors_of(fabric)
-        del self.network  # its reducer must not be the last to hold the process group: whose end waits for threads that wait for Python
-        if fabric.world_size > 1:  # else its threads are ended by the process's end, and at times abort it
+        del self.network  # its reducer must not be the last to hold the process group, whose destructor would then deadlock
+        if fabric.world_size > 1:  # otherwise its threads end with the process, and sometimes abort it
             torch.distributed.destroy_process_group()
         gpu = fabric.device.type == "cuda"
         return {
@@ -171,7 +179,7 @@ class _Training:
         }
 
     def train_epoch(self, meter: Meter) -> None:
-        """Take the steps that are left of an epoch."""
+        """Take the remaining steps of an epoch."""
         progress, size = self.progress, self.settings.batch_size
         order = numpy_rng(self.seed, self.name, "order", progress.epoch).permutation(len(self.learner))
         parts = (self.part(order[start:][:size].tolist()) for start in range(progress.step * size, len(order), size))
@@ -187,9 +195,9 @@ class _Training:
                 saved = time.perf_counter()
 
     def part(self, batch: list[int]) -> Part:
-        """Take this process's part of a batch; where there are fewer items than processes, an item that does not count."""
-        own = batch[self.fabric.global_rank :: self.fabric.world_size]
-        return Part(own or batch[:1], len(own) / len(batch))
+        """Take this process's part of a batch; with fewer items than processes, it may be an item that does not count."""
+        items = batch[self.fabric.global_rank :: self.fabric.world_size]
+        return Part(items or batch[:1], len(items) / len(batch))
 
     def read(self, part: Part) -> Any:
         """Read the items of a part; random draws are keyed by the item, hence the same in every process."""
@@ -206,8 +214,8 @@ class _Training:
             loss = self.learner.loss(self.network, content())
         except InvalidInput as error:
             raise self.failure(str(error), items) from error
-        before = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
-        self.check_size(items, "loss", float(loss.detach()), limit=MAX_LOSS_GROWTH * before or math.inf)  # nothing is a multiple of 0
+        first_loss = abs(progress.history[0]["train_loss"]) if progress.history else 0.0
+        self.check_size(items, "loss", float(loss.detach()), limit=MAX_LOSS_GROWTH * first_loss or math.inf)  # nothing is a multiple of 0
         weighted = part.share * fabric.world_size * loss  # its mean over the processes is the batch's mean
         fabric.backward(weighted)
         gradients = [parameter.grad for parameter in self.module.parameters() if parameter.grad is not None]
@@ -221,21 +229,21 @@ class _Training:
         return float(mean)
 
     def set_rate(self) -> None:
-        """Set the learning rate of this step; it follows from the step alone, so a training that is resumed goes on with it."""
+        """Set the learning rate of this step; it depends on the step alone, so a resumed training has the same rates."""
         settings, progress = self.settings, self.progress
         share = rate_at(progress.epoch * self.steps + progress.step, settings.epochs * self.steps, settings.schedule)
         for group in self.adam.param_groups:
             group["lr"] = settings.learning_rate * share
 
-    def check_size(self, items: Sequence[int], what: str, value: float, *, limit: float) -> None:
-        """Stop at a value that no later step mends."""
+    def check_size(self, items: Sequence[int], name: str, value: float, *, limit: float) -> None:
+        """Stop the training at a value from which no later step recovers."""
         if not math.isfinite(value) or abs(value) > limit:
-            raise self.failure(f"the {what} is {value:g} (limit {limit:g})", items)
+            raise self.failure(f"the {name} is {value:g} (limit {limit:g})", items)
 
     def failure(self, reason: str, items: Sequence[int]) -> StageError:
         """Make the error that names the step and the items."""
         step = f"in epoch {self.progress.epoch + 1}, step {self.progress.step + 1}"
-        learned = self.progress.epoch or self.progress.step  # else no rate is the cause
+        learned = self.progress.epoch or self.progress.step  # at the first step the rate is not the cause
         advice = (f"lower learning_rate ({self.settings.learning_rate:g}), or " if learned else "") + "look at the items of its batch"
         return StageError(f"{self.name}: {reason}, {step}; {advice}: {', '.join(map(self.learner.describe, items))}")
 

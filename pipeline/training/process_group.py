@@ -21,16 +21,16 @@ if TYPE_CHECKING:  # importing it takes a second
     from torch._C._distributed_c10d import Store
 
 HELP, NOTHING = "help", "nothing"
-"""Words of the first process: the others train with it, or end."""
+"""Messages of the first process: the others train with it, or end."""
 
 
 class HelpDone(Exception):
-    """Ends the work of a process that helped: the first one goes on alone."""
+    """Ends the work of a helping process: the first one continues alone."""
 
 
 @dataclass(frozen=True)
 class ProcessGroup:
-    """The processes that were started together, and which of them this is.
+    """The processes that were started together, and this one's place among them.
 
     Attributes
     ----------
@@ -48,11 +48,11 @@ class ProcessGroup:
     on_node: int
 
     def broadcast(self, word: str) -> None:
-        """Send a word to the others: `HELP` or `NOTHING`."""
+        """Send a message to the others: `HELP` or `NOTHING`."""
         _store().set("word", word)
 
     def wait_for_word(self) -> str:
-        """Wait for the word of the first process.
+        """Wait for the message of the first process.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class ProcessGroup:
 
 
 def run_together(plan: Plan[Any], console: Console) -> Summary:
-    """Run a plan, of a dataset stage by all processes of the group: the first makes the folder, the others train with it.
+    """Run a plan; that of a dataset stage by all processes of the group: the first makes the folder, the others train with it.
 
     Errors are those of `run`, and a `StageError` where the first process has ended.
     """
@@ -85,7 +85,7 @@ def run_together(plan: Plan[Any], console: Console) -> Summary:
 
 @cache
 def process_group() -> ProcessGroup | None:
-    """Find the group that this process was started in; None if it was started alone.
+    """Find the group in which this process was started; None if it was started alone.
 
     Slurm's names are translated to those of torchrun, which torch and Fabric read.
     """
@@ -116,7 +116,7 @@ def _names_of_torchrun(nodes: str) -> dict[str, str]:
 
 @cache
 def _store() -> Store:
-    """Connect to the store of words beside the training's own; in a step of Slurm the first process holds it, else torchrun."""
+    """Connect to the store of messages beside the training's own; in a step of Slurm the first process holds it, else torchrun."""
     from torch._C._distributed_c10d import PrefixStore
     from torch.distributed.rendezvous import rendezvous
 

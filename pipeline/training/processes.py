@@ -28,17 +28,18 @@ from pipeline.training.settings import TrainingSettings
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
     from lightning_fabric import Fabric
 
-GO_ON = "run the same command again: it goes on from its last checkpoint"
+RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
+"""The remedy in messages about a training that ended early."""
 
 SILENCE = timedelta(minutes=10)
-"""Time limit for an answer of a running process: longer than a checkpoint or the reading of a list of items takes.
-A killed process is noticed at once."""
+"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes.
+A killed process is noticed immediately."""
 
 WORD = 4096
 """Maximum number of bytes that a process broadcasts."""
 
-LET_GO_FIRST = 3.0
-"""Seconds for which the other processes delay their end after one was killed: their launcher then reports that one."""
+REPORT_DELAY = 3.0
+"""Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
 
 
 def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
@@ -65,12 +66,12 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.strategies.ddp import DDPStrategy
     from lightning_fabric.utilities.exceptions import MisconfigurationException
 
-    together = process_group()
+    group = process_group()
     _check_count(settings, name)
     try:
         device = device_of(settings.accelerator).type
         precision: Any = settings.precision
-        plugins: list[Any] = [TorchElasticEnvironment() if together else LightningEnvironment()]  # in a job of Slurm, too
+        plugins: list[Any] = [TorchElasticEnvironment() if group else LightningEnvironment()]  # in a job of Slurm, too
         if precision == "bf16-mixed":
             from pipeline.training.mixed_precision import MixedPrecisionLayers
 
@@ -78,9 +79,9 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
             precision = None  # Fabric takes it from the plugin
         strategy: Any = "auto"
         if settings.devices * settings.num_nodes > 1:
-            from pipeline.training.own_processes import OwnProcesses
+            from pipeline.training.local_processes import LocalProcesses
 
-            strategy = DDPStrategy(timeout=SILENCE) if together else OwnProcesses()
+            strategy = DDPStrategy(timeout=SILENCE) if group else LocalProcesses()
             if settings.num_nodes == 1:
                 os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
         return Fabric(
@@ -97,40 +98,40 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
 
 
 def _check_count(settings: TrainingSettings, name: str) -> None:
-    together, nodes, devices = process_group(), settings.num_nodes, settings.devices
-    if together is None:
+    group, nodes, devices = process_group(), settings.num_nodes, settings.devices
+    if group is None:
         if nodes > 1:
             raise StageError(f"{name}: num_nodes is {nodes}, and one process was started; use torchrun or srun on each node")
-    elif (together.on_node, together.count) != (devices, devices * nodes):
+    elif (group.on_node, group.count) != (devices, devices * nodes):
         raise StageError(
-            f"{name}: {together.launcher} started {together.count} processes, {together.on_node} on this node, and the settings ask for "
+            f"{name}: {group.launcher} started {group.count} processes, {group.on_node} on this node, and the settings ask for "
             f"{devices * nodes} (devices {devices} x num_nodes {nodes}); make them equal"
         )
 
 
 @contextmanager
-def no_process_left() -> Iterator[None]:
-    """End the processes that were started meanwhile when this one is interrupted: it would wait for them.
+def end_children_on_interrupt() -> Iterator[None]:
+    """End the processes that are started in this context when it is interrupted; otherwise it would wait for them.
 
     Their temporary files are in a folder that other users cannot reach: torch unpickles one of them when a process has failed.
     """
-    before, given, known = set(multiprocessing.active_children()), os.environ.get("TMPDIR"), tempfile.tempdir
+    children, environment_folder, tempfile_folder = set(multiprocessing.active_children()), os.environ.get("TMPDIR"), tempfile.tempdir
     with temporary_folder() as folder:
         os.environ["TMPDIR"], tempfile.tempdir = str(folder), None
         try:
             yield
         except KeyboardInterrupt:  # SIGTERM, too
-            for child in set(multiprocessing.active_children()) - before:
+            for child in set(multiprocessing.active_children()) - children:
                 child.terminate()
             raise
         finally:
             del os.environ["TMPDIR"]
-            os.environ |= {} if given is None else {"TMPDIR": given}
-            tempfile.tempdir = known
+            os.environ |= {} if environment_folder is None else {"TMPDIR": environment_folder}
+            tempfile.tempdir = tempfile_folder
 
 
 def end_with_parent() -> None:
-    """End a process that was started here when the one that started it has been killed.
+    """Let this process, started by a training, end when its parent is killed.
 
     The system then sends SIGINT, as torch asked it to, and a job in a shell's background would ignore that.
     """
@@ -141,17 +142,17 @@ def end_with_parent() -> None:
 
 
 @contextmanager
-def lost_peers_as_words(fabric: Fabric, name: str) -> Iterator[None]:
-    """Raise a `StageError` if another process of the training ended, after its launcher had time to report why."""
+def lost_peers_as_stage_error(fabric: Fabric, name: str) -> Iterator[None]:
+    """Raise a `StageError` if another process of the training ended, after giving its launcher time to report the reason."""
     try:
         yield
     except RuntimeError as error:
         if fabric.world_size == 1 or not is_lost_connection(error):
             raise
-        time.sleep(LET_GO_FIRST)
+        time.sleep(REPORT_DELAY)
         reason = str(error).strip().splitlines()[0]
         raise StageError(
-            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {GO_ON}"
+            f"{name}: process {fabric.global_rank} of {fabric.world_size} lost the others ({reason}); see their messages, and {RESUME_HINT}"
         ) from error
 
 
@@ -161,8 +162,8 @@ def is_lost_connection(error: RuntimeError) -> bool:
     return isinstance(error, torch.distributed.DistError) or ("gloo" in str(error) and any(word in str(error) for word in words))
 
 
-def gathered(fabric: Fabric, word: str) -> list[str]:
-    """Gather a word of each process, as bytes: torch would unpickle it, although any machine of the network may have sent it."""
+def gather_strings(fabric: Fabric, word: str) -> list[str]:
+    """Gather a string of each process, as bytes: torch would unpickle it, although any machine of the network may have sent it."""
     padded = torch.tensor(list(word.encode().ljust(WORD)), dtype=torch.uint8, device=fabric.device)
     rows: Any = fabric.all_gather(padded)
     return [bytes(row).decode(errors="replace").rstrip() for row in rows.reshape(-1, WORD).tolist()]
@@ -170,4 +171,4 @@ def gathered(fabric: Fabric, word: str) -> list[str]:
 
 def processors_of(fabric: Fabric) -> list[str]:
     """List the kinds of processors that take part."""
-    return sorted(set(gathered(fabric, processor_kind(processor()))))
+    return sorted(set(gather_strings(fabric, processor_kind(processor()))))

@@ -1,4 +1,4 @@
-"""Reading while computing: the next batch is read in a thread while one is learned from."""
+"""Reading while computing: a thread reads the next batch during the training step of the current one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ R = TypeVar("R")
 def read_ahead(read: Callable[[T], R], parts: Iterable[T]) -> Iterator[tuple[T, Callable[[], R]]]:
     """Yield each part with a function that waits for its content, or raises the error of reading it; hold at most two parts."""
     with ThreadPoolExecutor(1, "read") as reader:
-        begun = ((part, reader.submit(read, part)) for part in parts)
-        here = next(begun, None)
-        while here:
-            part, coming = here
-            here = next(begun, None)
-            yield part, coming.result
+        submitted = ((part, reader.submit(read, part)) for part in parts)
+        current = next(submitted, None)
+        while current:
+            part, future = current
+            current = next(submitted, None)
+            yield part, future.result

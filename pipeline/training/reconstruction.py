@@ -37,7 +37,7 @@ IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": 
 
 
 ALIKE = 4.0
-"""Objects of which the largest is no more than as many times as large as the smallest are learned together."""
+"""Largest ratio between the sizes of objects that one network learns well."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +72,18 @@ class ReconstructionLearner(Learner):
         super().__init__(network)
         self.settings, self._train, self._valid, self._seed = settings, train, valid, seed
         self._config, self._camera = network.config, train.camera
-        asked: ReconstructionSettings = settings
-        self._fewest, self._most = (min(count, train.grasps) for count in (asked.min_grasps, asked.max_grasps))
+        typed_settings: ReconstructionSettings = settings
+        self._fewest, self._most = (min(count, train.grasps) for count in (typed_settings.min_grasps, typed_settings.max_grasps))
 
     @abstractmethod
-    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> Any:
+    def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> Any:
         """Read the targets of items.
 
         Parameters
         ----------
         items
             Training or validation items.
-        chosen
+        numbers
             (B,) numbers of items.
         generators
             (B,), for targets that are drawn.
@@ -109,20 +109,20 @@ class ReconstructionLearner(Learner):
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
         dropped, counts = self.settings.dropped_inputs, (self._fewest, self._most)
-        drawn = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
-        seen = [vary_observation(observation, self.settings, rng) for observation, rng in zip(drawn, generators, strict=True)]
-        return Batch(seen, self.targets(self._train, items, generators, validates=False), generators)
+        views = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
+        observations = [vary_observation(observation, self.settings, rng) for observation, rng in zip(views, generators, strict=True)]
+        return Batch(observations, self.targets(self._train, items, generators, validates=False), generators)
 
     def validate(self, network: Any) -> dict[str, float]:
         """Compute the mean error with 1, 2, … grasps in turn; draws are the same in each epoch."""
         generator, size = torch_generator(self._seed, self.seeded_as, "validate"), self.settings.batch_size
         errors = []
         for start in range(0, len(self._valid), size):
-            chosen = range(len(self._valid))[start : start + size]
-            seen = [self._valid.view_in_turn(item, self._fewest, self._most) for item in chosen]
-            generators = [generator] * len(chosen)
-            targets = self.targets(self._valid, chosen, generators, validates=True)
-            errors.append(self.errors(network, Batch(seen, targets, generators)))
+            numbers = range(len(self._valid))[start : start + size]
+            observations = [self._valid.view_in_turn(item, self._fewest, self._most) for item in numbers]
+            generators = [generator] * len(numbers)
+            targets = self.targets(self._valid, numbers, generators, validates=True)
+            errors.append(self.errors(network, Batch(observations, targets, generators)))
         return {"loss": float(torch.cat(errors).double().mean())}
 
     def stack(self, network: Any, batch: Batch) -> NetworkBatch:
@@ -146,7 +146,7 @@ class ReconstructionTraining(DatasetStage):
     learner: ClassVar[type[ReconstructionLearner]]
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
-        """Name the artifacts of the objects' sizes, the target, the image and the touch charts, as far as the configuration takes them."""
+        """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
         named = settings.named
         target = [] if self.learner.target is SURFACES else [self.learner.target]
         return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
@@ -169,9 +169,10 @@ class ReconstructionTraining(DatasetStage):
         """Train, and save the best epoch's weights with the description of the model."""
         settings = job.settings
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
-        kept = settings.cache_megabytes
+        cache_megabytes = settings.cache_megabytes
         learning, validation = (
-            Items(job.data, split, settings.named, each, learned=self.learner.arrays, cache_megabytes=kept) for split, each in splits
+            Items(job.data, split, settings.named, items_per_object, learned=self.learner.arrays, cache_megabytes=cache_megabytes)
+            for split, items_per_object in splits
         )
         name = f"{self.name} {settings.configuration}{settings.label}"
         diagonals = {**_diagonals(job.data, learning), **_diagonals(job.data, validation)}
@@ -192,14 +193,14 @@ def _diagonals(data: Place, items: Items) -> dict[str, float]:
 
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
-    """Name settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
-    given, fields = settings.named, type(settings).model_fields
-    taken = {"image_": given.image, "touch_reach": given.touch, "dropped_touches": given.touch}
-    taken |= {"dropped_image": given.image == "any", "dropped_grasps": given.image == "any"}
+    """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
+    inputs, fields = settings.named, type(settings).model_fields
+    uses = {"image_": inputs.image, "touch_reach": inputs.touch, "dropped_touches": inputs.touch}
+    uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
     for name, field in fields.items():
-        if any(name.startswith(start) and not takes for start, takes in taken.items()) and getattr(settings, name) != field.default:
+        if any(name.startswith(start) and not used for start, used in uses.items()) and getattr(settings, name) != field.default:
             yield f"{name}={getattr(settings, name)} has no effect: this network is not given what it changes"
-    if given.touch and settings.max_grasps > items.grasps:
+    if inputs.touch and settings.max_grasps > items.grasps:
         yield (
             f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
             f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
@@ -214,7 +215,7 @@ def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]
     diagonals
         Of each object, m, by name.
     radius
-        Of the ball that the network knows, m.
+        Of the ball in whose units the network learns, m.
     """
     small, large = min(diagonals, key=diagonals.__getitem__), max(diagonals, key=diagonals.__getitem__)
     if not diagonals[large] / ALIKE <= 2 * radius <= diagonals[large] * ALIKE:
@@ -223,9 +224,9 @@ def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]
             f"({large}): leave radius out"
         )
     if diagonals[large] > ALIKE * diagonals[small]:
-        few = sorted(name for name, diagonal in diagonals.items() if 2 * radius > ALIKE * diagonal)
+        too_small = sorted(name for name, diagonal in diagonals.items() if 2 * radius > ALIKE * diagonal)
         yield (
             f"objects are between {diagonals[small]:.3g} m ({small}) and {diagonals[large]:.3g} m ({large}) large, and the network "
-            f"learns in units of {2 * radius:.3g} m: the shape of {pluralise(len(few))} below {2 * radius / ALIKE:.3g} m hardly "
+            f"learns in units of {2 * radius:.3g} m: the shape of {pluralise(len(too_small))} below {2 * radius / ALIKE:.3g} m hardly "
             "counts; is a unit wrong? Else make a dataset of each size, or leave the units out, which scales all objects to one size"
         )

@@ -8,7 +8,7 @@ from typing import Literal
 Schedule = Literal["constant", "cosine"]
 
 WARM_UP = 0.05
-"""Share of all steps in which a cosine schedule rises to the full rate: Adam has seen few gradients."""
+"""Share of all steps in which a cosine schedule rises to the full rate, while Adam has seen few gradients."""
 
 
 def rate_at(step: int, steps: int, schedule: Schedule) -> float:

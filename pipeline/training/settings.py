@@ -14,7 +14,7 @@ from pipeline.training.schedule import Schedule
 
 
 class TrainingSettings(Settings):
-    """How a network is trained; what a stage trains derives its settings from these."""
+    """The settings of a training, from which stages that train derive theirs."""
 
     learning_rate: float = setting(1e-4, "Adam's", gt=0, le=100)
     schedule: Schedule = setting(
@@ -26,7 +26,7 @@ class TrainingSettings(Settings):
     )
     image_shift: float = setting(0.0, "levels, of 255, within which each colour of an item's image is shifted, likewise", ge=0, le=255)
     image_noise: float = setting(0.0, "standard deviation of noise of each pixel of an item's image, levels, likewise", ge=0, le=255)
-    batch_size: int = setting(16, "items a step", ge=1)
+    batch_size: int = setting(16, "items per step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
     devices: int = setting(1, "processes per node that share a batch: the losses of one process, but for rounding", ge=1)
@@ -51,7 +51,7 @@ class TrainingSettings(Settings):
 
 
 class ReconstructionSettings(TrainingSettings):
-    """How a network that reconstructs objects is trained, whatever its family: what an item is.
+    """The settings of the training of any network that reconstructs objects, with the definition of an item.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class ReconstructionSettings(TrainingSettings):
     configuration: str = setting(..., "which network", changes="definition")
     training_seed: int = setting(
         0,
-        "another one trains the same network with other chance, into a folder of its own below models/seed-1 and so on",
+        "another seed trains the same network with other random draws, into its own folder below models/seed-1 and so on",
         ge=0,
         changes="definition",
     )
@@ -79,7 +79,7 @@ class ReconstructionSettings(TrainingSettings):
     )
     dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
     samples_per_object: int = setting(
-        5, "items per object and epoch, each beginning with another grasp (a drawn one, if fewer), whether a network feels or not", ge=1
+        5, "items per object and epoch, each beginning with another grasp (a drawn one, if fewer), with or without touch as input", ge=1
     )
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 
@@ -97,7 +97,7 @@ class ReconstructionSettings(TrainingSettings):
 
     @property
     def named(self) -> NetworkInputs:
-        """Look up the configuration: what its network sees and feels."""
+        """Look up the configuration: the inputs of its network."""
         return self.configurations[self.configuration]
 
     def network(self, side: int, radius: float = RADIUS) -> NetworkInputs:
@@ -112,10 +112,10 @@ class ReconstructionSettings(TrainingSettings):
 
     @property
     def dropped_inputs(self) -> tuple[float, float]:
-        """The shares of items that a network which takes any inputs is given without image, and without touches."""
+        """The shares of items without image, and without touches, of a network that takes any inputs."""
         return 0.0, 0.0
 
     @property
     def label(self) -> str:
-        """Tell trainings with different chance apart: part of a training's name, which seeds what it draws."""
+        """Distinguish trainings with different seeds: part of a training's name, which seeds its draws."""
         return f", seed {self.training_seed}" if self.training_seed else ""

@@ -16,20 +16,20 @@ from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
 POINTS = 1000
-"""Points per object by which it is retrieved; the retrieved object is measured on all of its points."""
+"""Points per object that the search compares; the retrieved object is measured on all of its points."""
 BLOCK = 500
-"""Training objects that are held at a time, a tenth of a megabyte each, and their silhouettes."""
+"""Training objects that are in memory at a time, a tenth of a megabyte each, with their silhouettes."""
 MASKS = 64
 """Test objects whose silhouettes are compared at a time."""
-LOOKED_UP = "training object, "
-"""Begins the name of each baseline."""
+BASELINE_PREFIX = "training object, "
+"""Prefix of the name of each baseline."""
 LABELS = {
     "typical": "typical training object",
     "by silhouette": "training object of the most similar silhouette",
     "by touch": "training object nearest to the touches",
     "by truth": "nearest training object",
 }
-"""How tables call them, by how they are chosen."""
+"""Labels of baselines in tables, by method of choice."""
 
 Silhouettes = Callable[[str], NDArray[np.bool_]]
 """Reads the silhouettes of an object, (view, pixel)."""
@@ -37,12 +37,12 @@ Silhouettes = Callable[[str], NDArray[np.bool_]]
 
 def label(name: str) -> str:
     """Label a network, or a baseline, for a table."""
-    return f"baseline: {LABELS[name.removeprefix(LOOKED_UP)]}" if name.startswith(LOOKED_UP) else name
+    return f"baseline: {LABELS[name.removeprefix(BASELINE_PREFIX)]}" if name.startswith(BASELINE_PREFIX) else name
 
 
 def retrieved_by(image: object, touch: bool) -> str:
-    """Name the baseline that goes by the same inputs: by the silhouette where an image is given, else by touch, else the typical object."""
-    return LOOKED_UP + ("by silhouette" if image else "by touch" if touch else "typical")
+    """Name the baseline with the same inputs: by silhouette if an image is given, else by touch if touches are, else the typical object."""
+    return BASELINE_PREFIX + ("by silhouette" if image else "by touch" if touch else "typical")
 
 
 def retrieve(
@@ -62,11 +62,11 @@ def retrieve(
     objects, training
         The test objects, and the training objects.
     figures
-        Makes figures of the distances between points, given the number of the test object.
+        Computes figures from the distances between points and the number of the test object.
     console
         Shows progress.
     most
-        Number of training objects that the typical one is one of, spread evenly: each is compared with each.
+        Number of training objects, spread evenly, among which the typical one is chosen: each is compared with each.
     silhouettes
         For networks that take images.
     touched
@@ -74,56 +74,56 @@ def retrieve(
 
     Returns
     -------
-    The figures by how the training object is chosen:
+    The figures by method of choice of the training object:
 
     typical
-        The one with the least mean distance to the others, whatever the test object.
+        The one with the least mean distance to the others, the same for every test object.
     by silhouette
-        The one of which a silhouette has most in common with the image's (intersection over union).
+        The one with the silhouette most similar to the image's (intersection over union).
     by touch
-        The one that the touched points of the first grasp are nearest to.
+        The one nearest to the touched points of the first grasp.
     by truth
         The nearest one: no retrieval is better.
     """
     ids, names = objects.rows.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
     masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    asked = [SearchedCloud(objects.points(row)[:POINTS]) for row in range(len(ids))]
-    felt = None if touched is None else [SearchedCloud(points) for points in touched]
-    search = _Search(asked, felt, masks)
+    queries = [SearchedCloud(objects.points(row)[:POINTS]) for row in range(len(ids))]
+    touch_clouds = None if touched is None else [SearchedCloud(points) for points in touched]
+    search = _Search(queries, touch_clouds, masks)
     blocks = range(0, len(names), BLOCK)
     steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
     with Meter(console, "training objects in place of reconstructions", steps, "comparisons") as meter:
         typical = chamfer_matrix([_cloud(training, names[at]) for at in spread], meter.advance).mean(axis=0).argmin()
         for start in blocks:
             block = names[start : start + BLOCK]
-            seen = None if silhouettes is None else np.stack([silhouettes(name) for name in block])
-            search.look_among([_cloud(training, name) for name in block], seen, start, meter)
-        chosen = {"typical": np.full((len(ids), 1), spread[typical]), **search.chosen()}
-        views = max(matches.shape[1] for matches in chosen.values())
+            block_masks = None if silhouettes is None else np.stack([silhouettes(name) for name in block])
+            search.compare([_cloud(training, name) for name in block], block_masks, start, meter)
+        matches_by_method = {"typical": np.full((len(ids), 1), spread[typical]), **search.chosen()}
+        views = max(matches.shape[1] for matches in matches_by_method.values())
 
         def measured(matches: NDArray[np.intp]) -> list[Figure]:
             rows = []
             for row, object_id in enumerate(ids):
-                found: dict[int, Mapping[str, float]] = {}
+                figures_by_object: dict[int, Mapping[str, float]] = {}
                 for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
-                    if at not in found:
+                    if at not in figures_by_object:
                         cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
-                        found[at] = figures(cloud_distances(cloud, objects.points(row)), row)
-                    rows += [Figure(object_id, view, 1, metric, value) for metric, value in found[at].items()]
+                        figures_by_object[at] = figures(cloud_distances(cloud, objects.points(row)), row)
+                    rows += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
                 meter.advance()
             return rows
 
-        return {LOOKED_UP + how: Figures(ids, measured(matches)) for how, matches in chosen.items()}
+        return {BASELINE_PREFIX + method: Figures(ids, measured(matches)) for method, matches in matches_by_method.items()}
 
 
 def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
-    """Read the points by which an object is retrieved."""
+    """Read the points of an object that the search compares."""
     return SearchedCloud(training.read("points", name)[:POINTS].astype(np.float64))
 
 
 class _Search:
-    """The training object that is most like each test object, among those that were looked at.
+    """The search for the training object most similar to each test object, block by block.
 
     Parameters
     ----------
@@ -133,33 +133,35 @@ class _Search:
         (object, view, pixel) silhouettes of the test objects, if there are images.
     """
 
-    def __init__(self, asked: Sequence[SearchedCloud], felt: Sequence[SearchedCloud] | None, masks: NDArray[np.bool_] | None) -> None:
-        self._clouds = {"by touch": felt, "by truth": asked} if felt is not None else {"by truth": asked}
-        self._nearest = {how: [(np.inf, 0)] * len(asked) for how in self._clouds}
+    def __init__(
+        self, queries: Sequence[SearchedCloud], touch_clouds: Sequence[SearchedCloud] | None, masks: NDArray[np.bool_] | None
+    ) -> None:
+        self._clouds = {"by touch": touch_clouds, "by truth": queries} if touch_clouds is not None else {"by truth": queries}
+        self._nearest = {method: [(np.inf, 0)] * len(queries) for method in self._clouds}
         self._masks = masks
         if masks is not None:
             self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
         self.kinds = len(self._clouds) + (masks is not None)
 
-    def look_among(self, clouds: Sequence[SearchedCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
-        """Compare further training objects, the first of which has the number `start`, given by their points and silhouettes."""
+    def compare(self, clouds: Sequence[SearchedCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
+        """Compare a block of training objects from number `start` on, by their points and silhouettes."""
         if masks is not None and self._masks is not None:
             flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]
             for first in range(0, len(self._masks), MASKS):
-                some = slice(first, first + MASKS)
-                asked = self._masks[some]
-                overlap = silhouette_overlap(asked.reshape(-1, asked.shape[-1]), flat).reshape(*asked.shape[:2], -1)
-                better = (largest := overlap.max(axis=-1)) > self._overlap[some]
-                self._overlap[some] = np.where(better, largest, self._overlap[some])
-                self._alike[some] = np.where(better, start + overlap.argmax(axis=-1) // views, self._alike[some])
+                rows = slice(first, first + MASKS)
+                block = self._masks[rows]
+                overlap = silhouette_overlap(block.reshape(-1, block.shape[-1]), flat).reshape(*block.shape[:2], -1)
+                better = (largest := overlap.max(axis=-1)) > self._overlap[rows]
+                self._overlap[rows] = np.where(better, largest, self._overlap[rows])
+                self._alike[rows] = np.where(better, start + overlap.argmax(axis=-1) // views, self._alike[rows])
         for row in range(len(self._clouds["by truth"])):
-            for how, asked_clouds in self._clouds.items():
-                below, _ = self._nearest[how][row]
-                if found := nearest_cloud(asked_clouds[row], clouds, both=how == "by truth", below=below):
-                    self._nearest[how][row] = found[0], start + found[1]
+            for method, queries in self._clouds.items():
+                below, _ = self._nearest[method][row]
+                if match := nearest_cloud(queries[row], clouds, both=method == "by truth", below=below):
+                    self._nearest[method][row] = match[0], start + match[1]
             meter.advance()
 
     def chosen(self) -> dict[str, NDArray[np.intp]]:
-        """List the numbers of the training objects, (object, view or 1), by how they were chosen."""
-        seen = {} if self._masks is None else {"by silhouette": self._alike}
-        return seen | {how: np.array([[at] for _, at in nearest]) for how, nearest in self._nearest.items()}
+        """List the numbers of the chosen training objects, (object, view or 1), by method of choice."""
+        by_silhouette = {} if self._masks is None else {"by silhouette": self._alike}
+        return by_silhouette | {method: np.array([[at] for _, at in nearest]) for method, nearest in self._nearest.items()}

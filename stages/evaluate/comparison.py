@@ -1,4 +1,4 @@
-"""Which scores may stand beside an evaluation, and the figures of both."""
+"""Scores that may be compared with an evaluation, and the figures of both."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 
 COMPARED = ("points", "tau", "scale", "rings")
@@ -14,19 +14,19 @@ COMPARED = ("points", "tau", "scale", "rings")
 
 
 def difference(folder: Path, other: Path) -> str | None:
-    """Say in what two evaluations differ that forbids to compare their figures: a setting, the seed or the objects."""
+    """Name a difference between two evaluations that rules out a comparison: a setting, the seed or the objects; None if there is none."""
     ours, theirs = read_root(folder), read_root(other)
     for name in COMPARED:
         if ours["settings"][name] != theirs["settings"].get(name):
             return f"{name}={theirs['settings'].get(name)}, not {ours['settings'][name]}"
     if ours["seed"] != theirs["seed"]:
         return f"seed {theirs['seed']}, not {ours['seed']}"
-    mine, others = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
-    return None if mine == others else "other objects"
+    our_ids, their_ids = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
+    return None if our_ids == their_ids else "other objects"
 
 
 def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:
-    """Read what an evaluation measured, and beside it the scores that may be compared with it.
+    """Read the figures of an evaluation and of the scores that may be compared with it.
 
     Scores with another setting, seed or other objects are left out.
 
@@ -34,12 +34,12 @@ def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[s
     -------
     The inputs of each network and method, by name, and the figures by name, with those of the baselines.
     """
-    given, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
+    inputs_by_name, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
     for place in scored:
         if difference(folder, place) is None:
             theirs = read_figures(place)
             for name, inputs in read_root(place)["configurations"].items():
-                shown = f"{name}, scored" if name in given else name
-                given[shown], figures[shown] = inputs, theirs[name]
-                figures = {**{other: theirs[other] for other in theirs if other.startswith(LOOKED_UP)}, **figures}
-    return given, figures
+                label = f"{name}, scored" if name in inputs_by_name else name
+                inputs_by_name[label], figures[label] = inputs, theirs[name]
+                figures = {**{other: theirs[other] for other in theirs if other.startswith(BASELINE_PREFIX)}, **figures}
+    return inputs_by_name, figures

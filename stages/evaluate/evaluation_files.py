@@ -79,7 +79,7 @@ class Figures:
 
     @property
     def grasps(self) -> list[int]:
-        """List the numbers of grasps that the network was given."""
+        """List the numbers of grasps that were the network's input."""
         return sorted(grasps for metric, grasps in self._values if metric == "chamfer")
 
     @property
@@ -89,28 +89,28 @@ class Figures:
 
     def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""
-        return np.reshape(self._found(metric, grasps)[1], (len(self.object_ids), -1))
+        return np.reshape(self._lookup(metric, grasps)[1], (len(self.object_ids), -1))
 
-    def _found(self, metric: str, grasps: int = 1) -> tuple[list[int], list[float]]:
-        """Look up the objects' numbers and the values of a metric; none where it was not measured."""
+    def _lookup(self, metric: str, grasps: int = 1) -> tuple[list[int], list[float]]:
+        """Look up the objects' numbers and the values of a metric; empty if it was not measured."""
         return self._values.get((metric, grasps), ([], []))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
-        """Compute the mean over the choices of grasps: (object,); (0,) where the network was not given so many."""
-        if not self._found(metric, grasps)[1]:
+        """Compute the mean over the choices of grasps: (object,); (0,) if the network was not measured with so many."""
+        if not self._lookup(metric, grasps)[1]:
             return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))
 
     def available(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """List a metric of the objects that have it: (object,)."""
-        return np.array(self._found(metric, grasps)[1])
+        return np.array(self._lookup(metric, grasps)[1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
 
         The distance is 0 if the count is 0.
         """
-        places, values = self._found(f"local_chamfer_{number}")
+        places, values = self._lookup(f"local_chamfer_{number}")
         size = len(self.object_ids)
         sites = np.bincount(np.array(places, int), minlength=size)
         return np.bincount(np.array(places, int), weights=values, minlength=size) / np.maximum(sites, 1), sites

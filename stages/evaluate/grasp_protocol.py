@@ -1,4 +1,4 @@
-"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and how surfaces look."""
+"""The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and the quality of surfaces."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ ALL = "all"
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""
 POINTS_IN_BOX = 20_000
-"""In the box around an object and its closed mesh: their shared part is right to 0.02, where they fill a twentieth of it."""
+"""Points in the box around an object and its closed mesh: their overlap is accurate to 0.02 if they fill a twentieth of the box."""
 
 
 class GraspProtocol(Protocol):
@@ -56,16 +56,16 @@ class GraspProtocol(Protocol):
     reads_charts: ClassVar[bool] = True
 
     def __init__(self, job: DatasetJob, models: Sequence[Any]) -> None:
-        self.job, self.seen, self.felt = job, any(model.image for model in models), any(model.touch for model in models)
+        self.job, self.takes_image, self.takes_touch = job, any(model.image for model in models), any(model.touch for model in models)
         self.settings: GraspMeasuringSettings = job.settings
         self.objects = TestObjects(job.data, arrays_of(models, charts=self.reads_charts), self.settings.points, self.stage)
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         rows = self.objects.rows
-        self.sensors = rows.sensors() if self.felt else grasping_sensors({"grasps": rows.attributes("grasps")})
-        held = self.touched.shape[1]
-        if (beyond := [str(number) for number in self.settings.grasps if number > held]) and self.felt and self.reads_charts:
+        self.sensors = rows.sensors() if self.takes_touch else grasping_sensors({"grasps": rows.attributes("grasps")})
+        available = self.touched.shape[1]
+        if (missing := [str(number) for number in self.settings.grasps if number > available]) and self.takes_touch and self.reads_charts:
             job.console.print(
-                f"evaluate.grasps: {', '.join(beyond)} left out: the dataset holds {pluralise(held, 'grasp')} of each object "
+                f"evaluate.grasps: {', '.join(missing)} left out: the dataset holds {pluralise(available, 'grasp')} of each object "
                 "(simulate-grasps.grasps)"
             )
         self._diagonals = [self.objects.diagonal(row) for row in range(len(self.objects))]
@@ -76,7 +76,7 @@ class GraspProtocol(Protocol):
 
     def identity(self, object_id: str, case: Case) -> tuple[str | int, ...]:
         """Name the draw of points by object and grasps."""
-        return object_id, case.first, case.given
+        return object_id, case.first, case.grasp_count
 
     def figures(self, model: Any, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
         """Measure the distances of a case; add its appearance if it is the first, and the rings around its touches if it has one grasp."""
@@ -91,16 +91,16 @@ class GraspProtocol(Protocol):
         if measured.is_first:
             appearance = self.appearance(measured) | self.closed(model, measured)
             yield from ((case.first, metric, value) for metric, value in appearance.items())
-        if case.given == 1:
+        if case.grasp_count == 1:
             yield from self.rings(measured)
 
-    def distance_figures(self, apart: CloudDistances, row: int) -> Mapping[str, float]:
+    def distance_figures(self, distances: CloudDistances, row: int) -> Mapping[str, float]:
         """Compute the figures of a reconstruction that a baseline has too."""
         return {
-            "mean_distance": apart.mean_distance,
-            "f_5mm": apart.f1(NEAR**2),
-            "f_1percent": apart.f1((NEAR_SHARE * self._diagonals[row]) ** 2),
-            "chamfer": apart.chamfer,
+            "mean_distance": distances.mean_distance,
+            "f_5mm": distances.f1(NEAR**2),
+            "f_1percent": distances.f1((NEAR_SHARE * self._diagonals[row]) ** 2),
+            "chamfer": distances.chamfer,
         }
 
     def rings(self, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
@@ -113,68 +113,70 @@ class GraspProtocol(Protocol):
                 yield from ((grasp, f"local_chamfer_{at + 1}", float(means[at])) for at in np.flatnonzero(counts))
 
     def appearance(self, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the appearance of a reconstruction; see the schema's `QUALITY`. Of a point cloud it is its farthest points alone."""
-        made, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
+        """Measure the appearance of a reconstruction; see the schema's `QUALITY`. For a point cloud, measure its farthest points alone."""
+        reconstruction, points, normals = measured.reconstruction, self.objects.points(measured.row), self.objects.normals(measured.row)
         spike = {"spike": float(np.sqrt(np.quantile(measured.distances.predicted, 0.999)))}
-        if not len(made.faces):
+        if not len(reconstruction.faces):
             return spike
-        vision = made.faces[(made.faces < made.vision).all(axis=1)]
-        angles = dihedral_angles(made.vertices, vision)
-        a, b, c = np.moveaxis(made.vertices[measured.faces], 1, 0)
+        vision = reconstruction.faces[(reconstruction.faces < reconstruction.vision).all(axis=1)]
+        angles = dihedral_angles(reconstruction.vertices, vision)
+        a, b, c = np.moveaxis(reconstruction.vertices[measured.faces], 1, 0)
         across = np.cross(b - a, c - a)
-        drawn = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
+        point_normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
         return {
-            "area_ratio": surface_area(made.vertices, made.faces) / sampled_area(points, normals),
+            "area_ratio": surface_area(reconstruction.vertices, reconstruction.faces) / sampled_area(points, normals),
             **({"dihedral": float(np.median(angles))} if len(angles) else {}),  # triangles without a common edge have none
-            "seam_gap": 0.0 if made.is_whole else float(seam_gaps(made.vertices[: made.vision], made.position).mean()),
+            "seam_gap": 0.0
+            if reconstruction.is_whole
+            else float(seam_gaps(reconstruction.vertices[: reconstruction.vision], reconstruction.position).mean()),
             **spike,
-            "normal_consistency": normal_consistency(measured.points, drawn, points, normals),
-            "crossing": float(crossing_faces(made.vertices, vision, made.position).mean()),
+            "normal_consistency": normal_consistency(measured.points, point_normals, points, normals),
+            "crossing": float(crossing_faces(reconstruction.vertices, vision, reconstruction.position).mean()),
         }
 
     def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the inside that a reconstruction shares with the object: its own, or that of a closed mesh if the settings ask for one.
+        """Measure the overlap of the insides of a reconstruction, or of its closed mesh if the settings ask for one, and the object.
 
         Returns
         -------
-        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing of charts that are not to be closed. There
-        is no `iou` of surfaces so thin that no point is in them.
+        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing for charts that are not to be closed.
+        Surfaces so thin that no point is inside have no `iou`.
         """
-        object_id, made = self.objects.rows.object_ids[measured.row], measured.reconstruction
+        object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
-            given = self.observe(model, measured.row, measured.case)
-            vertices, faces = close_reconstruction(made, self.settings.closed_resolution, given)
-        elif made.is_whole and len(made.faces):
-            vertices, faces = made.vertices, made.faces
+            observation = self.observe(model, measured.row, measured.case)
+            vertices, faces = close_reconstruction(reconstruction, self.settings.closed_resolution, observation)
+        elif reconstruction.is_whole and len(reconstruction.faces):
+            vertices, faces = reconstruction.vertices, reconstruction.faces
         else:
             return {}
         closed = {"watertight": float(is_watertight(faces))}
         if not (closed["watertight"] and bool(self.objects.surfaces.view(object_id)["watertight"])):
             return closed
         mesh = read_mesh(self.objects.surfaces.view(object_id))
-        (low, high), (true_low, true_high) = ((each.min(axis=0), each.max(axis=0)) for each in (vertices, mesh.vertices))
+        (low, high), (true_low, true_high) = ((surface.min(axis=0), surface.max(axis=0)) for surface in (vertices, mesh.vertices))
         if (low > true_high).any() or (true_low > high).any():  # points in a box around both may all miss surfaces that are far apart
             return closed | {"iou": 0.0}
         rng = numpy_rng(self.job.seed, "evaluate", "closed", object_id)
         points = rng.uniform(np.minimum(low, true_low), np.maximum(high, true_high), (POINTS_IN_BOX, 3))
-        with suppress(InvalidInput):  # both are thinner than the points are apart
+        with suppress(InvalidInput):  # both are thinner than the spacing of the points
             closed["iou"] = intersection_over_union((vertices, faces), (mesh.vertices, mesh.faces), points)
         return closed
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
-        compared = ["points", "segmentation"] if self.seen else ["points"]
+        compared = ["points", "segmentation"] if self.takes_image else ["points"]
         try:
             training = ObjectRows(self.job.data, compared, "train")
         except StoreError:
             return {}
-        images = ObjectRows(self.job.data, ["segmentation"], None) if self.seen else None
+        images = ObjectRows(self.job.data, ["segmentation"], None) if self.takes_image else None
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             assert images is not None
             return np.asarray(images.read("segmentation", object_id, camera=0)[0] == Label.OBJECT).reshape(1, -1)
 
-        touched = [self._touched_points(row) for row in range(len(self.objects))] if self.felt else None
+        touched = [self._touched_points(row) for row in range(len(self.objects))] if self.takes_touch else None
         return retrieve(
             self.objects,
             training,
@@ -202,8 +204,8 @@ class GraspProtocol(Protocol):
 def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
     """List the cases of a model.
 
-    A model without touch is the same for any number of grasps, without the occluded image for any grasp; all grasps are
-    the same grasps whichever comes first.
+    A model without touch gives the same result for any number of grasps, and without the occluded image for any grasp. All grasps together
+    are the same input whichever comes first.
 
     Parameters
     ----------
@@ -272,11 +274,11 @@ def chart_residuals(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.
     -------
     The group `charts` of the schema `evaluation`.
     """
-    chosen = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
-    chosen[ALL] = is_surface(stop_rule)
-    masks = chosen.values()
+    masks_by_rule = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
+    masks_by_rule[ALL] = is_surface(stop_rule)
+    masks = masks_by_rule.values()
     return {
-        "stop_rule": np.array([*chosen]),
+        "stop_rule": np.array([*masks_by_rule]),
         "charts": np.array([mask.sum() for mask in masks]),
         "residual_mean": np.array([residual[mask].mean(dtype=np.float64) if mask.any() else 0.0 for mask in masks]),
         "residual_worst": np.array([residual[mask].max(initial=0) for mask in masks]),

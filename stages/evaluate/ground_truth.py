@@ -62,7 +62,7 @@ class TestObjects:
         return self.rows.read("normals", self.rows.object_ids[row])[: self.count].astype(np.float64)
 
     def area(self, row: int) -> float:
-        """Compute the area of an object's surface, m², as distances between points show it: two sides of thin parts count once."""
+        """Estimate the area of an object's surface, m², from distances between points: two sides of thin parts count once."""
         return sampled_area(self.points(row))
 
     def diagonal(self, row: int) -> float:

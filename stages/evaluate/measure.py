@@ -32,15 +32,15 @@ class Case:
         The first grasp; the occluded image is the one with the hand in it. Or the view.
     grasps
         The grasps whose touches are given, none for a model without touch.
-    given
-        Number of grasps that the figures are of.
+    grasp_count
+        Number of grasps under which the figures are reported.
     firsts
         The first grasps whose figures the reconstruction gives.
     """
 
     first: int
     grasps: tuple[int, ...]
-    given: int
+    grasp_count: int
     firsts: tuple[int, ...]
 
 
@@ -119,21 +119,21 @@ class Protocol(ABC):
 
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
         """Reconstruct objects, given by number, in cases."""
-        made: list[Reconstruction] = model.reconstruct([self.observe(model, row, case) for row, case in work])
-        return made
+        reconstructions: list[Reconstruction] = model.reconstruct([self.observe(model, row, case) for row, case in work])
+        return reconstructions
 
 
-def stored(made: Reconstruction) -> Reconstruction:
-    """Round a reconstruction to the float32 in which it is stored and written: what is measured is what anybody can measure again."""
-    return replace(made, vertices=made.vertices.astype(np.float32).astype(np.float64))
+def stored(reconstruction: Reconstruction) -> Reconstruction:
+    """Round a reconstruction to float32, in which it is stored and exported, so that measurements can be repeated from files."""
+    return replace(reconstruction, vertices=reconstruction.vertices.astype(np.float32).astype(np.float64))
 
 
-def draw(made: Reconstruction, count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def draw(reconstruction: Reconstruction, count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Draw points from a reconstruction.
 
     Parameters
     ----------
-    made
+    reconstruction
         A surface, or a point cloud, which has no faces.
     count
         Points to draw; of a cloud with fewer, all of them.
@@ -144,14 +144,14 @@ def draw(made: Reconstruction, count: int, rng: np.random.Generator) -> tuple[ND
     -------
     (N, 3) points, m, and (N, 3) vertices of the face of each; (0, 3) of a cloud.
     """
-    if not len(made.faces):
-        return rng.permutation(made.vertices)[:count], made.faces
-    points, face = sample_triangles(made.vertices[made.faces], count, rng)
-    return points, made.faces[face]
+    if not len(reconstruction.faces):
+        return rng.permutation(reconstruction.vertices)[:count], reconstruction.faces
+    points, face = sample_triangles(reconstruction.vertices[reconstruction.faces], count, rng)
+    return points, reconstruction.faces[face]
 
 
 def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Measure a model, or whatever the protocol reconstructs with, on the test objects, with the job's batch size and seed.
+    """Measure a model, or another method that the protocol reconstructs with, on the test objects, with the job's batch size and seed.
 
     Returns
     -------
@@ -171,18 +171,20 @@ def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple
         for start in range(0, len(work), size):
             batch = work[start : start + size]
             surfaces = map(stored, protocol.reconstruct(model, batch))
-            for (row, case), made in zip(batch, surfaces, strict=True):
+            for (row, case), reconstruction in zip(batch, surfaces, strict=True):
                 object_id = objects.rows.object_ids[row]
                 identity = protocol.identity(object_id, case)
-                if not np.isfinite(made.vertices).all():
+                if not np.isfinite(reconstruction.vertices).all():
                     case_name = " ".join(map(str, (name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
-                points, faces = draw(made, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
+                points, faces = draw(reconstruction, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(row))
-                measured = MeasuredCase(row, case, made, points, faces, distances, is_first=case is cases[0])
-                rows += [Figure(object_id, first, case.given, metric, value) for first, metric, value in protocol.figures(model, measured)]
+                measured = MeasuredCase(row, case, reconstruction, points, faces, distances, is_first=case is cases[0])
+                rows += [
+                    Figure(object_id, first, case.grasp_count, metric, value) for first, metric, value in protocol.figures(model, measured)
+                ]
                 if protocol.keeps_surfaces and case in kept_cases:
-                    kept.append(made)
+                    kept.append(reconstruction)
                 meter.advance()
     if not kept:
         return rows, {}
@@ -196,15 +198,15 @@ def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple
 
 
 def surfaces_group(model: Reconstructor) -> str:
-    """Name the group below which a model's surfaces are."""
+    """Name the group that holds a model's surfaces."""
     return "predictions" if model.has_charts else "meshes"
 
 
 def _charts(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:
-    made = kept[-1]
+    example = kept[-1]
     vertices = np.array([surface.vertices[: surface.vision] for surface in kept], np.float32)
-    faces = made.faces[(made.faces < made.vision).all(axis=1)]
-    return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": made.position}
+    faces = example.faces[(example.faces < example.vision).all(axis=1)]
+    return {"vertices": vertices.reshape(*shape, -1, 3), "faces": faces, "position": example.position}
 
 
 def _meshes(kept: Sequence[Reconstruction], shape: tuple[int, int]) -> Mapping[str, np.ndarray]:

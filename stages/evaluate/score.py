@@ -1,4 +1,4 @@
-"""Reconstructions that another method wrote as files, measured as networks' are."""
+"""Reconstructions of another method, from files, measured as those of networks."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from stages.evaluate.stage import write_measured
 
 @dataclass(frozen=True)
 class Method:
-    """What stands in the place of a network: a method of which there are files alone.
+    """A method that is known only by its files, in the place of a network.
 
     Attributes
     ----------
     image, touch
-        Whether the baselines that look at images and at touches are measured beside it.
+        Whether the baselines that use images and touches are measured beside it.
     has_charts
         False: its surfaces are meshes or point clouds.
     """
@@ -56,23 +56,28 @@ class ScoreProtocol(GraspProtocol):
         super().__init__(job, [method])
         rows, settings = self.objects.rows, job.settings
         every = ObjectRows(job.data, ["points"], None)
-        others = [name for name in (*every.object_ids, *every.left_out) if name not in rows.object_ids]
-        self.folder, self.files = folder, find_files(folder, rows.object_ids, others, settings.given, self.touched.shape[1])
+        untested = [name for name in (*every.object_ids, *every.left_out) if name not in rows.object_ids]
+        self.folder, self.files = folder, find_files(folder, rows.object_ids, untested, settings.given, self.touched.shape[1])
         self.sparse: list[int] = []
 
     def cases(self, model: Any) -> list[Case]:
-        """List the numbers of grasps, and the first ones, that there are files of."""
-        held = self.touched.shape[1]
+        """List the numbers of grasps, and the first grasps, for which there are files."""
+        available = self.touched.shape[1]
         return [
-            Case(first, tuple((first + step) % held for step in range(given)), given, (first,)) for given, first in sorted(self.files.paths)
+            Case(first, tuple((first + step) % available for step in range(count)), count, (first,))
+            for count, first in sorted(self.files.paths)
         ]
 
     def reconstruct(self, model: Any, work: Sequence[tuple[int, Case]]) -> list[Reconstruction]:
-        """Read the files; a `StageError` where one cannot be read that could be a moment ago."""
+        """Read the files; raise a `StageError` if one has become unreadable since it was checked."""
         try:
-            made = [read_surface(self.files.paths[case.given, case.first][self.objects.rows.object_ids[row]]) for row, case in work]
-            self.sparse += [count for one in made if not len(one.faces) and (count := len(one.vertices)) < self.objects.count]
-            return made
+            surfaces = [
+                read_surface(self.files.paths[case.grasp_count, case.first][self.objects.rows.object_ids[row]]) for row, case in work
+            ]
+            self.sparse += [
+                count for surface in surfaces if not len(surface.faces) and (count := len(surface.vertices)) < self.objects.count
+            ]
+            return surfaces
         except InvalidInput as error:
             raise StageError(f"{self.folder} changed while it was measured: {error}; score it again") from error
 
@@ -96,7 +101,7 @@ class Score(DatasetStage):
     folder
         Holds the files, as `find_files` takes them.
     reads
-        The artifacts beside `surfaces` and `grasps` that the baselines look at, of those that were made.
+        The existing artifacts beside `surfaces` and `grasps` that the baselines use.
     """
 
     name = "score"
@@ -138,7 +143,7 @@ class Score(DatasetStage):
             )
         figures = {settings.method: Figures(protocol.objects.rows.object_ids, rows)}
         groups = {"objects": protocol.objects.table(), **protocol.extra()}
-        given, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}
-        write_measured(job, protocol, figures, groups, given, version)
+        inputs, version = {settings.method: {"image": None, "touch": True}}, {"vt_pipeline": library_versions()["vt-pipeline"]}
+        write_measured(job, protocol, figures, groups, inputs, version)
         grasps = sorted({number for number, _ in files.paths})
         return {"objects": len(protocol.objects), "files": sum(map(len, files.paths.values())), "grasps": grasps}

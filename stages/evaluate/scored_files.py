@@ -1,4 +1,4 @@
-"""Another method's reconstructions as files: found by the object's name, read, and refused where they are not what they should be."""
+"""Another method's reconstructions as files: found by the object's name, checked and read."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Y_UP = (".glb", ".gltf")
 """Formats whose y points up by their standard; they are turned to the world's z."""
 
 SIZES = 10.0
-"""Times larger or smaller than the object, beyond which a reconstruction is in another unit, not bad."""
+"""Ratio of sizes beyond which a reconstruction is taken to be in another unit than the object, and not just bad."""
 TURNED = 0.25
-"""Share of its error that a reconstruction keeps when it is turned, below which it was made with another axis up."""
-FEW = 500
-"""Points by which that is told."""
+"""Share of its error that remains when a reconstruction is turned, below which it was made with another axis up."""
+TURN_POINTS = 500
+"""Points of a reconstruction with which that is tested."""
 UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
-"""Units by how many of them are a metre."""
+"""Units, by their number per metre."""
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -51,9 +51,9 @@ class ScoredFiles:
     paths
         By number of grasps and first grasp, and by object.
     faults
-        A line for each file that is missing, or that is there and cannot be used.
+        A line for each file that is missing or cannot be used.
     unused
-        Names of files that are of no test object.
+        Names of files without a test object.
     """
 
     paths: Mapping[tuple[int, int], Mapping[str, Path]]
@@ -68,7 +68,7 @@ def surface_files(folder: Path) -> list[Path]:
     return [path for path in files if not path.name.startswith(".")]  # macOS leaves ._OBJECT.ply beside OBJECT.ply
 
 
-def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given: int, held: int) -> ScoredFiles:
+def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasps_given: int, grasps_held: int) -> ScoredFiles:
     """Find the file of each test object.
 
     Parameters
@@ -77,9 +77,9 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given
         Holds files called OBJECT.SUFFIX, and perhaps folders `grasps-N` or `grasps-N-from-K` of such files.
     tested, others
         The objects that are scored, and the dataset's others.
-    given
+    grasps_given
         Grasps that the files in the folder itself were made from.
-    held
+    grasps_held
         Grasps that the dataset holds of each object.
     """
     paths: dict[tuple[int, int], dict[str, Path]] = {}
@@ -90,21 +90,21 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], given
     for path in surface_files(folder):
         name = str(path.relative_to(folder))
         match = CASE.fullmatch(path.parent.name) if path.parent != folder else None
-        case = (int(match[1]), int(match[2] or 0)) if match else (given, 0)
-        if case[0] > held or case[1] >= held:
+        case = (int(match[1]), int(match[2] or 0)) if match else (grasps_given, 0)
+        if case[0] > grasps_held or case[1] >= grasps_held:
             which = f"{pluralise(case[0], 'grasp')}{f' from {case[1]} on' if case[1] else ''}"
-            faults.append(f"{name}: it is of {which}, but the dataset holds {pluralise(held, 'grasp')} of each object, from 0")
+            faults.append(f"{name}: it is of {which}, but the dataset holds {pluralise(grasps_held, 'grasp')} of each object, from 0")
         elif path.stem in others:
             unused.append(name)
         elif path.stem not in tested:
             guess = meant(path.stem, tested)
             faults.append(f"{name}: the dataset has no object {path.stem}{f', did you mean {guess}?' if guess else ''}")
-        elif path.stem in (there := paths.setdefault(case, {})):
-            faults.append(f"{name}: {there[path.stem].relative_to(folder)} is of the same object and grasps; keep one of them")
+        elif path.stem in (case_files := paths.setdefault(case, {})):
+            faults.append(f"{name}: {case_files[path.stem].relative_to(folder)} is of the same object and grasps; keep one of them")
         else:
-            there[path.stem] = path
-    for (number, first), there in paths.items():
-        if missing := [object_id for object_id in tested if object_id not in there]:
+            case_files[path.stem] = path
+    for (number, first), case_files in paths.items():
+        if missing := [object_id for object_id in tested if object_id not in case_files]:
             which = f" with {number} grasps from {first} on" if len(paths) > 1 else ""
             faults.append(f"{len(missing)} of {len(tested)} test objects have no file{which}: {', '.join(missing)}")
     if not paths:
@@ -182,17 +182,17 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
     for objects in files.paths.values():
         for object_id, path in objects.items():
             try:
-                made = read_surface(path)
+                reconstruction = read_surface(path)
             except InvalidInput as error:
                 yield f"{path.relative_to(folder)}: {error}"
                 continue
             points = truth(object_id)
-            if not misplaced and (problem := misplacement(made.vertices, points)):
+            if not misplaced and (problem := misplacement(reconstruction.vertices, points)):
                 yield f"{path.relative_to(folder)}: {problem}{anyway}"
-            elif len(made.faces) and not _has_area(made):
-                yield f"{path.relative_to(folder)}: none of its {len(made.faces)} faces has an area"
+            elif len(reconstruction.faces) and not _has_area(reconstruction):
+                yield f"{path.relative_to(folder)}: none of its {len(reconstruction.faces)} faces has an area"
             else:
-                shares.append(_share_when_turned(made.vertices, points))
+                shares.append(_share_when_turned(reconstruction.vertices, points))
     if shares and not misplaced and np.median(shares) < TURNED:
         yield (
             "turned by 90° about x, half of the reconstructions or more would be several times nearer to their objects: the files have y "
@@ -201,7 +201,7 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
 
 
 def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
-    """Say why a reconstruction cannot be in the world's frame and in metres; None if it may.
+    """Explain why a reconstruction cannot be in the world's frame and in metres; None if it may.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> 
     (place, size), (true_place, true_size) = _box(vertices), _box(points)
     if not true_size / SIZES < size < true_size * SIZES:
         times = size / true_size
-        unit = min(UNITS, key=lambda one: abs(np.log(max(times, 1e-9) / one)))
+        unit = min(UNITS, key=lambda factor: abs(np.log(max(times, 1e-9) / factor)))
         hint = f", as if it were in {UNITS[unit]}" if 0.5 < times / unit < 2 else ""
         return f"it is {times:.3g} times as large as the object{hint}; the world's unit is the metre"
     if np.linalg.norm(place - true_place) > true_size:
@@ -228,14 +228,14 @@ def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     return (low + high) / 2, float(np.linalg.norm(high - low))
 
 
-def _has_area(made: Reconstruction) -> bool:
-    a, b, c = np.moveaxis(made.vertices[made.faces], 1, 0)
+def _has_area(reconstruction: Reconstruction) -> bool:
+    a, b, c = np.moveaxis(reconstruction.vertices[reconstruction.faces], 1, 0)
     return bool(np.cross(b - a, c - a).any())
 
 
 def _share_when_turned(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> float:
-    """Compute what share of its distance to the object a reconstruction keeps when it is turned from y up to z up in its place."""
-    some, tree = vertices[np.linspace(0, len(vertices) - 1, min(FEW, len(vertices))).astype(int)], cKDTree(points)
+    """Compute the share of a reconstruction's distance to the object that remains when it is turned from y up to z up about its middle."""
+    sample, tree = vertices[np.linspace(0, len(vertices) - 1, min(TURN_POINTS, len(vertices))).astype(int)], cKDTree(points)
     middle = _box(points)[0]
-    x, y, z = (some - middle).T
-    return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, some), 1e-12)
+    x, y, z = (sample - middle).T
+    return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, sample), 1e-12)

@@ -9,12 +9,12 @@ from pipeline.errors import unknown
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS
 
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
-"""Of a method, which becomes the name of a folder."""
+"""Pattern of a method's name, which becomes the name of a folder."""
 
 SHIPPED_SCORES = "scores/shipped"
-"""The folder of the figures of the network that ships, below a data directory."""
+"""Folder of the figures of the network that ships, below a data directory."""
 SHIPPED_ROWS = "shipped-"
-"""Begins the names of its rows in tables: `shipped-touch` is given touches."""
+"""Prefix of the names of its rows in tables: `shipped-touch` takes touches."""
 
 
 def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
@@ -35,7 +35,7 @@ def _known(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 class MeasuringSettings(Settings):
-    """How networks are measured, by whatever protocol."""
+    """The settings of a measurement of networks by any protocol."""
 
     points: int = setting(10_000, "points drawn from each surface: as many as S^obj has; the sampling floor falls with them", ge=2)
     tau: float = setting(1e-4, "squared distance of F1 in Table 4's protocol, in its scaled unit", gt=0, le=1e6, changes="definition")

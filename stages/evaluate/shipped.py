@@ -1,4 +1,4 @@
-"""The network that ships, on the test objects of any dataset: a row beside what was trained there."""
+"""The network that ships, on the test objects of any dataset: rows beside the networks that were trained on it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettin
 from stages.evaluate.stage import Evaluate
 
 TOLERANCE = 1.02
-"""Objects may be as many times as large as those that the network knows."""
+"""Largest ratio of the size of objects to that of the network's training objects."""
 
 
 class FirstGraspProtocol(GraspProtocol):
@@ -64,7 +64,7 @@ class EvaluateShipped(Evaluate):
 
 
 def shipped_folder() -> Path:
-    """Return the folder of the network that ships; a `StageError` if this version has none."""
+    """Return the folder of the network that ships; raise a `StageError` if this version has none."""
     return DataDirectory(shipped_models()).whole_folder(model_name(DEFAULT).removeprefix("models/"))
 
 
@@ -74,7 +74,7 @@ def shipped_record() -> Path:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose what the network that ships can be given of a dataset.
+    """Choose the inputs that a dataset has for the network that ships.
 
     Returns
     -------
@@ -88,15 +88,15 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}
     rows = []
-    for name, (network, given) in ROWS.items():
-        takes = {*([given.image] if given.image else []), *(["touch"] if given.touch else [])}
+    for name, (network, inputs) in ROWS.items():
+        takes = {*([inputs.image] if inputs.image else []), *(["touch"] if inputs.touch else [])}
         if network == DEFAULT and takes and not takes & unfit:
             rows.append(name)
     return rows, [f"{kind}: {why}" for kind, why in reasons]
 
 
 def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str, str]]:
-    """Name the inputs that it cannot be given, with the reason."""
+    """Name the inputs that the dataset cannot give it, with the reason."""
     images, charts = directory.collection(VISION), directory.collection(CHARTS)
     for kind in ("occluded", "unoccluded"):
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):

@@ -21,7 +21,7 @@ ARRAYS = ("points", "rendering", "rendering_camera", "silhouette")
 STEP = 2
 """Every second pixel of every second row of a silhouette is compared."""
 CHAMFER_FACTOR = 1000.0
-"""Of Table 4's Chamfer distances."""
+"""Factor of Table 4's Chamfer distances."""
 
 
 class SingleImageProtocol(Protocol):
@@ -50,20 +50,20 @@ class SingleImageProtocol(Protocol):
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions."""
-        training, everything = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
+        training, all_objects = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
-            return everything.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
+            return all_objects.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
-        how = {"console": self.job.console, "most": self.settings.looked_up}
-        return retrieve(self.objects, training, self._figures, **how, silhouettes=silhouettes)
+        options = {"console": self.job.console, "most": self.settings.looked_up}
+        return retrieve(self.objects, training, self._figures, **options, silhouettes=silhouettes)
 
     def extra(self) -> dict[str, Arrays]:
-        """Make none."""
+        """Return no further groups."""
         return {}
 
-    def _figures(self, apart: CloudDistances, row: int) -> Mapping[str, float]:
-        return figures_of(apart, scale=self._scales[row], tau=self.settings.tau)
+    def _figures(self, distances: CloudDistances, row: int) -> Mapping[str, float]:
+        return figures_of(distances, scale=self._scales[row], tau=self.settings.tau)
 
     def _scale_of(self, row: int) -> float:
         """Compute the factor to the standard's size from the diagonal that objects were scaled to, or the object's if it was not scaled."""
@@ -73,12 +73,12 @@ class SingleImageProtocol(Protocol):
         return float(self.settings.scale / self.objects.rows.attributes("surfaces")["settings"]["diagonal"])
 
 
-def figures_of(apart: CloudDistances, *, scale: float, tau: float) -> dict[str, float]:
+def figures_of(distances: CloudDistances, *, scale: float, tau: float) -> dict[str, float]:
     """Compute the figures of one reconstruction by Table 4's standard.
 
     Parameters
     ----------
-    apart
+    distances
         Squared distances between predicted and true points, m².
     scale
         Factor from metres to the standard's unit.
@@ -89,5 +89,5 @@ def figures_of(apart: CloudDistances, *, scale: float, tau: float) -> dict[str, 
     -------
     Chamfer distance × `CHAMFER_FACTOR` in the standard's unit, and F1 at tau and 2 tau, by metric.
     """
-    chamfer = CHAMFER_FACTOR * scale**2 * apart.chamfer
-    return {"scaled_chamfer": chamfer, "f1": apart.f1(tau, scale), "f1_2tau": apart.f1(2 * tau, scale)}
+    chamfer = CHAMFER_FACTOR * scale**2 * distances.chamfer
+    return {"scaled_chamfer": chamfer, "f1": distances.f1(tau, scale), "f1_2tau": distances.f1(2 * tau, scale)}

@@ -63,7 +63,7 @@ class NetworkEvaluation(DatasetStage):
         return {name: load_reconstructor(name, job.models[model], device) for name, model in self.rows(job.settings).items()}
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Measure model by model, and training objects in their place; then write the tables."""
+        """Measure model by model, then the baselines, and write the tables."""
         models = self.load(job)
         protocol = self.protocol(job, list(models.values()))
         figures: dict[str, Figures] = {}
@@ -73,8 +73,8 @@ class NetworkEvaluation(DatasetStage):
                 rows, surfaces = _measured(name, model, protocol, job)
                 figures[name] = Figures(protocol.objects.rows.object_ids, rows)
                 groups |= {f"{surfaces_group(model)}/{name}": surfaces} if surfaces else {}
-        given = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
-        write_measured(job, protocol, figures, groups, given, self.attributes(job, protocol))
+        inputs = {name: {"image": model.image, "touch": model.touch} for name, model in models.items()}
+        write_measured(job, protocol, figures, groups, inputs, self.attributes(job, protocol))
         facts = {Path(name).name: DataDirectory(job.data).folder(name).facts for name in job.models}
         if job.models:
             job.console.print(escape(f"`vt-pipeline report {shlex.quote(str(job.data))}` shows what was measured"))
@@ -87,31 +87,31 @@ def write_measured(
     protocol: Protocol,
     figures: Mapping[str, Figures],
     groups: Mapping[str, Mapping[str, Any]],
-    given: Mapping[str, Mapping[str, Any]],
-    further: Mapping[str, Any],
+    inputs: Mapping[str, Mapping[str, Any]],
+    extra_attributes: Mapping[str, Any],
 ) -> None:
     """Measure the baselines, and write all figures and their tables.
 
     Parameters
     ----------
     job, protocol
-        What is measured, and how.
-    figures, given
-        The figures of the networks, and what each is given, by name.
+        The job, and the protocol by which it measures.
+    figures, inputs
+        The figures and the inputs of the networks, by name.
     groups
         The other groups of the schema.
-    further
-        Attributes of the root beside those that all have.
+    extra_attributes
+        Attributes of the root beside the common ones.
     """
     rows = protocol.objects.rows
     attributes = {
         "settings": job.settings.results(),
         "seed": job.seed,
         "split": rows.split,
-        "configurations": given,
+        "configurations": inputs,
         "left_out": rows.left_out,
         "paper_sizes": has_paper_sizes(job.data),
-        **further,
+        **extra_attributes,
     }
     figures = {**figures, **protocol.baselines()}
     write_evaluation(job.folder, {**groups, "figures": long_table(figures)}, attributes)
@@ -141,10 +141,10 @@ class Evaluate(NetworkEvaluation):
     protocol = GraspProtocol
 
     def inputs(self, settings: EvaluationSettings) -> tuple[Artifact, ...]:
-        """Name the artifacts that the models take, and the grasps, whose touch sites are measured around whatever the models take."""
+        """Name the artifacts that the models take, and the grasps, around whose touch sites every model is measured."""
         networks = [inputs_of(name) for name in settings.configurations]
-        seen, felt = any(network.image for network in networks), any(network.touch for network in networks)
-        return (SURFACES, GRASPS, *([VISION] if seen else []), *([TOUCH, CHARTS] if felt else []))
+        takes_image, takes_touch = any(network.image for network in networks), any(network.touch for network in networks)
+        return (SURFACES, GRASPS, *([VISION] if takes_image else []), *([TOUCH, CHARTS] if takes_touch else []))
 
     def rows(self, settings: EvaluationSettings) -> dict[str, str]:
         """Name the model of each configuration."""

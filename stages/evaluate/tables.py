@@ -15,7 +15,7 @@ from pipeline.dataset.touch_statistics import PAPER, PAPER_DIAGONAL, SUPPLEMENT_
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
-from stages.evaluate.baselines import LOOKED_UP, label
+from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.comparison import beside, difference
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
@@ -40,7 +40,7 @@ ACCURACY = {
 """The metrics that need no explanation, by label, and the factors to their units."""
 
 SHARED = {"normals agree, %": ("normal_consistency", 100), "intersection over union": ("iou", 1)}
-"""Metrics beside them that only surfaces have, of their first grasp, and closed ones."""
+"""Further metrics that only surfaces have (of the first grasp), and only closed ones."""
 
 CHAMFER = ("chamfer", TABLE_3_FACTOR)
 """In Table 3's unit."""
@@ -48,7 +48,7 @@ CHAMFER = ("chamfer", TABLE_3_FACTOR)
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
 SMALLEST = "smallest value that sampling allows"
-"""Of a Chamfer distance: that of two samplings of one surface."""
+"""Label of the least Chamfer distance, that of two samplings of one surface."""
 
 
 def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
@@ -73,12 +73,12 @@ def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    given, figures = beside(folder, scored)
+    inputs_by_name, figures = beside(folder, scored)
     yield from _left_out(folder, scored)
-    every = {name: figures[name] for name in given}
+    every = {name: figures[name] for name in inputs_by_name}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
-    felt = {name: every[name] for name, inputs in given.items() if inputs["touch"]}
-    baselines = {name: network for name, network in figures.items() if name.startswith(LOOKED_UP)}
+    touch_networks = {name: every[name] for name, inputs in inputs_by_name.items() if inputs["touch"]}
+    baselines = {name: network for name, network in figures.items() if name.startswith(BASELINE_PREFIX)}
     members, rng = _members(objects["category"]), partial(numpy_rng, root["seed"])
     classes = [f"{name} ({member.sum()})" for name, member in members.items()]
     yield Table(
@@ -88,16 +88,16 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
     yield _accuracy({**every, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
-    if len(_numbers(felt)) > 1:
-        yield _distances_by_grasps(felt, partial(rng, "grasps"))
+    if len(_numbers(touch_networks)) > 1:
+        yield _distances_by_grasps(touch_networks, partial(rng, "grasps"))
     if networks:
         yield _distances_by_class(networks, members, classes, partial(rng, "classes"))
     yield _dataset(read_table(folder, "table_1"), paper)
     yield Table(_about_chamfer(objects["diagonal"], paper))
     if networks:
         yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"), paper)
-    if felt:
-        yield _grasps(felt, floor, partial(rng, "table_3"), paper)
+    if touch_networks:
+        yield _grasps(touch_networks, floor, partial(rng, "table_3"), paper)
     if networks:
         yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
         if paper:
@@ -111,12 +111,12 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
 
 
 def _numbers(networks: Networks) -> list[int]:
-    """List the numbers of grasps that any of these networks was given."""
+    """List the numbers of grasps with which any of these networks was measured."""
     return sorted({number for figures in networks.values() for number in figures.grasps})
 
 
 def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..., np.random.Generator]) -> Table:
-    """Make the table of the plainest figures with one grasp, or the fewest that a network was given.
+    """Make the table of the simplest figures with one grasp, or the fewest with which a network was measured.
 
     Baselines and the limit of sampling are below the networks.
     """
@@ -126,10 +126,13 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
         distances = [(figures.per_object(metric, fewest), metric, factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
         shared = [(figures.available(metric, fewest), metric, factor) for metric, factor in SHARED.values()]
         cells = [_estimate(values, rng(name, metric), factor) for values, metric, factor in (*distances, *shared)]
-        shown = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
-        rows.append(Row([shown, *cells], dim=name.startswith(LOOKED_UP)))
+        row_label = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
+        rows.append(Row([row_label, *cells], dim=name.startswith(BASELINE_PREFIX)))
     best = [
-        (1e3 * sampling_distance(area, points), *(100 * sampling_share(area, points, near) for near in (NEAR, NEAR_SHARE * diagonal)))
+        (
+            1e3 * sampling_distance(area, points),
+            *(100 * sampling_share(area, points, threshold) for threshold in (NEAR, NEAR_SHARE * diagonal)),
+        )
         for area, diagonal in zip(objects["area"].tolist(), objects["diagonal"].tolist(), strict=True)
     ]
     floor = TABLE_3_FACTOR * float(objects["floor"].mean())
@@ -156,7 +159,7 @@ def _distances_by_class(networks: Networks, members: Members, classes: list[str]
 
 
 def _about_chamfer(diagonals: NDArray[np.float64], paper: bool) -> str:
-    """Explain the Chamfer distances of the tables that follow, and why the paper's figures are beside them or not."""
+    """Explain the Chamfer distances of the following tables, and why the paper's figures are beside them or not."""
     text = (
         "Chamfer distance: mean squared nearest distance, both directions summed, in m² or × "
         f"{TABLE_3_FACTOR:.0f}, the unit of Table 3 of {PAPER}. It grows with the square of an object's size."
@@ -192,7 +195,7 @@ def _dataset(table: Arrays, paper: bool) -> Table:
 
 
 def _theirs(figures: Sequence[float] | None, columns: Sequence[int], digits: str) -> list[Row]:
-    """Make a row with the paper's figures for the columns 1, 2, …, where it has some."""
+    """Make a row with the paper's figures, if it has some, for the columns 1, 2, …."""
     if figures is None:
         return []
     return [Row([f"  {PAPER}", *(f"{figures[at - 1]:{digits}}" if at <= len(figures) else None for at in columns)], dim=True)]
@@ -268,8 +271,8 @@ def _surfaces(networks: Networks, resolution: int | None, *, scored: bool) -> It
     yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
     if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
         columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
-        how = f"closed with {resolution} edges along their longest side" + (", scored ones as they are" if scored else "")
-        title = f"Closed surfaces with one grasp, {how if resolution else 'as they are'}"
+        method = f"closed with {resolution} edges along their longest side" + (", scored ones as they are" if scored else "")
+        title = f"Closed surfaces with one grasp, {method if resolution else 'as they are'}"
         yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])
 
 
@@ -277,14 +280,16 @@ def _quality(networks: Networks) -> list[Row]:
     rows = []
     for name, figures in networks.items():
         values = [(factor, figures.available(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
-        rows.append(Row([name, *((factor * found.mean(), factor * np.median(found)) if len(found) else None for factor, found in values)]))
+        rows.append(
+            Row([name, *((factor * figure.mean(), factor * np.median(figure)) if len(figure) else None for factor, figure in values)])
+        )
     return rows
 
 
 def _closed(name: str, figures: Figures) -> Row:
     shared = figures.available("iou")
-    both = (shared.mean(), np.median(shared)) if len(shared) else None
-    return Row([name, 100 * figures.available("watertight").mean(), len(shared), both])
+    mean_and_median = (shared.mean(), np.median(shared)) if len(shared) else None
+    return Row([name, 100 * figures.available("watertight").mean(), len(shared), mean_and_median])
 
 
 def _charts(table: Arrays) -> Table:

@@ -9,7 +9,7 @@ from pipeline.kernels.charts.fit_options import FitOptions
 from pipeline.kernels.charts.touch_chart import SIDE, chart_square
 
 TIGHT_HALT = 2.3e-4
-"""Sensor widths²: what is left above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
+"""Sensor widths²: the part above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""
 TIGHT_RESIDUAL = 1e-4
 """m: the RMS distance from cloud to chart that `tight` promises."""
 
@@ -40,7 +40,7 @@ class ChartSettings(ObjectSettings):
         500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1, le=50_000
     )
     cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1, le=50_000)
-    check_every: int = setting(10, "steps from one look at the exact loss to the next; 1 is 2 unless each step takes all", ge=1)
+    check_every: int = setting(10, "steps between two checks of the exact loss; 1 acts as 2 unless each step takes all points", ge=1)
     learning_rate: float = setting(
         1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0
     )
@@ -50,14 +50,14 @@ class ChartSettings(ObjectSettings):
     side: int = setting(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
     device: str = setting(
         "cpu",
-        "where it is done, cpu, cuda or cuda:NUMBER; a GPU's charts differ in the last digits, and in what these lead to",
+        "where charts are fitted: cpu, cuda or cuda:NUMBER; a GPU's charts differ in the last digits, and in their consequences",
         pattern="^(cpu|cuda(:[0-9]{1,3})?)$",
     )
 
     @field_validator("cloud", mode="before")
     @classmethod
-    def _true_is_a_word(cls, cloud: Any) -> Any:
-        return "true" if cloud is True else cloud  # what YAML makes of it
+    def _accept_yaml_true(cls, cloud: Any) -> Any:
+        return "true" if cloud is True else cloud  # YAML reads the word true as a boolean
 
     @field_validator("side")
     @classmethod
@@ -70,6 +70,6 @@ class ChartSettings(ObjectSettings):
         halt, residual = self.halt, self.residual_limit
         if self.tight:
             halt, residual = min(halt, TIGHT_HALT), min(residual or TIGHT_RESIDUAL, TIGHT_RESIDUAL)
-        same = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "edge_weight", "side"}
+        shared = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "edge_weight", "side"}
         limit = None if residual is None else residual / width
-        return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=same))
+        return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=shared))

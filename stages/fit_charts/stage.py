@@ -30,7 +30,7 @@ from stages.fit_charts.settings import ChartSettings
 NETWORKS = {"predicted": "models/unet", "local": "models/touch"}
 """The folders of the networks of `train-unet` and `train-touch`, below the data directory, by `cloud`."""
 TOUCHES = 18
-"""Touches per object: nine of the twenty sensors in ten."""
+"""Touches per object: nine in ten of the twenty sensors."""
 
 
 class FitCharts(ObjectStage):
@@ -61,7 +61,7 @@ class FitCharts(ObjectStage):
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
-        device_of(settings.device)  # says what is wrong before the first object
+        device_of(settings.device)  # an unusable device is reported before the first object
         with torch_threads(1):
             folder = models[NETWORKS[settings.cloud]] if settings.cloud in NETWORKS else None
             model = load_touch_model(folder, settings.device) if folder else None
@@ -86,7 +86,7 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
 
 
 def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
-    """Predict the points of each touch by a network; without one, take those with D < w. Sensor frame, m."""
+    """Predict the points of each touch by a network; without a network, take the points with D < w. Sensor frame, m."""
     touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

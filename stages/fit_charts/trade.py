@@ -1,4 +1,4 @@
-"""What `fit-charts` trades: how near charts are to their clouds, for the time of fitting."""
+"""The trade-off of `fit-charts`: the distance of charts from their clouds against the time of fitting."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from schemas.charts import FITTED
 def residuals(data: Path, reference: Path) -> dict[str, float]:
     """Compute the mean RMS distance from clouds to their charts, um by object."""
     rows = ObjectRows(data, ("residual", "stop_rule"), split=None)
-    found = {}
+    residual_by_object = {}
     for name in rows.object_ids:
         fitted = np.isin(rows.read("stop_rule", name), FITTED)
         if fitted.any():
-            found[name] = 1e6 * float(rows.read("residual", name)[fitted].mean())
-    return found
+            residual_by_object[name] = 1e6 * float(rows.read("residual", name)[fitted].mean())
+    return residual_by_object
 
 
 TRADE = Trade(

@@ -8,17 +8,17 @@ from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 
 SPECK = 0.1
-"""Share of an image below which an object has too few pixels: 25 of 256."""
+"""Share of an image's side below which an object has too few pixels: 25 of 256."""
 
 
 FILLED = 0.72
-"""Share of the way from the middle of an image to its edge that the ball around an object of 0.5 m fills in the supplement's scene."""
+"""Radius of the ball around an object of 0.5 m in the supplement's scene, as a share of the distance from the middle to the edge."""
 WORTHWHILE = 2.0
 """A zoom that enlarges objects by at least this factor is proposed."""
 
 
 def leaves_image(camera: Camera, points: np.ndarray) -> bool:
-    """Tell whether some points (N, 3), world frame, m, are not within a camera's image."""
+    """Tell whether any of the points (N, 3), world frame, m, is outside a camera's image."""
     rows, cols = camera.shape
     places = project_points(projection_matrix(camera), points.astype(np.float64))
     return not bool(((places >= 0) & (places <= [cols, rows])).all())  # NaN behind the camera is not

@@ -13,7 +13,7 @@ PACKAGES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 """Debian's and Ubuntu's names of the system libraries that headless rendering needs."""
 
 PLATFORM = "PYOPENGL_PLATFORM"
-"""The environment variable from which PyOpenGL, on import, takes how to find OpenGL's functions."""
+"""The environment variable that tells PyOpenGL, on import, how to find OpenGL's functions."""
 
 SAME_ON_EVERY_PROCESSOR = {"GALLIUM_OVERRIDE_CPU_CAPS": "sse4.1", "LP_NATIVE_VECTOR_WIDTH": "128"}
 """Processor features for Mesa's software renderer: those of every x86-64 processor that numpy supports. Mesa crashes at width 512."""
@@ -103,7 +103,7 @@ class OpenGLContext:
 
 
 def _load_triton() -> None:
-    """Load torch's compiler where it is installed: its LLVM and Mesa's have the same symbols, and it crashes if Mesa's are there first."""
+    """Load torch's compiler if it is installed: its LLVM and Mesa's share symbols, and it crashes if Mesa's are loaded first."""
     with suppress(ImportError):
         import_module("triton")
 
@@ -112,14 +112,14 @@ def _load_triton() -> None:
 def _environment() -> Iterator[None]:
     """Set the variables that PyOpenGL reads on import and Mesa in its first context; keep the user's platform."""
     values = {PLATFORM: os.environ.get(PLATFORM, "egl"), **SAME_ON_EVERY_PROCESSOR}
-    before = {name: os.environ[name] for name in values if name in os.environ}
+    previous = {name: os.environ[name] for name in values if name in os.environ}
     os.environ.update(values)
     try:
         yield
     finally:
         for name in values:
             del os.environ[name]
-        os.environ.update(before)
+        os.environ.update(previous)
 
 
 def _make_renderer(pyrender: Any, resolution: int) -> Any:

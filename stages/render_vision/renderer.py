@@ -19,9 +19,9 @@ from pipeline.kernels.vision.scene import Scene
 from stages.render_vision.opengl_context import OpenGLContext
 
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0
-"""Surfaces between these distances from the camera are drawn, m: well around a hand and an object a metre away."""
+"""Surfaces between these distances from the camera are drawn, m: enough for a hand and an object a metre away."""
 REACH = 10.0
-"""Surfaces lie within this distance of the world's origin, m: a camera farther away draws all surfaces that are as near to it."""
+"""Distance from the world's origin within which a camera farther away draws all surfaces, m."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class Renderer(AbstractContextManager["Renderer"]):
         self._lamp_node = self._scene.add(self._gl.PointLight(color=np.array(scene.lamp.color), intensity=scene.lamp.intensity))
 
     def __exit__(self, *_: object) -> None:
-        """Free the context and all that was added to it."""
+        """Free the context and everything in it."""
         self._context.close()
 
     def add(self, mesh: Mesh, label: Label) -> MeshHandle:
@@ -104,7 +104,7 @@ class Renderer(AbstractContextManager["Renderer"]):
             self.remove(handle)
 
     def render(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> RenderedImage:
-        """Render the given meshes and no others.
+        """Render only the given meshes.
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ def _gl_primitive(gl: Any, primitive: Primitive) -> Any:
         baseColorFactor=np.array([*primitive.color, 1.0]),
         baseColorTexture=texture,
         alphaMode="OPAQUE",
-        doubleSided=False,  # every face is there twice, once for each side
+        doubleSided=False,  # every face is present twice, once for each side
     )
     return gl.Primitive(
         positions=primitive.positions,

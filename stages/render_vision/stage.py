@@ -59,17 +59,17 @@ class RenderVision(ObjectStage):
 
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the hand to draw is the one that grasped."""
-        used = attributes["grasps"]["settings"]["hand"]
-        if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # wherever they lie now
+        hand = attributes["grasps"]["settings"]["hand"]
+        if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # the files may have been moved
             return
-        if used != settings.hand:
+        if hand != settings.hand:
             raise InvalidInput(
-                f"the grasps were made with hand {used}, render-vision.hand is {settings.hand}; leave it out, or set --set hand={used}"
+                f"the grasps were made with hand {hand}, render-vision.hand is {settings.hand}; leave it out, or set --set hand={hand}"
             )
-        raise InvalidInput(f"the files of hand {used} have changed since the grasps were made; run simulate-grasps again")
+        raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def warnings(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name objects that an image does not hold or that are too small in it, and the zoom with which all are as large as can be."""
+        """Name objects that leave an image or are too small in it, and the largest zoom with which all fit."""
         cameras = _scene(settings).cameras
         largest = np.inf
         outside: dict[tuple[str, ...], list[str]] = {}
@@ -77,9 +77,9 @@ class RenderVision(ObjectStage):
         for name, inputs in objects:
             points = inputs["surfaces"]["points"]
             largest = min([largest, *(largest_zoom(camera, points) for camera in cameras)])
-            for has_fault, found in ((leaves_image, outside), (is_speck, specks)):
+            for has_fault, names_by_views in ((leaves_image, outside), (is_speck, specks)):
                 if faulty := [camera.name for camera in cameras if has_fault(camera, points)]:
-                    found.setdefault((*faulty,), []).append(name)
+                    names_by_views.setdefault((*faulty,), []).append(name)
         for views, names in outside.items():
             remedy = f"move it in a scene file ({settings.scene}), lower render-vision.zoom ({settings.zoom:g}), or scale the objects"
             yield f"{pluralise(len(names))} not whole in the image of camera {', '.join(views)} ({abbreviate(names)}): {remedy}"

@@ -1,4 +1,4 @@
-"""What `render-vision` trades: how much of an image a coarser one shows."""
+"""The trade-off of `render-vision`: the difference of coarser images from a fine one."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from pipeline.engine.trade import Trade
 
 def image_differences(data: Path, reference: Path) -> dict[str, float]:
     """Compare images, enlarged to the reference's size, with it: RMS by object, levels of 255."""
-    found = {}
+    differences = {}
     for name, (image,), (truth,) in paired_rows(data, reference, "unoccluded"):
         enlarged = resize(image / 255.0, truth.shape, order=1)
-        found[name] = 255 * float(np.sqrt(np.square(enlarged - truth / 255.0).mean()))
-    return found
+        differences[name] = 255 * float(np.sqrt(np.square(enlarged - truth / 255.0).mean()))
+    return differences
 
 
 TRADE = Trade(

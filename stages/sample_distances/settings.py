@@ -8,7 +8,7 @@ from pipeline.config.settings import ObjectSettings, setting
 
 
 class DistanceSettings(ObjectSettings):
-    """At which points in space distances to the surface are recorded; lengths are for objects of 0.5 m, and in proportion for others."""
+    """The points at which distances to the surface are recorded; lengths are for objects of 0.5 m, and in proportion for others."""
 
     queries: int = setting(16_384, "points per object; a training draws some hundreds of them at a time", gt=0)
     near: float = setting(0.75, "share of the points that are near the surface, where a network's answer decides on its shape", ge=0, le=1)

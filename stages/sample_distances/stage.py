@@ -49,7 +49,7 @@ def _process(unit: Unit, inputs: Inputs, settings: DistanceSettings) -> Row:
     scale = bounding_diagonal(mesh.vertices) / (2 * RADIUS)
     spread = (scale * settings.least_spread, scale * settings.most_spread)
     surface, rng = view["points"].astype(np.float64), unit.rng("sample-distances")
-    drawn = sample_around_surface(surface, settings.queries, rng, near=settings.near, spread=spread, reach=scale * settings.reach)
-    queries = drawn.astype(np.float32)
+    points = sample_around_surface(surface, settings.queries, rng, near=settings.near, spread=spread, reach=scale * settings.reach)
+    queries = points.astype(np.float32)
     distances = signed_distances(queries.astype(np.float64), mesh.vertices, mesh.faces)
     return {"query_points": queries, "signed_distance": distances.astype(np.float32)}

@@ -37,7 +37,7 @@ class SampleSurfaces(ObjectStage):
     settings_type = SurfaceSettings
 
     def notes(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
-        """Report files without units, which are scaled to one size, and warn of others beside them, which are not."""
+        """Report files without units, which are scaled to one size, and warn if others have units and are not scaled."""
         files = [item for item in objects if "file" in item.source]
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
         if unitless := len(files) - len(sized):
@@ -50,7 +50,7 @@ class SampleSurfaces(ObjectStage):
                 )
 
     def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
-        """Name the objects whose textures or materials are missing: they are rendered without."""
+        """Name the objects whose textures or materials are missing, and which are rendered without them."""
         if not shard.has("missing_names"):  # all objects failed
             return
         paths = shard.read("missing_names")
@@ -102,7 +102,7 @@ def _origin(unit: Unit) -> Row:
 
 
 def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
-    """Name the objects that are drawn without textures or materials, and the files that these name, by object."""
+    """Name the objects that are drawn without textures or materials, and a missing file."""
     if missing:
         first = next(iter(missing))
         yield (
@@ -115,8 +115,8 @@ def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
 def normalised_mesh(source: Mapping[str, Any], settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:
     """Clean and normalise the mesh of an object's source; return it with its placement (4, 4) and the report of removed faces."""
     mesh, report = clean_mesh(source_mesh(source), settings.max_faces)
-    how = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
-    return normalise_mesh(mesh, **how), normalising_transform(mesh, **how), report
+    options = {"up": source.get("up", "z"), "diagonal": settings.diagonal, "metres_per_unit": source.get("metres_per_unit")}
+    return normalise_mesh(mesh, **options), normalising_transform(mesh, **options), report
 
 
 def source_mesh(source: Mapping[str, Any]) -> Mesh:

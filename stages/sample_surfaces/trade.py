@@ -1,4 +1,4 @@
-"""What `sample-surfaces` trades: how densely points cover the surface."""
+"""The trade-off of `sample-surfaces`: the density of points on the surface against time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.engine.trade import Trade
 
 
 def coverage(data: Path, reference: Path) -> dict[str, float]:
-    """Measure how far the reference's points are from the nearest of these: RMS by object, mm."""
+    """Measure the distance of the reference's points from the nearest points: RMS by object, mm."""
     pairs = paired_rows(data, reference, "points")
     return {name: 1e3 * float(np.sqrt(np.square(cKDTree(points).query(dense)[0]).mean())) for name, (points,), (dense,) in pairs}
 

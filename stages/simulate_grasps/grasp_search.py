@@ -25,10 +25,10 @@ from stages.simulate_grasps.settings import GraspSettings
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """A grasp as simulated; `fault` says why it is none: it does not rest, leaves its joint limits, or penetrates itself or the object.
+    """A grasp as simulated; `fault` is why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object.
 
-    `find_contacts` gives those of the sensors that touch, None for others, and `find_closure` their margin; each is computed when read.
-    `pregrasp_angles` are those that the fingers closed from; `holds` tells that the hold test was passed, where the search asks for it.
+    `find_contacts` gives the contacts of the sensors that touch, None for the others, and `find_closure` their margin; each is computed
+    at its first use. The fingers closed from `pregrasp_angles`; `holds` tells that the grasp passed the hold test of a hold search.
     """
 
     hand_pose: NDArray[np.float64]
@@ -69,7 +69,7 @@ class Grasp:
 
 
 class GraspPlan(NamedTuple):
-    """A grasp before physics: pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
+    """A grasp before physics: the pose of the hand (4, 4), and joint angles (J,) with which its gels press into the object."""
 
     hand_pose: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
@@ -98,9 +98,9 @@ class GraspSearch:
         angles, rests = self.physics.settle(pose, start, target, max_steps=steps, resting_speed=speed)
         frames = forward_kinematics(hand, pose, angles)
         poses = sensor_poses_from_links(hand, frames)
-        worn = list(zip(poses, self.prepared_hand.sensors, strict=True))
-        depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in worn]
-        touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, worn, strict=True)])
+        sites = list(zip(poses, self.prepared_hand.sensors, strict=True))
+        depths = [ray_depth(self.prepared_object.faces, pose, sensor) for pose, sensor in sites]
+        touched = np.array([touch_success(depth, sensor) for depth, (_, sensor) in zip(depths, sites, strict=True)])
         penetration = penetration_depth(self.prepared_object.field, self.prepared_hand.spheres, frames)
         fault = None
         if not rests:
@@ -114,7 +114,7 @@ class GraspSearch:
             fault = f"a rigid link is more than {limit:g} mm inside the object (simulate-grasps.penetration_limit)"
 
         def contacts() -> list[Contact | None]:
-            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, worn, touched, strict=True)]
+            return [contact_from_depth(depth, *site) if touch else None for depth, site, touch in zip(depths, sites, touched, strict=True)]
 
         return Grasp(pose, angles, poses, touched, penetration, fault, contacts, self._closure, start)
 
@@ -124,16 +124,16 @@ class GraspSearch:
         return closure_margin(contacts, friction=self.prepared_hand.hand.friction, size=size)
 
     def _pregrasp(self, pose: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Joint angles from which the fingers close: each drawn back as far as there is room behind it."""
+        """Compute the joint angles from which the fingers close: each finger is drawn back as far as there is room behind it."""
         hand, ik = self.prepared_hand.hand, self.prepared_hand.ik
-        ways = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
-        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, ways), floor=0.0) >= 0  # (3, S)
+        postures = pregrasp_angles(hand, target, [share * self.settings.opening for share in (1.0, 0.5, 0.0)])
+        clear = finger_clearance(self.prepared_object.field, ik.fingers, forward_kinematics(hand, pose, postures), floor=0.0) >= 0  # (3, S)
         start = target.copy()
         for s, finger in enumerate(hand.fingers):
             if clear[:, s].any():
-                start[list(finger.joints)] = ways[clear[:, s].argmax()][list(finger.joints)]
-        apart = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
-        return start if apart else target
+                start[list(finger.joints)] = postures[clear[:, s].argmax()][list(finger.joints)]
+        fits = hand_gap(hand, ik.boxes, forward_kinematics(hand, pose, start)) >= 0
+        return start if fits else target
 
 
 SCORES: dict[str, Callable[[Grasp], tuple[float, ...]]] = {
@@ -164,4 +164,6 @@ def keep_best(kept: list[Grasp], grasp: Grasp | None, count: int, prefer: str = 
     """
     if grasp is None or not grasp.sound:
         return kept
-    return sorted([*kept, grasp], key=lambda one: tuple(-value for value in (one.holds, *SCORES[prefer](one))))[:count]  # a stable sort
+    return sorted([*kept, grasp], key=lambda candidate: tuple(-value for value in (candidate.holds, *SCORES[prefer](candidate))))[
+        :count
+    ]  # a stable sort

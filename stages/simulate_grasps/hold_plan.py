@@ -23,22 +23,22 @@ from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 
 DRAWS = 256
-"""Poses drawn at once, among which one is chosen that has room."""
+"""Poses drawn at once; one that has room is chosen among them."""
 MAX_DRAWS = 4
-"""Times that so many are drawn before a pose is drawn as for touches."""
+"""Most times that `DRAWS` poses are drawn; then a pose is drawn as for touches."""
 FINGER_ROOM = -0.003
-"""m that the two fingers may overlap the object in a drawn posture: the inverse kinematics finds the rest."""
+"""m by which the two fingers may overlap the object in a drawn posture: the inverse kinematics corrects it."""
 GEL_DISTANCE = 0.002
-"""m that their gels may be from it."""
+"""m, largest distance of their gels from the object in a drawn posture."""
 WEIGHED_CHOICES = 128
-"""Choices of fingers' postures whose contacts are weighed."""
+"""Most choices of fingers' postures whose contacts are evaluated."""
 BATCHES = (1, 8, 32)
-"""Choices where the weighing pauses: of those after one that cannot be surpassed, no contact is measured."""
+"""Choices after which the evaluation checks whether the best one can still be surpassed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pinches:
-    """A hand's opposed postures, with the frames of their grips and of their links, in the root link's frame, and their two fingers."""
+    """A hand's opposed postures, with the frames of their grips and of their links in the root link's frame, and their pairs of fingers."""
 
     postures: OpposedPostures
     grips: NDArray[np.float64]
@@ -66,21 +66,23 @@ class HoldPlanner:
 
     @classmethod
     def of_object(
-        cls, hand: PreparedHand, thing: PreparedObject, settings: GraspSettings, pinches: Pinches, rng: np.random.Generator
+        cls, hand: PreparedHand, prepared_object: PreparedObject, settings: GraspSettings, pinches: Pinches, rng: np.random.Generator
     ) -> HoldPlanner:
         """Find the object's opposed points; `rng` draws rays."""
         widest = float(pinches.postures.width.max(initial=0.0)) + WIDTH_STEP
-        pairs = antipodal_points(thing.field, thing.points, thing.normals, friction=hand.hand.friction, widest=widest, rng=rng)
-        weights = central_weights(pairs, thing.centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
-        return cls(hand, thing, settings, pinches, pairs, weights)
+        pairs = antipodal_points(
+            prepared_object.field, prepared_object.points, prepared_object.normals, friction=hand.hand.friction, widest=widest, rng=rng
+        )
+        weights = central_weights(pairs, prepared_object.centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
+        return cls(hand, prepared_object, settings, pinches, pairs, weights)
 
     def __call__(self, rng: np.random.Generator) -> GraspPlan | None:
         """Draw a few plans and return the best; None where the hand finds no room around the object."""
         best, plan = NO_LOAD, None
         for _ in range(self.settings.plans):
-            if (drawn := self._draw_choices(rng)) is None:
+            if (draw := self._draw_choices(rng)) is None:
                 continue
-            pose, choices = drawn
+            pose, choices = draw
             number, best = self._lightest(choices, best)
             if number >= 0:
                 plan = GraspPlan(pose, choices.joint_angles(number))
@@ -104,8 +106,8 @@ class HoldPlanner:
             poses, rows = self._draw(rng)
             usable = self._usable(poses, rows) if len(rows) else rows
             if len(usable):
-                chosen = usable[rng.integers(len(usable))]
-                return poses[chosen], self.pinches.postures.joint_angles[rows[chosen]]
+                draw = usable[rng.integers(len(usable))]
+                return poses[draw], self.pinches.postures.joint_angles[rows[draw]]
         return None, None
 
     def _draw(self, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -116,10 +118,10 @@ class HoldPlanner:
         first, last = (np.searchsorted(postures.width, width + side * WIDTH_STEP) for side in (-1, 1))
         rows = first + np.floor(rng.random(DRAWS) * (last - first)).astype(np.intp)
         swapped, turn = rng.integers(2, size=DRAWS), rng.uniform(0, 2 * np.pi, DRAWS)
-        found = last > first
-        pair, rows = pair[found], rows[found]
-        axis = self.pairs.axis[pair] * np.where(swapped, -1.0, 1.0)[found, None]
-        return compose(frame_along(axis, turn[found], self.pairs.centre[pair]), invert_pose(self.pinches.grips[rows])), rows
+        has_posture = last > first
+        pair, rows = pair[has_posture], rows[has_posture]
+        axis = self.pairs.axis[pair] * np.where(swapped, -1.0, 1.0)[has_posture, None]
+        return compose(frame_along(axis, turn[has_posture], self.pairs.centre[pair]), invert_pose(self.pinches.grips[rows])), rows
 
     def _usable(self, poses: NDArray[np.float64], rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Select the draws (K,) at which palm and both fingers have room, and both gels are at the object."""
@@ -131,11 +133,11 @@ class HoldPlanner:
         clear = np.column_stack([clear, np.ones(len(rows), bool)])  # the palm is the last
         at_object = np.abs(gel_contact(field, gel_probes(hand, ik.fingers, frames))[0]) <= GEL_DISTANCE
         fingers, sensors = self.pinches.fingers[rows], self.pinches.postures.sensors[rows]
-        both = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
-        return np.flatnonzero(has_room & both.all(axis=1))
+        fits = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
+        return np.flatnonzero(has_room & fits.all(axis=1))
 
     def _lightest(self, choices: GraspChoices, best: Load) -> tuple[int, Load]:
-        """Find the choice that carries the object best: its number and load; -1 and `best` where none surpasses this."""
+        """Find the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
         hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
         picks = choices.picks[:WEIGHED_CHOICES]
@@ -146,21 +148,21 @@ class HoldPlanner:
         poses = sensor_poses_from_links(hand, choices.frames)
         for batch in np.split(np.arange(len(picks)), [end for end in BATCHES if end < len(picks)]):
             of_batch = options[batch], np.arange(len(owners))
-            wanted = np.zeros_like(measured)
-            wanted[of_batch] = True
-            for option, sensor in np.argwhere(wanted & ~measured).tolist():
+            needed = np.zeros_like(measured)
+            needed[of_batch] = True
+            for option, sensor in np.argwhere(needed & ~measured).tolist():
                 contact = measure_contact(faces, poses[option, sensor], self.prepared_hand.sensors[sensor])
                 if contact is not None:
                     points[option, sensor], normals[option, sensor] = contact.point - self.prepared_object.centre, contact.normal
                     touching[option, sensor] = True
-            measured |= wanted
-            found, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
-            if found >= 0:
-                number = int(batch[found])
+            measured |= needed
+            row, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
+            if row >= 0:
+                number = int(batch[row])
             if self._is_perfect(best):
                 break
         return number, best
 
     def _is_perfect(self, load: Load) -> bool:
-        """Tell whether no plan could surpass this."""
+        """Tell whether no plan can surpass a load."""
         return load == (0, len(self.prepared_hand.sensors))

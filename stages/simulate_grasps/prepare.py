@@ -21,13 +21,13 @@ from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 
 SEARCH_SPACING, SEARCH_TOLERANCE = 0.006, 0.002
-"""m, of the spheres that separate postures: 1,000 for all fingers, right to 1 mm."""
+"""m, of the spheres by which postures are compared: 1,000 for all fingers, accurate to 1 mm."""
 MEASURE_SPACING = 0.003
-"""m, of the spheres that measure penetration: right to 0.3 mm at edges, better on faces."""
+"""m, of the spheres that measure penetration: accurate to 0.3 mm at edges, better on faces."""
 FINGER_GAP = 0.001
 """m kept between fingers, and between fingers and palm; half of their gap at rest where that is less."""
 RIM_CELLS = 2
-"""Cells that the distance grid reaches beyond what it is asked: the largest error of a look-up (`object_distances.LOOKUP_ERROR_CELLS`)."""
+"""Cells that the distance grid reaches beyond the hand's reach: the largest error of a look-up (`object_distances.LOOKUP_ERROR_CELLS`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class PreparedHand:
     @property
     def reach(self) -> float:
         """The distance from an object, m, up to which the fingers' clearance must be known: that of their largest sphere's centre."""
-        return self.ik.clearance + max(float(own.radii.max()) for own in self.ik.fingers.spheres)
+        return self.ik.clearance + max(float(spheres.radii.max()) for spheres in self.ik.fingers.spheres)
 
 
 @dataclass(frozen=True, eq=False)

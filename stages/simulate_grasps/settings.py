@@ -9,7 +9,7 @@ from pydantic import model_validator
 from pipeline.config.settings import ObjectSettings, described_by, setting
 
 SECOND_CHANCES = 4
-"""Times `attempts` after which an object that has yielded some sound grasps, but not enough, is given up."""
+"""Factor of `attempts` after which the search for an object with some sound grasps, but not enough, is given up."""
 
 
 class GraspSettings(ObjectSettings):
@@ -113,9 +113,9 @@ class GraspSettings(ObjectSettings):
 
     @model_validator(mode="after")
     def _attempts_are_enough(self) -> GraspSettings:
-        if self.grasps > (most := SECOND_CHANCES * self.attempts):
+        if self.grasps > (limit := SECOND_CHANCES * self.attempts):
             raise ValueError(
-                f"{self.grasps} grasps need more than {self.attempts} attempts, which yield at most {most}; ask for fewer grasps, or for "
+                f"{self.grasps} grasps need more than {self.attempts} attempts, which yield at most {limit}; ask for fewer grasps, or for "
                 f"at least {-(-self.grasps // SECOND_CHANCES)} attempts"
             )
         return self

@@ -62,7 +62,7 @@ class SimulateGrasps(ObjectStage):
         return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
 
     def constants(self, settings: GraspSettings) -> Row:
-        """Labels of grasps, sensors and joints, which later stages' arrays take over."""
+        """Name grasps, sensors and joints, for later stages' arrays too."""
         hand = load_hand(settings.hand)
         sensors = np.array([mount.name for mount in hand.sensors])
         return {"grasp": np.arange(settings.grasps, dtype=np.int32), "sensor": sensors, "joint": np.array(hand.joint_names)}
@@ -102,7 +102,7 @@ class SimulateGrasps(ObjectStage):
             )
 
     def cost(self, settings: GraspSettings) -> Cost:
-        """Mostly attempts, of which some dozen are enough where not all are asked for, and eight in a hold search, which tests each."""
+        """Estimate the attempts: about a dozen unless all are requested, and eight in a hold search, which tests each."""
         holds = settings.search == "hold"
         attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
         test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
@@ -139,16 +139,16 @@ class _Grasping:
         """Find the best grasps of an object and return its row."""
         settings, surface = self.settings, inputs["surfaces"]
         mesh = read_mesh(surface)
-        thing = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
+        prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
         self.physics.load(mesh)
         if self.test is not None:
-            self.test.load(mesh, thing.points)
-        search = GraspSearch(self.hand, thing, self.physics, settings, self._planner(thing, unit))
+            self.test.load(mesh, prepared_object.points)
+        search = GraspSearch(self.hand, prepared_object, self.physics, settings, self._planner(prepared_object, unit))
         kept, touched, faults = self._search(search, unit)
         if len(kept) < settings.grasps:
-            worst = faults.most_common(1)[0][0]
+            most_common_fault = faults.most_common(1)[0][0]
             raise InvalidInput(
-                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {worst}; scale the object "
+                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {most_common_fault}; scale the object "
                 f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m) to between one and five hands, "
                 f"or raise simulate-grasps.attempts"
             )
@@ -171,10 +171,10 @@ class _Grasping:
             **self._held(kept, stored),
         }
 
-    def _planner(self, thing: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
+    def _planner(self, prepared_object: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
         if self.pinches is None:
-            return TouchPlanner(self.hand, thing, self.settings)
-        return HoldPlanner.of_object(self.hand, thing, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
+            return TouchPlanner(self.hand, prepared_object, self.settings)
+        return HoldPlanner.of_object(self.hand, prepared_object, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
 
     def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]], Counter[str]]:
         """Attempt grasps until no better ones are needed; return the best, which sensors touched in each attempt, and counts of faults."""
@@ -197,7 +197,7 @@ class _Grasping:
         return kept, touched, faults
 
     def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Tell whether no attempt could better these."""
+        """Tell whether no attempt can improve on these grasps."""
         if self.settings.exhaustive:
             return False
         if self.settings.search == "hold":
@@ -210,14 +210,14 @@ class _Grasping:
         return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
 
     def _held(self, kept: list[Grasp], stored: list[StoredGrasp]) -> Row:
-        """Test every direction of the grasps that are not known to hold in all."""
+        """Test every direction of the grasps that have not passed all of them."""
         if self.test is None:
             return {}
         rule = HOLD_TESTS[self.settings.test]
         held = np.array(
             [
-                [grasp.holds or rule.holds_against(self.test, own, direction) for direction in rule.directions]
-                for grasp, own in zip(kept, stored, strict=True)
+                [grasp.holds or rule.holds_against(self.test, stored_grasp, direction) for direction in rule.directions]
+                for grasp, stored_grasp in zip(kept, stored, strict=True)
             ]
         )
         return {"held": held[:, rule.directions.index(DOWN)]} | ({"held_directions": held} if self.settings.test == "six" else {})

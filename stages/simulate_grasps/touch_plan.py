@@ -18,7 +18,7 @@ from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
 from stages.simulate_grasps.settings import GraspSettings
 
 MAX_POSES = 40
-"""Draws of palm point, distance and rotation per plan; one at which the hand would be in the object is drawn again."""
+"""Most draws of palm point, distance and rotation per plan; a draw at which the hand would be in the object is repeated."""
 MAX_SEARCHES = 3
 """Poses per plan for which the inverse kinematics may fail before the plan is given up."""
 

@@ -1,4 +1,4 @@
-"""What `simulate-grasps` trades: how many sensors touch, for the time of the search."""
+"""The trade-off of `simulate-grasps`: the number of sensors that touch against the time of the search."""
 
 from __future__ import annotations
 

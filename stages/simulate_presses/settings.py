@@ -11,10 +11,10 @@ from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges
 from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE
 
 
-def _rising(given: tuple[float, float]) -> tuple[float, float]:
-    if given[0] > given[1]:
-        raise ValueError(f"it is {list(given)}; the least comes first, then the greatest")
-    return given
+def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
+    return limits
 
 
 def _known(name: str) -> str:
@@ -29,7 +29,7 @@ DEFAULT = PressRanges()
 
 
 class PressSettings(ObjectSettings):
-    """What is pressed into which gel."""
+    """The shapes that are pressed, and the gel."""
 
     sensor: Annotated[str, described_by("sensor")] = setting(
         "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
@@ -46,7 +46,7 @@ class PressSettings(ObjectSettings):
         0.2, "share of the presses that are patches of the object itself; the others are `shapes`", ge=0, le=1, changes="definition"
     )
     shapes: tuple[Annotated[str, AfterValidator(_known)], ...] = setting(
-        tuple(SHAPES), "all shapes: each alone is learned by heart", min_length=1, changes="definition"
+        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
     )
     size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
     depth: Range = setting(

@@ -1,4 +1,4 @@
-"""`simulate-presses`: what a sensor sees of random shapes, and of patches of each object, that are pressed into its gel without a hand."""
+"""`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
 from __future__ import annotations
 

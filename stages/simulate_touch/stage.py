@@ -45,7 +45,7 @@ class SimulateTouch(ObjectStage):
 
     def assets(self, settings: TouchSettings) -> list[Path]:
         """List the sensor files."""
-        return sensor_files(_worn(settings))
+        return sensor_files(_sensor_names(settings))
 
     def resolve_settings(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> TouchSettings:
         """Take the sensors that the hand wore."""
@@ -53,26 +53,26 @@ class SimulateTouch(ObjectStage):
 
     def check_inputs(self, settings: TouchSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the sensors to simulate are those that the hand wore, and fit together."""
-        hand, sensors = attributes["grasps"]["hand"], list(_worn(settings))
-        worn = hand["sensor_files"]
+        hand, sensors = attributes["grasps"]["hand"], list(_sensor_names(settings))
+        worn_sensors = hand["sensor_files"]
         load_worn_sensors(sensors)
-        same_fingers = list(map(worn.index, worn)) == list(map(sensors.index, sensors))
+        same_fingers = list(map(worn_sensors.index, worn_sensors)) == list(map(sensors.index, sensors))
         if same_fingers and hand["sensor_digest"] == assets_digest(self.assets(settings)):  # even if the files were moved
             return
-        if worn != sensors:
+        if worn_sensors != sensors:
             raise InvalidInput(
-                f"the hand wears {worn}, simulate-touch.sensors is {sensors}; leave it out, or name files of the same content"
+                f"the hand wears {worn_sensors}, simulate-touch.sensors is {sensors}; leave it out, or name files of the same content"
             )
         names = ", ".join(dict.fromkeys(sensors))
         raise InvalidInput(f"the file of sensor {names} has changed since the grasps were made; run simulate-grasps again")
 
     def constants(self, settings: TouchSettings) -> Row:
         """Render each sensor with nothing in its gel."""
-        return {"untouched": np.stack([untouched_image(sensor) for sensor in load_worn_sensors(_worn(settings))])}
+        return {"untouched": np.stack([untouched_image(sensor) for sensor in load_worn_sensors(_sensor_names(settings))])}
 
     def attributes(self, settings: TouchSettings) -> dict[str, Any]:
         """Describe each finger's sensor, for readers of the arrays: `width`, `w`, `range` and the rest."""
-        return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(_worn(settings))]}
+        return {"sensors": [sensor.model_dump(mode="json") for sensor in load_worn_sensors(_sensor_names(settings))]}
 
     def cost(self, settings: TouchSettings) -> Cost:
         """Estimate twenty sensors per object."""
@@ -81,7 +81,7 @@ class SimulateTouch(ObjectStage):
     @contextmanager
     def session(self, settings: TouchSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the sensors once; nothing else is kept between objects."""
-        sensors = load_worn_sensors(_worn(settings))
+        sensors = load_worn_sensors(_sensor_names(settings))
 
         def process(unit: Unit, inputs: Inputs) -> Row:
             faces = box_faces(read_mesh(inputs["surfaces"]).triangles)
@@ -95,7 +95,7 @@ class SimulateTouch(ObjectStage):
         yield process
 
 
-def _worn(settings: TouchSettings) -> tuple[str, ...]:
+def _sensor_names(settings: TouchSettings) -> tuple[str, ...]:
     """Return the sensors that `resolve_settings` has named."""
     return settings.sensors or ()
 

@@ -1,4 +1,4 @@
-"""What `simulate-touch` trades: depth in the gel against bytes and time."""
+"""The trade-off of `simulate-touch`: the accuracy of depth in the gel against bytes and time."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from schemas.touch import TOUCH
 
 
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:
-    """Compute what 99.9 % of the depths in the gel stay within, um by object."""
+    """Compute the 99.9th percentile of the depth errors in the gel, um by object."""
     top = max(sensor.w for sensor in touch_sensors(DataDirectory(reference).collection(TOUCH).first.attributes))
-    found = {}
+    errors_by_object = {}
     for name, (depth,), (truth,) in paired_rows(data, reference, "depth"):
-        felt = truth < top
+        in_gel = truth < top
         with np.errstate(invalid="ignore"):  # a hit that is lost or invented is infinitely wrong, unless both miss
-            wrong = np.where(depth == truth, 0.0, np.abs(depth.astype(np.float64) - truth))[felt]
-        if wrong.size:
-            found[name] = 1e6 * float(np.percentile(np.minimum(wrong, top), 99.9))
-    return found
+            errors = np.where(depth == truth, 0.0, np.abs(depth.astype(np.float64) - truth))[in_gel]
+        if errors.size:
+            errors_by_object[name] = 1e6 * float(np.percentile(np.minimum(errors, top), 99.9))
+    return errors_by_object
 
 
 TRADE = Trade(

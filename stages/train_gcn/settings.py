@@ -12,7 +12,7 @@ from pipeline.training.settings import ReconstructionSettings
 
 
 class GcnSettings(ReconstructionSettings):
-    """How vision charts learn to close in on the object (supplement 3.1-3.4)."""
+    """How vision charts learn to take the object's shape (supplement 3.1-3.4)."""
 
     configurations = CONFIGURATIONS
 
@@ -30,7 +30,7 @@ class GcnSettings(ReconstructionSettings):
     mixed: float = setting(1 / 3, "share of features averaged over neighbours; the cited work has 1/10 as well", ge=0, le=1)
     passes: int = setting(3, "times the charts are deformed, with the same weights", ge=1, le=100)
     seams: Seams = setting("tied", "vertices of neighbouring charts that coincide move as one: a closed surface; open: the supplement's")
-    touch_edges: TouchEdges = setting("centres", "all: touch charts speak to every vision vertex, and are not spoken to")
+    touch_edges: TouchEdges = setting("centres", "all: touch charts influence every vision vertex, but not the reverse")
     edge_weight: float = setting(
         0.05,
         "of the mean squared edge length of the vision charts beside the Chamfer distance, both in m² of objects scaled to 0.5 m: a third "
@@ -53,11 +53,11 @@ class GcnSettings(ReconstructionSettings):
 
 
 class SingleImageSettings(GcnSettings):
-    """How vision charts learn to become the object of one rendering (supplement 3.6): as `train-gcn`'s, but for these."""
+    """How vision charts learn the object's shape from one rendering (supplement 3.6): as `train-gcn`'s settings, except these."""
 
     configurations = {"table-11": SINGLE_IMAGE}  # noqa: RUF012
 
-    configuration: Literal["table-11"] = setting("table-11", "the network there is", changes="definition")
+    configuration: Literal["table-11"] = setting("table-11", "the only network", changes="definition")
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
     encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1, le=2**16)
     learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0, le=100)

@@ -35,39 +35,39 @@ class GcnLearner(ReconstructionLearner):
         self._edges = neighbouring_vertices(faces)
         self._unit: float = TABLE_3_FACTOR * (RADIUS / network.config.radius) ** 2  # of m²: objects of any size are learned alike
 
-    def targets(self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
+    def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""
-        return [items.target(item) for item in chosen]
+        return [items.target(item) for item in numbers]
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean Chamfer distance of the items, and the weighted length of their edges, which the supplement does not have."""
-        seen = self.stack(network, batch)
-        deformed = network(**vars(seen))
-        total: Tensor = self._chamfer(deformed, seen, batch).mean()
+        inputs = self.stack(network, batch)
+        deformed = network(**vars(inputs))
+        total: Tensor = self._chamfer(deformed, inputs, batch).mean()
         if weight := self._unit * self.settings.edge_weight:
             total = total + weight * edge_length(self.network.merge_coinciding(deformed), self._edges).mean()
         return total
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
         """Compute the Chamfer distance of each item."""
-        seen = self.stack(network, batch)
-        return self._chamfer(network(**vars(seen)), seen, batch)
+        inputs = self.stack(network, batch)
+        return self._chamfer(network(**vars(inputs)), inputs, batch)
 
-    def _chamfer(self, deformed: Tensor, seen: NetworkBatch, batch: Batch) -> Tensor:
+    def _chamfer(self, deformed: Tensor, inputs: NetworkBatch, batch: Batch) -> Tensor:
         """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit at 0.5 m."""
         distances, count = [], self.settings.loss_points
-        surfaces = assemble_surfaces(self.network, deformed, seen)
+        surfaces = assemble_surfaces(self.network, deformed, inputs)
         for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
             predicted = sample_surface(vertices, faces, count, generator)
-            chosen = torch.randperm(len(target.points), generator=generator)[:count]
-            true = target.points[chosen].to(predicted)
+            rows = torch.randperm(len(target.points), generator=generator)[:count]
+            true = target.points[rows].to(predicted)
             surface = target.points.to(predicted) if predicted.is_cuda else target
             distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
         return self._unit * torch.stack(distances)
 
 
 class TrainGcn(ReconstructionTraining):
-    """Train a network that deforms vision charts to the whole surface."""
+    """Train a network that deforms vision charts into the whole surface."""
 
     name = "train-gcn"
     summary = "Train the graph network that deforms vision charts, in one of the supplement's configurations."
@@ -102,5 +102,5 @@ class TrainSingleImage(TrainGcn):
         return model_name("single-image")
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
-        """Give none: the supplement searched none here."""
+        """Return an empty grid: the supplement searched none for this network."""
         return {}

@@ -1,4 +1,4 @@
-"""What `train-gcn` trades: the reconstruction of test objects, for the time of training."""
+"""The trade-off of `train-gcn`: the error on test objects against the time of training."""
 
 from __future__ import annotations
 

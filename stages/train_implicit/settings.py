@@ -15,7 +15,7 @@ from pipeline.training.settings import ReconstructionSettings
 
 
 class ImplicitSettings(ReconstructionSettings):
-    """How signed distances are learned from what is seen and felt.
+    """How signed distances are learned from images and touches.
 
     Lengths are for objects of 0.5 m, and in proportion for others; but `touch_reach` is the sensor's.
     """
@@ -36,7 +36,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
     touch_reach: float = setting(
         0.01,
-        "m, the farthest that a reconstruction follows what was felt, where the network errs there; 0 goes by the network alone",
+        "m, largest distance to which a reconstruction follows touches where the network errs; 0 uses the network alone",
         ge=0,
         le=1,
     )

@@ -23,28 +23,28 @@ class ImplicitLearner(ReconstructionLearner):
     target, arrays, seeded_as = DISTANCES, ("query_points", "signed_distance"), "train-implicit"
 
     def targets(
-        self, items: Items, chosen: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
+        self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
     ) -> tuple[Tensor, Tensor]:
         """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m."""
         count = self.settings.validation_queries if validates else self.settings.queries
         queries, distances = [], []
-        for item, generator in zip(chosen, generators, strict=True):
-            points, apart = (items.rows.read(name, items.object_of(item)) for name in self.arrays)
-            drawn = torch.randint(len(points), (count,), generator=generator).numpy()
-            queries.append(points[drawn])
-            distances.append(apart[drawn])
+        for item, generator in zip(numbers, generators, strict=True):
+            points, point_distances = (items.rows.read(name, items.object_of(item)) for name in self.arrays)
+            rows = torch.randint(len(points), (count,), generator=generator).numpy()
+            queries.append(points[rows])
+            distances.append(point_distances[rows])
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""
-        seen, (queries, distances) = self.stack(network, batch), batch.targets
-        predicted: Tensor = network(queries.to(seen.touch_vertices), **vars(seen))
+        inputs, (queries, distances) = self.stack(network, batch), batch.targets
+        predicted: Tensor = network(queries.to(inputs.touch_vertices), **vars(inputs))
         band: float = self._config.band
         loss: Tensor = (predicted - distances.to(predicted).clamp(-band, band)).abs().mean() / band
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Give each item the mean error of the batch, whose items have as many points each."""
+        """Give each item the mean error of the batch, as all items have the same number of points."""
         return self.loss(network, batch).expand(len(batch.observations))
 
 
@@ -59,21 +59,21 @@ class TrainImplicit(ReconstructionTraining):
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
         """Estimate the time per item on one core, in proportion to its points and the squared features."""
-        each = 0.01 + 0.02 * settings.queries / 500 * (settings.features / 128) ** 2
-        return Cost(seconds=objects * settings.samples_per_object * settings.epochs * each, kilobytes=3000)
+        item_seconds = 0.01 + 0.02 * settings.queries / 500 * (settings.features / 128) ** 2
+        return Cost(seconds=objects * settings.samples_per_object * settings.epochs * item_seconds, kilobytes=3000)
 
     def remarks(self, network: Any, items: Items) -> Iterator[str]:
         """Warn of objects that are larger than the meshed cube, and name the largest."""
         yield from super().remarks(network, items)
-        config, beyond = network.config, []
+        config, oversized = network.config, []
         for object_id in items.rows.object_ids:
-            points, apart = (items.rows.read(array, object_id) for array in self.learner.arrays)
-            if (reach := np.abs(points[apart <= 0] - config.centre).max(initial=0.0)) > MARGIN * config.radius:
-                beyond.append((float(reach), object_id))
-        if beyond:
-            reach, farthest = max(beyond)
+            points, distances = (items.rows.read(array, object_id) for array in self.learner.arrays)
+            if (reach := np.abs(points[distances <= 0] - config.centre).max(initial=0.0)) > MARGIN * config.radius:
+                oversized.append((float(reach), object_id))
+        if oversized:
+            reach, farthest = max(oversized)
             yield (
-                f"{len(beyond)} of {len(items.rows)} training objects are larger than the cube in which surfaces are sought; their "
+                f"{len(oversized)} of {len(items.rows)} training objects are larger than the cube in which surfaces are sought; their "
                 f"reconstructions end {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; leave "
                 "train-implicit.radius out"
             )

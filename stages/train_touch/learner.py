@@ -87,7 +87,7 @@ class PressLearner(Learner):
 
     def loss(self, network: nn.Module, batch: Windows) -> Tensor:
         """Compute the loss of some training windows."""
-        return self._read(network, batch, whole=False)[1]
+        return self._read(network, batch, uncropped=False)[1]
 
     def validate(self, network: nn.Module) -> dict[str, float]:
         """Compute the loss over the validation presses, and the mean depth error over all pixels, µm; neither chooses an epoch."""
@@ -95,16 +95,16 @@ class PressLearner(Learner):
         for start in range(0, len(self.valid), self.settings.batch_size):
             items = range(len(self.valid))[start : start + self.settings.batch_size]
             windows = _stacked([self._window(self.valid, item, None) for item in items])
-            shape, mean = self._read(network, windows, whole=True)
+            shape, mean = self._read(network, windows, uncropped=True)
             loss += len(items) * float(mean)
             error += len(items) * float((shape.depth.cpu() - windows.truth.depth).abs().mean())
         return {"loss": loss / len(self.valid), "depth_error_um": 1e3 * error / len(self.valid)}
 
-    def _read(self, network: nn.Module, windows: Windows, *, whole: bool) -> tuple[LocalShape, Tensor]:
+    def _read(self, network: nn.Module, windows: Windows, *, uncropped: bool) -> tuple[LocalShape, Tensor]:
         """Read windows; whole presses as a sensor's photographs, parts of them with the true depth at their rims."""
         parameter = next(network.parameters())
         truth = GelState(windows.truth.depth.to(parameter), windows.truth.contact.to(parameter.device))
-        shape = network(windows.change.to(parameter), windows.position.to(parameter), self.pitch, None if whole else truth.depth)
+        shape = network(windows.change.to(parameter), windows.position.to(parameter), self.pitch, None if uncropped else truth.depth)
         return shape, local_loss(shape, truth, self.pitch)
 
 

@@ -1,4 +1,4 @@
-"""What a local network learns from: presses that `simulate-presses` made, or made here for a sensor alone."""
+"""The training data of a local network: presses of `simulate-presses`, or presses made here for a sensor without a dataset."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched"
 """Arrays that are read of each object."""
 
 
-class SeenPress(NamedTuple):
+class SimulatedPress(NamedTuple):
     """A press: (rows, cols, 3) uint8 tactile image, (rows, cols) float32 indentation of the gel, m, and contact."""
 
     image: NDArray[np.uint8]
@@ -43,7 +43,7 @@ class Presses(Protocol):
     def __len__(self) -> int:
         """Count the presses."""
 
-    def read(self, item: int) -> SeenPress:
+    def read(self, item: int) -> SimulatedPress:
         """Read a press."""
 
     def describe(self, item: int) -> str:
@@ -57,20 +57,20 @@ class StoredPresses:
         self.rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
         self.sensor = touch_sensor(self.rows.attributes("presses"))
         self.untouched = self.rows.read("press_untouched", self.rows.object_ids[0])
-        self.each = self.rows.size("press_image", "press")
+        self.presses_per_object = self.rows.size("press_image", "press")
 
     def __len__(self) -> int:
-        return len(self.rows) * self.each
+        return len(self.rows) * self.presses_per_object
 
-    def read(self, item: int) -> SeenPress:
+    def read(self, item: int) -> SimulatedPress:
         """Read a press."""
-        number, press = divmod(item, self.each)
+        number, press = divmod(item, self.presses_per_object)
         image, indentation, contact = (self.rows.read(array, self.rows.object_ids[number], press) for array in ARRAYS[:3])
-        return SeenPress(image, indentation, contact)
+        return SimulatedPress(image, indentation, contact)
 
     def describe(self, item: int) -> str:
         """Name the object and the number of a press."""
-        number, press = divmod(item, self.each)
+        number, press = divmod(item, self.presses_per_object)
         return f"{self.rows.object_ids[number]} press {press}"
 
 
@@ -80,12 +80,12 @@ class RandomPresses:
 
     sensor: Sensor
     untouched: NDArray[np.uint8]
-    presses: list[SeenPress]
+    presses: list[SimulatedPress]
 
     def __len__(self) -> int:
         return len(self.presses)
 
-    def read(self, item: int) -> SeenPress:
+    def read(self, item: int) -> SimulatedPress:
         """Return a press."""
         return self.presses[item]
 
@@ -114,5 +114,5 @@ def random_presses(sensor: Sensor, count: int, seed: int, *, gel: tuple[float, f
         press = random_press(sensor, rng)
         varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
-        presses.append(SeenPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+        presses.append(SimulatedPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
     return RandomPresses(sensor, untouched_image(sensor), presses)

@@ -1,4 +1,4 @@
-"""Random variation of simulated changes of colour: what photographs of a sensor have and its model does not."""
+"""Random variation of simulated changes of colour: effects in photographs that a sensor's model does not have."""
 
 from __future__ import annotations
 

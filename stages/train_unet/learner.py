@@ -99,8 +99,8 @@ class UnetLearner(Learner):
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
         """Read training touches: tactile images, depths, and the images varied as the settings ask."""
         tactile_images, depth = self.train.read(items)
-        drawn = zip(tactile_images.numpy(), generators, strict=True)
-        return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, rng) for image, rng in drawn]))
+        pairs = zip(tactile_images.numpy(), generators, strict=True)
+        return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, rng) for image, rng in pairs]))
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor, Tensor]) -> Tensor:
         """Compute the chosen loss of some training touches, in sensor widths squared."""
@@ -125,8 +125,8 @@ class UnetLearner(Learner):
         parameter = next(network.parameters())
         tactile_images, untouched = tactile_images.to(parameter.device), torch.tensor(self.train.untouched, device=parameter.device)
         mask = contact_mask(tactile_images, untouched, self.settings.mask_threshold)
-        given = network_input(varied.to(parameter.device), parameter.dtype)
-        return network(given) * gel_top(self.train.sensor), depth.to(parameter), mask
+        inputs = network_input(varied.to(parameter.device), parameter.dtype)
+        return network(inputs) * gel_top(self.train.sensor), depth.to(parameter), mask
 
     def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
         sensor = self.train.sensor

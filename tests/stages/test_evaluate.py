@@ -29,7 +29,7 @@ from pipeline.reports.training_seeds import evaluations, read_values, trainings_
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard, shard_of
-from stages.evaluate.baselines import LOOKED_UP
+from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
 from stages.evaluate.settings import EvaluationSettings
@@ -91,7 +91,7 @@ def test_only_what_differs_is_reconstructed():
     assert len({frozenset(case.grasps) for case in felt}) == len(felt)
     assert len(make_cases(5, numbers, touch=True, occluded=True)) == 25
     for cases in (felt, make_cases(5, numbers, touch=True, occluded=True)):
-        filled = sorted((first, case.given) for case in cases for first in case.firsts)
+        filled = sorted((first, case.grasp_count) for case in cases for first in case.firsts)
         assert filled == [(first, given) for first in range(5) for given in numbers]
         assert all(case.grasps[0] == case.first and len(set(case.grasps)) == len(case.grasps) for case in cases)
 
@@ -166,7 +166,7 @@ def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), models)
     objects = protocol.objects
     assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
-    found = {name.removeprefix(LOOKED_UP): one.per_object("chamfer") for name, one in protocol.baselines().items()}
+    found = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
     for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
@@ -186,7 +186,7 @@ def test_objects_without_images_are_not_looked_up_by_their_silhouettes(tmp_path)
     spheres.make_model(tmp_path, "unoccluded")
     models = [DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))]
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console()), models)
-    assert f"{LOOKED_UP}by silhouette" in protocol.baselines()
+    assert f"{BASELINE_PREFIX}by silhouette" in protocol.baselines()
 
 
 def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
@@ -312,7 +312,7 @@ def test_models_without_touch_need_no_touches_and_those_without_sight_no_images(
 def test_networks_that_feel_nothing_are_evaluated_where_no_touch_was_made(data, evaluation, tmp_path):
     bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("touch", "charts", "evaluation*"))
     folder, printed = evaluate(bare, configurations=("none", "occluded"))
-    assert LOOKED_UP + "by touch" not in read_figures(folder)
+    assert BASELINE_PREFIX + "by touch" not in read_figures(folder)
     for name in ("none", "occluded"):
         assert figures(folder, name).rows == figures(evaluation[0], name).rows  # the rings around touch sites too
     assert "Table 3:" not in printed

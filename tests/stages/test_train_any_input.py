@@ -14,7 +14,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
 from pipeline.inference.predict import predict
-from pipeline.kernels.networks.network_configurations import WAYS
+from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
 from pipeline.reports.training_seeds import trainings_table
 from pipeline.rng import torch_generator
@@ -64,7 +64,7 @@ def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(d
     assert 0.1 < 1 - len(shown) / len(drawn) < 0.3
     turns = [items.view_in_turn(item, 1, 5) for item in range(6)]
     assert [(seen.image is not None, len(seen.touched)) for seen in turns] == [
-        (way.image is not None, spheres.SENSORS if way.touch else 0) for way in WAYS.values()
+        (way.image is not None, spheres.SENSORS if way.touch else 0) for way in INPUT_CHOICES.values()
     ]
     assert np.array_equal(turns[4].image, alone)
     assert settings.touch_dropout == 0.1
@@ -84,7 +84,7 @@ def test_other_networks_draw_what_they_drew(data):
 
 def test_it_is_evaluated_in_every_row_of_the_tables(data):
     folder = DataDirectory(data).whole_folder("evaluation")
-    rows = [f"{NAME}-{way}" for way in WAYS]
+    rows = [f"{NAME}-{way}" for way in INPUT_CHOICES]
     given = read_root(folder)["configurations"]
     assert list(given) == rows
     assert given[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
@@ -98,11 +98,11 @@ def test_it_is_evaluated_in_every_row_of_the_tables(data):
     assert [row.cells[0] for row in trainings_table([folder])[0].rows] == rows
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("way", INPUT_CHOICES)
 def test_it_predicts_from_each_combination_of_inputs(data, tmp_path, way):
     done = predict(tmp_path / "out.ply", data / "models", f"{NAME}-{way}", data=data, object_id="c", grasps=[0, 1])
     assert trimesh.load(done.files[0]).is_watertight
-    assert bool(len(done.touched)) == WAYS[way].touch
+    assert bool(len(done.touched)) == INPUT_CHOICES[way].touch
 
 
 def test_it_predicts_from_what_there_is_and_from_nothing(data, tmp_path):

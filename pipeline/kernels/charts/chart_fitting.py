@@ -93,13 +93,13 @@ def fit_charts(
         iterations=np.zeros(len(clouds), np.int64),
         stop_rule=np.full(len(clouds), StopRule.too_few_points, np.int64),
     )
-    given = [i for i, cloud in enumerate(clouds) if len(cloud)]
-    for first in range(0, len(given), CHARTS_AT_ONCE):
-        together = given[first : first + CHARTS_AT_ONCE]
-        scaled = [torch.as_tensor(np.asarray(clouds[i], np.float64), device=device) / width for i in together]
-        charts = [ChartState(cloud, options.cloud_points, generators[i]) for i, cloud in zip(together, scaled, strict=True)]
+    nonempty = [i for i, cloud in enumerate(clouds) if len(cloud)]
+    for first in range(0, len(nonempty), CHARTS_AT_ONCE):
+        batch = nonempty[first : first + CHARTS_AT_ONCE]
+        scaled = [torch.as_tensor(np.asarray(clouds[i], np.float64), device=device) / width for i in batch]
+        charts = [ChartState(cloud, options.cloud_points, generators[i]) for i, cloud in zip(batch, scaled, strict=True)]
         ChartOptimizer(charts, square.to(device), faces.to(device), options).run()
-        for i, chart in zip(together, charts, strict=True):
+        for i, chart in zip(batch, charts, strict=True):
             fits.vertices[i], fits.residual[i] = chart.vertices * width, chart.residual * width
             fits.loss[i], fits.iterations[i], fits.stop_rule[i] = chart.loss, chart.steps, chart.stop_rule
     return fits

@@ -1,4 +1,4 @@
-"""Adam on many touch charts at once, each as if it were alone."""
+"""Adam on many touch charts at once, independently of each other."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from pipeline.kernels.metrics.surface_regularisers import neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import doubled_areas, map_to_surfaces
 
 CHECK_MARGIN = 2.0
-"""The exact loss is checked once its estimate is below this many halts: in 10 steps it falls by less than that."""
+"""The exact loss is checked once its estimate is below this multiple of the halt: in 10 steps it falls by less than that."""
 NEAR_FLOORS = 10.0
-"""A chart is near its cloud once its loss is below this many sampling floors of `cloud_points`. Until then those points stand for the
-whole cloud: from afar many points are about equally near, where a tree of all of them is ten times slower."""
+"""A chart is near its cloud once its loss is below this multiple of the sampling floor of `cloud_points`. Until then those points represent
+the whole cloud: from afar many points are about equally near, and a tree of all of them is ten times slower."""
 BETAS = 0.9, 0.999
 """Adam's decays of the mean gradient and of its square, as published: the supplement names none."""
 EPSILON = 1e-8
@@ -28,14 +28,14 @@ EPSILON = 1e-8
 
 
 class ChartState:
-    """One chart: its cloud, and how far its fit has come; lengths are sensor widths.
+    """One chart: its cloud and the progress of its fit; lengths are sensor widths.
 
     Parameters
     ----------
     cloud
         (n, 3) float64, n at least 1.
     cloud_points
-        The steps go through the cloud again and again, that many points at a time (None: all), in an order shuffled once.
+        Steps cycle through the cloud, so many points at a time (None: all), in an order that is shuffled once.
     generator
         Shuffles the cloud and draws the chart's samples.
     """
@@ -43,7 +43,7 @@ class ChartState:
     def __init__(self, cloud: Tensor, cloud_points: int | None, generator: torch.Generator) -> None:
         size = min(cloud_points or len(cloud), len(cloud))
         order = torch.randperm(len(cloud), generator=generator) if size < len(cloud) else torch.arange(len(cloud))
-        parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a last one of fewer points is left out
+        parts = torch.split(cloud[order.to(cloud.device)], size)[: len(cloud) // size]  # a smaller last part is left out
         self.cloud, self.first_part, self.parts = SearchCloud(cloud), SearchCloud(parts[0]), cycle(parts)
         self.generator = generator
         self.steps = 0
@@ -94,8 +94,8 @@ class ChartOptimizer:
             chart = self._charts[i]
             chart.vertices, chart.residual, chart.stop_rule = self._state[0, i].cpu().numpy().copy(), self._residual(i), rule
         if done:
-            kept = [i for i in range(len(self._charts)) if i not in done]
-            self._state, gradient, self._charts = self._state[:, kept], gradient[kept], [self._charts[i] for i in kept]
+            remaining = [i for i in range(len(self._charts)) if i not in done]
+            self._state, gradient, self._charts = self._state[:, remaining], gradient[remaining], [self._charts[i] for i in remaining]
         self._descend(gradient)
 
     def _is_check(self, chart: ChartState, area: float) -> bool:
@@ -117,11 +117,13 @@ class ChartOptimizer:
         targets = [chart.cloud if exact or chart.near else chart.first_part for chart in charts]
         vertices = self._state[0, group].requires_grad_()
         samples = map_to_surfaces(vertices, self._faces, uniform)  # (group, n, 3)
-        drawn = samples.detach()
-        nearest = torch.stack([target.points[target.nearest(row)] for target, row in zip(targets, drawn, strict=True)])
-        back = torch.cat([SearchCloud(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, drawn, strict=True))])
+        detached = samples.detach()
+        nearest = torch.stack([target.points[target.nearest(row)] for target, row in zip(targets, detached, strict=True)])
+        matches = torch.cat(
+            [SearchCloud(row).nearest(cloud) + i * count for i, (cloud, row) in enumerate(zip(clouds, detached, strict=True))]
+        )
         to_cloud = (samples - nearest).square().sum(dim=-1)  # (group, n)
-        to_chart = (samples.reshape(-1, 3).index_select(0, back) - torch.cat(clouds)).square().sum(dim=-1)
+        to_chart = (samples.reshape(-1, 3).index_select(0, matches) - torch.cat(clouds)).square().sum(dim=-1)
         pairs = zip(to_cloud, torch.split(to_chart, [len(cloud) for cloud in clouds]), strict=True)
         losses = torch.stack([a.mean() + b.mean() for a, b in pairs])  # row by row: no sum's order depends on the group
         (gradient,) = torch.autograd.grad(losses.sum(), vertices)
@@ -130,7 +132,7 @@ class ChartOptimizer:
         return losses.tolist(), gradient
 
     def _check_stop_rule(self, i: int, loss: float, exact: bool) -> StopRule | None:
-        """Record a chart's loss; where it is exact, return why the chart is done, or None."""
+        """Record a chart's loss; if it is exact, return the rule that ends the fit, or None."""
         chart, options = self._charts[i], self._options
         chart.recent = (chart.recent + [loss])[-options.check_every :]
         chart.near = chart.near or options.cloud_points is None or loss < NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
@@ -150,12 +152,12 @@ class ChartOptimizer:
         """Adam's step (Kingma and Ba, 2015, algorithm 1), each chart with its own count of steps."""
         for chart in self._charts:
             chart.steps += 1
-        taken = gradient.new_tensor([chart.steps for chart in self._charts])[:, None, None]
+        steps = gradient.new_tensor([chart.steps for chart in self._charts])[:, None, None]
         _, mean, square = self._state
         mean.mul_(BETAS[0]).add_(gradient, alpha=1 - BETAS[0])
         square.mul_(BETAS[1]).addcmul_(gradient, gradient, value=1 - BETAS[1])
-        root = (square / (1 - BETAS[1] ** taken)).sqrt() + EPSILON
-        self._state[0] -= self._options.learning_rate * (mean / (1 - BETAS[0] ** taken)) / root
+        root = (square / (1 - BETAS[1] ** steps)).sqrt() + EPSILON
+        self._state[0] -= self._options.learning_rate * (mean / (1 - BETAS[0] ** steps)) / root
 
 
 def _squared_edges(faces: Tensor, vertices: int) -> Tensor:

@@ -11,7 +11,7 @@ from pipeline.kernels.charts.touch_chart import SIDE
 
 
 class StopRule(IntEnum):
-    """Why a chart's fit ended: no touch, the loss below the threshold, the cap on steps, no points to fit to, or no area left."""
+    """The end of a chart's fit: no touch, the loss below the threshold, the cap on steps, no points to fit to, or no area left."""
 
     no_touch = 0
     threshold = 1
@@ -22,7 +22,7 @@ class StopRule(IntEnum):
 
 @dataclass(frozen=True, config=ConfigDict(allow_inf_nan=False))
 class FitOptions:
-    """How charts are fitted. The defaults are fast; the supplement's are `SUPPLEMENT`.
+    """Options of a chart's fit. The defaults are fast; the supplement's options are `SUPPLEMENT`.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class FitOptions:
         Chamfer distance, sensor widths², below which a chart is done. Where chart and cloud are one surface of area A it is still
         A / (π samples), and as much again from the cloud's own density: `halt` must lie above.
     residual_limit
-        Sensor widths; what the RMS distance from cloud to chart must not exceed either, or None.
+        Largest RMS distance from cloud to chart of a finished chart, sensor widths, or None.
     max_iterations
-        Steps after which a chart is taken as it is; 0 leaves the square.
+        Steps after which a fit ends; 0 leaves the square.
     samples
         Points of the chart in the Chamfer distance that is compared with `halt`.
     step_samples, cloud_points
@@ -68,4 +68,4 @@ class FitOptions:
 
 
 SUPPLEMENT = FitOptions(step_samples=4000, cloud_points=None, check_every=1, learning_rate=3e-3)
-"""Section 2.3 to the letter: one loss, of all points, for the steps and the halt."""
+"""Section 2.3 exactly: one loss, of all points, for the steps and the halt."""

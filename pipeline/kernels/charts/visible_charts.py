@@ -11,17 +11,17 @@ WIDTH = 0.016
 MEASURED = 0.9
 """Share of a chart's pixels that must be measured, its corners among them; the others are filled in."""
 UNEVEN = 2e-3
-"""m: RMS of the depths around the chart, beyond which a window holds an edge of the object, or noise."""
+"""m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise."""
 STEEP = 2.0
-"""Slope against the image plane beyond which a surface is seen too flatly."""
+"""Slope against the image plane above which a surface is seen at too flat an angle."""
 CHARTS = 64
-"""Charts at most, spread evenly: five grasps touch with twenty."""
+"""Most charts, spread evenly over the surface; five grasps make twenty touch charts."""
 RIM = 1
 """Pixels at the rim of the mask that are left out: cameras mix depths there."""
 
 
 def visible_charts(
-    depth: NDArray[np.floating], shown: NDArray[np.bool_], intrinsic: NDArray[np.floating], side: int, width: float = WIDTH
+    depth: NDArray[np.floating], mask: NDArray[np.bool_], intrinsic: NDArray[np.floating], side: int, width: float = WIDTH
 ) -> NDArray[np.float64]:
     """Fit charts to the visible surface.
 
@@ -29,7 +29,7 @@ def visible_charts(
     ----------
     depth
         (rows, cols) along the viewing direction, m; NaN where nothing was measured.
-    shown
+    mask
         (rows, cols) bool: where the image shows the object.
     intrinsic
         (3, 3) camera matrix; pixel centres at ½.
@@ -48,31 +48,31 @@ def visible_charts(
     The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
     squares: a chart is smooth where the camera's depth is noisy.
     """
-    inside = binary_erosion(shown, iterations=RIM) & np.isfinite(depth)
-    if not inside.any():
+    usable = binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
+    if not usable.any():
         return np.zeros((0, side * side, 3))
     focal = intrinsic[[0, 1], [0, 1]]
-    rows, cols = (max(2, round(width * length / float(np.median(depth[inside])))) for length in focal[::-1])
-    row, col = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+    rows, cols = (max(2, round(width * length / float(np.median(depth[usable])))) for length in focal[::-1])
+    row, col = (np.flatnonzero(usable.any(axis=axis)) for axis in (1, 0))
     charts = []
     for top in range(row[0], row[-1] + 1, rows):
         for left in range(col[0], col[-1] + 1, cols):
             window = slice(top, top + rows + 1), slice(left, left + cols + 1)  # pixels at both rims
-            measured = inside[window]
+            measured = usable[window]
             if measured.shape == (rows + 1, cols + 1) and measured.mean() >= MEASURED and measured[[0, 0, -1, -1], [0, -1, 0, -1]].all():
                 chart = _fitted(np.where(measured, depth[window], np.nan), (top, left), intrinsic, side)
                 charts += [] if chart is None else [chart]
-    every = np.array(charts).reshape(-1, side * side, 3)
-    return every[np.unique(np.linspace(0, len(every) - 1, min(CHARTS, len(every))).round().astype(int))] if len(every) else every
+    stacked = np.array(charts).reshape(-1, side * side, 3)
+    return stacked[np.unique(np.linspace(0, len(stacked) - 1, min(CHARTS, len(stacked))).round().astype(int))] if len(stacked) else stacked
 
 
 def _fitted(depth: NDArray[np.floating], corner: tuple[int, int], intrinsic: NDArray[np.floating], side: int) -> NDArray[np.float64] | None:
-    """Fit a chart (side², 3) to the depths of a window with its first pixel at `corner`; None where they are no smooth surface."""
+    """Fit a chart (side², 3) to the depths of a window with its first pixel at `corner`; None if they are not a smooth surface."""
     down, across = (np.linspace(-1, 1, count) for count in depth.shape)
     v, u = np.meshgrid(down, across, indexing="ij")
-    known = np.isfinite(depth)
-    coefficients = np.linalg.lstsq(_quadric(u[known], v[known]), depth[known], rcond=None)[0]
-    if np.sqrt(np.mean((_quadric(u[known], v[known]) @ coefficients - depth[known]) ** 2)) > UNEVEN:
+    measured = np.isfinite(depth)
+    coefficients = np.linalg.lstsq(_quadric(u[measured], v[measured]), depth[measured], rcond=None)[0]
+    if np.sqrt(np.mean((_quadric(u[measured], v[measured]) @ coefficients - depth[measured]) ** 2)) > UNEVEN:
         return None
     y, x = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side), indexing="ij"))
     z = _quadric(x, y) @ coefficients

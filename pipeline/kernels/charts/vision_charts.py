@@ -91,7 +91,7 @@ def vision_charts(splits: int = 1) -> VisionCharts:
 
 @dataclass(frozen=True, eq=False)
 class _SpherePoints:
-    """Numbered points on the unit sphere; each is made when it is first asked for."""
+    """Numbered points on the unit sphere; each is made at its first use."""
 
     points: list[NDArray[np.float64]] = field(default_factory=list)
     middles: dict[frozenset[int], int] = field(default_factory=dict)

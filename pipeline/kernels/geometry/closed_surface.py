@@ -32,7 +32,7 @@ NORMAL_WEIGHT = 2.0
 CANDIDATES = 6
 """Faces, nearest by their middles, among which the nearest face is searched."""
 REACH = 4.0
-"""Spacings around the points within which the mesh gives way."""
+"""Distance from the points within which the mesh is moved, in spacings."""
 FALLOFF = 3.0
 """A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
 LARGEST_SHARE = 0.25
@@ -59,16 +59,16 @@ def closed_surface(
 
     Returns
     -------
-    Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it, however far
-    the surface was from there: a bulge leads to them.
+    Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it; a bulge
+    reaches those that were far from the surface.
 
     Raises
     ------
     InvalidInput
         A vertex is NaN or infinite, or the surface has no extent.
     """
-    used = vertices[np.unique(faces)]
-    if not len(used) or not np.isfinite(used).all() or not (extent := float(np.ptp(used, axis=0).max())) > 0:
+    used_vertices = vertices[np.unique(faces)]
+    if not len(used_vertices) or not np.isfinite(used_vertices).all() or not (extent := float(np.ptp(used_vertices, axis=0).max())) > 0:
         raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent, and cannot be closed")
     spacing = extent / resolution
     if is_watertight(faces):  # else its rims would shrink
@@ -85,7 +85,7 @@ def closed_surface(
 def attach_points(
     vertices: Points, faces: Faces, points: Points, normals: Points, *, spacing: float, tolerance: float
 ) -> tuple[Points, Faces]:
-    """Pull a closed mesh through points, and what is around them along, smoothly.
+    """Pull a closed mesh smoothly through points, together with their surroundings.
 
     Parameters
     ----------
@@ -119,11 +119,11 @@ def attach_points(
         return vertices, faces
     for number in range(ATTACHMENT_ROUNDS):
         for _ in range(2):  # each at most halves the edges
-            place = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
+            places = _nearest_facing_points(vertices, faces, points, normals, spacing)[1]
             ends, _edge = mesh_edges(faces)
-            long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
-            near = cKDTree(place).query(vertices[ends].mean(axis=1))[0] < spacing
-            vertices, faces = split_edges(vertices, faces, long & near)
+            is_long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > 1.5 * spacing / REFINEMENT
+            is_near = cKDTree(places).query(vertices[ends].mean(axis=1))[0] < spacing
+            vertices, faces = split_edges(vertices, faces, is_long & is_near)
         vertices = _displace_vertices(
             vertices, faces, points, *_nearest_facing_points(vertices, faces, points, normals, spacing), spacing, coarse=not number
         )
@@ -149,23 +149,25 @@ def _nearest_facing_points(
 def _displace_vertices(
     vertices: Points, faces: Faces, points: Points, face: NDArray[np.intp], places: Points, spacing: float, *, coarse: bool
 ) -> Points:
-    """Displace the vertices around the places so that these come to the points, or near; where `coarse`, details come along as they are."""
+    """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
     offset = points - places
-    apart, nearest = cKDTree(places).query(vertices)
+    distances, nearest = cKDTree(places).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
-    free = apart < REACH * spacing + np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
+    movable = distances < REACH * spacing + np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
-    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough, for what is left is pulled again
+    weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
-    held = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, free]
+    constraints = sparse.csr_array((weights.ravel(), (rows, faces[face].ravel())), shape=(len(points), len(vertices)))[:, movable]
     laplacian = neighbour_means(faces, len(vertices)) - sparse.eye_array(len(vertices), format="csr")
-    bent = laplacian[:, free]
-    system = held.T @ held + STIFFNESS * bent.T @ bent + 1e-9 * sparse.eye_array(bent.shape[1])  # where nothing holds a part
-    moved = vertices.copy()
-    shape = 0 if coarse else STIFFNESS * bent.T @ (laplacian @ vertices)
-    moved[free] += splu(system.tocsc()).solve(held.T @ offset - shape)
-    return moved
+    bending = laplacian[:, movable]
+    system = (
+        constraints.T @ constraints + STIFFNESS * bending.T @ bending + 1e-9 * sparse.eye_array(bending.shape[1])
+    )  # where nothing holds a part
+    displaced = vertices.copy()
+    shape = 0 if coarse else STIFFNESS * bending.T @ (laplacian @ vertices)
+    displaced[movable] += splu(system.tocsc()).solve(constraints.T @ offset - shape)
+    return displaced
 
 
 def _insert_points(vertices: Points, faces: Faces, points: Points, tolerance: float) -> tuple[Points, Faces]:
@@ -176,9 +178,9 @@ def _insert_points(vertices: Points, faces: Faces, points: Points, tolerance: fl
         order = order[squared[order] > tolerance**2]
         if not len(order):
             return vertices, faces
-        split, first = np.unique(face[order], return_index=True)  # one point per face and round: a vertex once made stays
+        split, first = np.unique(face[order], return_index=True)  # one point per face and round: new vertices stay
         a, b, c = faces[split].T
         new = len(vertices) + np.arange(len(split))
-        parts = [np.stack(corners, axis=1) for corners in ((a, b, new), (b, c, new), (c, a, new))]
+        new_faces = [np.stack(corners, axis=1) for corners in ((a, b, new), (b, c, new), (c, a, new))]
         vertices = np.concatenate([vertices, points[order[first]]])
-        faces = np.concatenate([np.delete(faces, split, axis=0), *parts])
+        faces = np.concatenate([np.delete(faces, split, axis=0), *new_faces])

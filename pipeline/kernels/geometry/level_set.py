@@ -36,7 +36,7 @@ def level_set_mesh(
     dense_radius: float = 0.0,
     loose_pieces: bool = True,
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Make the closed mesh that encloses where a field is negative, in a box.
+    """Make the closed mesh around the part of a box where a field is negative.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def level_set_mesh(
     slope
         How much the field changes at most per unit: 1 for a signed distance.
     halvings
-        The field is computed on a grid 2^halvings times as wide; its cells are then halved, and the field is computed only at points
-        where it can be 0 given `slope` and its neighbours, and on along the surface that is found. 0 computes it at all points, and needs
-        no slope.
+        The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where
+        it can be 0 given `slope` and its neighbours, and further along the surface. With 0 it is computed at all points, and needs no
+        slope.
     dense_points, dense_radius
         The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
     loose_pieces
@@ -83,18 +83,18 @@ def level_set_mesh(
     for _ in range(halvings):
         reach, step = np.sqrt(3) / 2 * step * slope, step / 2  # a cell's middle is as far from its corners
         values = _double_resolution(values)
-        known = np.abs(values) <= reach
+        computed = np.abs(values) <= reach
         if dense_points is not None:
-            _mark_cells_around(known, np.asarray(dense_points) - low, step, dense_radius)
-        _evaluate(values, known, field, low, step)
-        while (beside := _mark_corners(_crossed_cells(values)) & ~known).any():
-            _evaluate(values, beside, field, low, step)
-            known |= beside
+            _mark_cells_around(computed, np.asarray(dense_points) - low, step, dense_radius)
+        _evaluate(values, computed, field, low, step)
+        while (missing := _mark_corners(_crossed_cells(values)) & ~computed).any():
+            _evaluate(values, missing, field, low, step)
+            computed |= missing
     if not loose_pieces:
-        held = np.zeros(values.shape, bool)
+        anchors = np.zeros(values.shape, bool)
         if dense_points is not None:
-            _mark_cells_around(held, np.asarray(dense_points) - low, step, dense_radius)
-        _leave_out_loose_pieces(values, held)
+            _mark_cells_around(anchors, np.asarray(dense_points) - low, step, dense_radius)
+        _leave_out_loose_pieces(values, anchors)
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
@@ -106,20 +106,20 @@ def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Fiel
         raise InvalidInput(f"a field is NaN or infinite at {np.count_nonzero(~np.isfinite(computed))} of {len(computed)} points of a grid")
 
 
-def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, within: float) -> None:
-    """Set what is within a distance of places (M, 3) along each axis, on a grid that begins at 0; and one more point on each side."""
-    reach = int(np.ceil(within / step)) + 1
+def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, radius: float) -> None:
+    """Mark the points of a grid from 0 on within a distance of places (M, 3) along each axis, and one more point on each side."""
+    reach = int(np.ceil(radius / step)) + 1
     for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
         first, last = np.maximum(place - reach, 0), np.maximum(place + reach + 1, 0)
         where[tuple(map(slice, first, last))] = True
 
 
-def _leave_out_loose_pieces(values: NDArray[np.float64], held: NDArray[np.bool_]) -> None:
-    """Turn the negative regions positive, but the largest and those with a point that is held."""
+def _leave_out_loose_pieces(values: NDArray[np.float64], anchors: NDArray[np.bool_]) -> None:
+    """Turn the negative regions positive, except the largest and those that contain an anchor."""
     region, count = ndimage.label(values < 0)  # 0 where values are positive
     size = np.bincount(region.ravel())
     size[0] = 0
-    kept = np.bincount(region[held], minlength=count + 1) > 0
+    kept = np.bincount(region[anchors], minlength=count + 1) > 0
     kept[0] = kept[size.argmax()] = True
     values[~kept[region]] *= -1
 
@@ -157,8 +157,8 @@ def _marching_cubes(values: NDArray[np.float64], low: Points, step: float) -> tu
     flat = np.ravel_multi_index(tuple(np.moveaxis(cells[:, None] + CELL_CORNERS, 2, 0)), values.shape)  # (N, 8)
     used, rows = np.unique(flat, return_inverse=True)
     places = low + step * np.stack(np.unravel_index(used, values.shape), axis=1)
-    near = values.ravel()[used]
-    least = MIN_VALUE_SHARE * np.abs(near).max()
-    near = np.where(near < 0, np.minimum(near, -least), np.maximum(near, least))
-    vertices, faces, _ = igl.marching_cubes(near, places, rows.reshape(flat.shape), 0.0)
+    corner_values = values.ravel()[used]
+    smallest = MIN_VALUE_SHARE * np.abs(corner_values).max()
+    corner_values = np.where(corner_values < 0, np.minimum(corner_values, -smallest), np.maximum(corner_values, smallest))
+    vertices, faces, _ = igl.marching_cubes(corner_values, places, rows.reshape(flat.shape), 0.0)
     return vertices, faces

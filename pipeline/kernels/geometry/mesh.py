@@ -17,20 +17,20 @@ Faces = NDArray[np.int64]
 FARTHEST = 1e18
 """Largest coordinate that kernels take, any unit: its square fits into float32 too."""
 SLIVER_FLATNESS = 3e-6
-"""A flatter face counts as its longest edge, 3e-6 of its length beside it at most. libigl's distance to it would err by more."""
+"""A flatter face is replaced by its longest edge, which is off by at most 3e-6 of its length. libigl's distance to it would err by more."""
 SMALLEST = 1e-100
 """Coordinates that are all smaller, and not 0, are refused: their products vanish in float64."""
 
 
-def check_coordinates(points: NDArray[np.floating], what: str) -> None:
+def check_coordinates(points: NDArray[np.floating], name: str) -> None:
     """Refuse points that are NaN, infinite, farther than `FARTHEST` from the origin along an axis, or all nearer than `SMALLEST`.
 
     Parameters
     ----------
     points
         (N, 3), any unit.
-    what
-        What they are, in the plural.
+    name
+        Of the points in messages, in the plural.
 
     Raises
     ------
@@ -41,11 +41,12 @@ def check_coordinates(points: NDArray[np.floating], what: str) -> None:
         return
     largest = max(-points.min(), points.max())  # NaN where there is one
     if 0 < largest < SMALLEST:
-        raise InvalidInput(f"all {what} are less than {SMALLEST:g} from the origin; scale the mesh")
+        raise InvalidInput(f"all {name} are less than {SMALLEST:g} from the origin; scale the mesh")
     if not largest <= FARTHEST:
-        bad = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
+        count = np.count_nonzero(~(np.abs(points) <= FARTHEST).all(axis=1))
         raise InvalidInput(
-            f"{bad} of {len(points)} {what} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them out"
+            f"{count} of {len(points)} {name} are NaN, infinite or more than {FARTHEST:g} from the origin; repair the mesh or leave them "
+            "out"
         )
 
 

@@ -62,9 +62,9 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
     if len(mesh.faces) == 0:
         raise InvalidInput(f"all {faces} faces have zero area; the mesh has no surface")
     positions = number_positions(mesh.vertices)[mesh.faces]
-    first = np.sort(np.unique(np.sort(positions, axis=1), axis=0, return_index=True)[1])  # of the faces between the same positions
-    watertight = is_watertight(positions[first])
-    return _keep_faces(mesh, first), CleaningReport(int(degenerate.sum()), len(positions) - len(first), watertight)
+    unique_faces = np.sort(np.unique(np.sort(positions, axis=1), axis=0, return_index=True)[1])  # first of those between the same positions
+    watertight = is_watertight(positions[unique_faces])
+    return _keep_faces(mesh, unique_faces), CleaningReport(int(degenerate.sum()), len(positions) - len(unique_faces), watertight)
 
 
 def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:

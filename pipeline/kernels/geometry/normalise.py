@@ -22,7 +22,7 @@ _TO_Z_UP = {
 
 
 DIGITS = 4
-"""Of a diagonal: more than any result depends on, and objects that were scaled to one size have exactly this size."""
+"""Digits of a diagonal: more than any result depends on, and few enough that objects scaled to one size have exactly this size."""
 
 
 def bounding_diagonal(vertices: NDArray[np.floating]) -> float:

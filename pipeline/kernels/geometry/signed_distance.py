@@ -101,14 +101,14 @@ def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.
 def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:
     """(N,) squared distances to the nearest face; slivers count as their longest edges."""
     vertices = np.ascontiguousarray(vertices)
-    near = without_slivers(vertices, np.ascontiguousarray(faces, np.int64))
-    return np.asarray(igl.point_mesh_squared_distance(np.ascontiguousarray(points), vertices, near)[0])
+    triangles = without_slivers(vertices, np.ascontiguousarray(faces, np.int64))
+    return np.asarray(igl.point_mesh_squared_distance(np.ascontiguousarray(points), vertices, triangles)[0])
 
 
 def sample_around_surface(
     surface: Points, count: int, rng: np.random.Generator, *, near: float, spread: tuple[float, float], reach: float
 ) -> Points:
-    """Draw points in space: some near a surface, the others all over the cube around it.
+    """Draw points in space: a share near a surface, the others throughout the cube around it.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def sample_around_surface(
     rng
         Draws them.
     near
-        Share of the points that are near: a point of the surface, moved along each axis by normal deviates of one standard deviation.
+        Share of the points near the surface: a point of it, moved along each axis by normal deviates of one standard deviation.
     spread
         Least and largest standard deviation, m; each point's is between them, uniform in its logarithm.
     reach
@@ -127,12 +127,12 @@ def sample_around_surface(
 
     Returns
     -------
-    (count, 3) m, in random order: the first of them are a fair sample.
+    (count, 3) m, in random order: any first part is a fair sample.
     """
-    close = round(near * count)
-    least, most = np.log(spread).tolist()
-    deviation = np.exp(rng.uniform(least, most, (close, 1)))
-    beside = surface[rng.integers(len(surface), size=close)] + deviation * rng.normal(size=(close, 3))
+    near_count = round(near * count)
+    low, high = np.log(spread).tolist()
+    deviation = np.exp(rng.uniform(low, high, (near_count, 1)))
+    near_points = surface[rng.integers(len(surface), size=near_count)] + deviation * rng.normal(size=(near_count, 3))
     middle = (surface.min(axis=0) + surface.max(axis=0)) / 2
-    anywhere = middle + rng.uniform(-reach, reach, (count - close, 3))
-    return rng.permutation(np.concatenate([beside, anywhere]))
+    spread_points = middle + rng.uniform(-reach, reach, (count - near_count, 3))
+    return rng.permutation(np.concatenate([near_points, spread_points]))

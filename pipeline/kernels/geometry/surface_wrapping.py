@@ -29,7 +29,7 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     vertices, faces
         The triangles. Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half.
     spacing
-        Edges of the mesh are about as long; features and tunnels that are narrower are lost.
+        Approximate length of the mesh's edges; narrower features and tunnels are lost.
 
     Returns
     -------
@@ -48,26 +48,26 @@ def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points
     """
     check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
-    near = without_slivers(vertices, faces)
+    triangles = without_slivers(vertices, faces)
 
     def distance(points: Points) -> Points:
-        """Compute the distance from the shell of the triangles, negative in it and inside."""
-        apart: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, near)[0]) - spacing
-        if (free := apart > 0).any():
-            apart[free] = np.where(is_inside(points[free], vertices, faces), -apart[free], apart[free])
-        return apart
+        """Compute the signed distance from the shell around the triangles, negative in the shell and inside it."""
+        distances: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles)[0]) - spacing
+        if (off_shell := distances > 0).any():
+            distances[off_shell] = np.where(is_inside(points[off_shell], vertices, faces), -distances[off_shell], distances[off_shell])
+        return distances
 
     margin = 2 * spacing
     used = vertices[np.unique(faces)]
     shell, sides = largest_part(*level_set_mesh(distance, used.min(axis=0) - margin, used.max(axis=0) + margin, spacing))
-    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, near)
-    onto = squared < (1.5 * spacing) ** 2  # others close a hole
-    shell[onto] = nearest[onto] + REMAINING_SHARE * (shell - nearest)[onto]
+    squared, _, nearest = igl.point_mesh_squared_distance(shell, vertices, triangles)
+    on_surface = squared < (1.5 * spacing) ** 2  # the others close a hole
+    shell[on_surface] = nearest[on_surface] + REMAINING_SHARE * (shell - nearest)[on_surface]
     return shell, sides
 
 
 def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
-    """Keep the part of a closed mesh that encloses most, and the vertices that it uses."""
+    """Keep the part of a closed mesh with the greatest volume, and its vertices."""
     label = igl.facet_components(np.ascontiguousarray(faces))[1]
     volumes = np.bincount(label, weights=np.linalg.det(vertices[faces]))
     used, renamed = np.unique(faces[label == np.argmax(volumes)], return_inverse=True)
@@ -98,8 +98,8 @@ def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
 def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
-    alone = np.setdiff1d(np.arange(count), [first, second])
-    rows, columns = np.concatenate([first, second, alone]), np.concatenate([second, first, alone])
+    isolated = np.setdiff1d(np.arange(count), [first, second])
+    rows, columns = np.concatenate([first, second, isolated]), np.concatenate([second, first, isolated])
     degree = np.bincount(rows, minlength=count)
     return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
@@ -130,15 +130,15 @@ def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tu
     vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])
     split = chosen[edge]  # (F, 3)
     number = split.sum(axis=1)
-    parts = [faces[number == 0]]
+    new_faces = [faces[number == 0]]
     for count, table in SPLITS.items():
-        these = number == count
-        first = np.argmax(split[these], axis=1) if count == 1 else (np.argmin(split[these], axis=1) + 1) % 3  # its first split side
+        selected = number == count
+        first = np.argmax(split[selected], axis=1) if count == 1 else (np.argmin(split[selected], axis=1) + 1) % 3  # its first split side
         turned = (first[:, None] + np.arange(3)) % 3
-        corners = np.take_along_axis(faces[these], turned, axis=1)
-        middles = np.take_along_axis(middle[edge[these]], turned, axis=1)
-        parts.append(np.concatenate([corners, middles], axis=1)[:, table].reshape(-1, 3))
-    return vertices, np.concatenate(parts)
+        corners = np.take_along_axis(faces[selected], turned, axis=1)
+        middles = np.take_along_axis(middle[edge[selected]], turned, axis=1)
+        new_faces.append(np.concatenate([corners, middles], axis=1)[:, table].reshape(-1, 3))
+    return vertices, np.concatenate(new_faces)
 
 
 SPLITS = {
@@ -151,7 +151,7 @@ SPLITS = {
 
 def mesh_edges(faces: Faces) -> tuple[Faces, Faces]:
     """List the edges of a mesh: (E, 2) their ends, and (F, 3) the edge after each corner of each face."""
-    after = np.roll(faces, -1, axis=1)
+    following = np.roll(faces, -1, axis=1)
     count = int(faces.max()) + 1
-    unique, edge = np.unique(np.minimum(faces, after) * count + np.maximum(faces, after), return_inverse=True)
+    unique, edge = np.unique(np.minimum(faces, following) * count + np.maximum(faces, following), return_inverse=True)
     return np.stack(np.divmod(unique, count), axis=1), edge.reshape(-1, 3)

@@ -13,9 +13,9 @@ from pipeline.kernels.hand.distance_field import DistanceField
 Float64Array = NDArray[np.float64]
 
 RAYS = 4000
-"""From surface points through the object."""
+"""Rays that are traced from surface points through the object."""
 TILT = 0.25
-"""Standard deviation of a ray's slope against the inward normal: objects have more pairs than those that face each other exactly."""
+"""Standard deviation of a ray's slope against the inward normal: most pairs do not face each other exactly."""
 CONE_SHARE = 0.8
 """Share of the friction angle by which a normal may be off the line between the points."""
 SELF_HIT = 2e-4
@@ -53,26 +53,26 @@ def antipodal_points(
 
     Returns
     -------
-    The pairs, of every place where a ray leaves the object; there may be none.
+    One pair for each place where a ray leaves the object; there may be none.
     """
     start = rng.integers(len(points), size=RAYS)
     origin, outward = points[start], normals[start]
     direction = unit_vectors(-outward + TILT * rng.standard_normal((RAYS, 3)))
     hits = field.tree.intersect_ray(field.vertices, field.faces, origin, direction)
-    ray = np.repeat(np.arange(RAYS), [len(own) for own in hits])
-    face, distance, _, _ = np.array([hit for own in hits for hit in own], np.float64).reshape(-1, 4).T
+    ray = np.repeat(np.arange(RAYS), [len(ray_hits) for ray_hits in hits])
+    face, distance, _, _ = np.array([hit for ray_hits in hits for hit in ray_hits], np.float64).reshape(-1, 4).T
     origin, outward, direction = origin[ray], outward[ray], direction[ray]
     corners = field.vertices[field.faces[face.astype(np.intp)]]
     facing = np.abs((unit_vectors(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) * direction).sum(axis=1))
-    within = sin_cos(CONE_SHARE * np.arctan(friction))[1]
+    least_cosine = sin_cos(CONE_SHARE * np.arctan(friction))[1]
     end = origin + distance[:, None] * direction
-    kept = (distance > SELF_HIT) & (distance <= widest) & (facing >= within) & (-(outward * direction).sum(axis=1) >= within)
+    kept = (distance > SELF_HIT) & (distance <= widest) & (facing >= least_cosine) & (-(outward * direction).sum(axis=1) >= least_cosine)
     kept[kept] = field.lookup((end + BEHIND * direction)[kept].T.astype(np.float32)) > 0
     return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
 
 
 def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: float) -> Float64Array:
-    """Weigh pairs by how near they are to the centre of mass: gravity turns an object less that is held there.
+    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there.
 
     Parameters
     ----------
@@ -88,6 +88,6 @@ def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: flo
     (P,) float64 that sum to 1.
     """
     away = length(pairs.centre - centre)
-    beyond = np.maximum(away - np.quantile(away, 0.05), 0)  # also of an object that is hollow there
-    weights = (1 + (beyond / spread) ** 2) ** -2
+    excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
+    weights = (1 + (excess / spread) ** 2) ** -2
     return np.asarray(weights / weights.sum())

@@ -1,4 +1,4 @@
-"""Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own only."""
+"""Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own file only."""
 
 from __future__ import annotations
 
@@ -61,16 +61,16 @@ def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, 
 
 @compiled
 def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
-    """Least gap of pairs of boxes; inf where there are none."""
-    least = np.inf
-    for a, b in zip(first, second):  # noqa: B905 - as numba has it
-        least = min(least, box_gap(world[a], half[a], world[b], half[b], least))
-    return least
+    """Compute the least gap of pairs of boxes; inf without pairs."""
+    gap = np.inf
+    for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
+        gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
+    return gap
 
 
 @compiled
 def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp], gap: float) -> NDArray[np.bool_]:
-    """(N, pairs) whether boxes keep less than `gap`, for boxes (N, C, 4, 4)."""
+    """Find the pairs of boxes (N, C, 4, 4) that are nearer than `gap`, (N, pairs)."""
     near = np.empty((len(world), len(first)), np.bool_)
     for n in range(len(world)):
         for pair in range(len(first)):
@@ -89,7 +89,7 @@ def conflicts(
     fingers: int,
     gap: float,
 ) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b.
+    """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b.
 
     World frames (O, C, 4, 4) of boxes; the pairs that may not touch; and the finger of each box, -1 for none.
     """
@@ -103,12 +103,12 @@ def conflicts(
         if owner[k] < 0 or owner[k] == owner[m]:
             continue
         reach = radius[k] + radius[m] + gap
-        found = conflicts[owner[k], owner[m]]
+        pair_conflicts = conflicts[owner[k], owner[m]]
         for i in range(options):
             for j in range(options):
-                if not found[i, j]:
+                if not pair_conflicts[i, j]:
                     a, b = world[i, k], world[j, m]
                     x, y, z = a[0, 3] - b[0, 3], a[1, 3] - b[1, 3], a[2, 3] - b[2, 3]
                     if np.sqrt(x * x + y * y + z * z) < reach:
-                        found[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
+                        pair_conflicts[i, j] = box_gap(a, half[k], b, half[m], gap) < gap
     return conflicts

@@ -18,7 +18,7 @@ from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
 
 BLOCK = 4_000_000
-"""Points times faces of a shape whose distances are held at once: 32 MB."""
+"""Points times faces whose distances are held in memory at once: 32 MB."""
 MAX_LATTICE = 2_000_000
 """Points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand."""
 
@@ -44,8 +44,8 @@ class CollisionSpheres:
 
     def of_links(self, links: ArrayLike) -> CollisionSpheres:
         """Select the spheres of the given links."""
-        own = np.isin(self.link, links)
-        return CollisionSpheres(self.centres[own], self.radii[own], self.link[own])
+        selected = np.isin(self.link, links)
+        return CollisionSpheres(self.centres[selected], self.radii[selected], self.link[selected])
 
     @cached_property
     def single(self) -> Spheres:
@@ -89,14 +89,16 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
     InvalidInput
         A collision shape is flat, or has NaN corners: it encloses nothing.
     """
-    parts = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
+    filled_shapes = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
     for number, link in enumerate(hand.links):
         for shape in link.collisions:
             try:
                 hull = ConvexHull(shape.mesh.vertices)
             except (QhullError, ValueError) as error:
-                what = shape.path or f"{shape.kind} of size {shape.size}"
-                raise InvalidInput(f"{hand.urdf}: collision shape {what} of link {link.name} is flat or not finite: {error}") from error
+                shape_name = shape.path or f"{shape.kind} of size {shape.size}"
+                raise InvalidInput(
+                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite: {error}"
+                ) from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:
                 sides = " x ".join(f"{side:.3g}" for side in extent)
@@ -105,8 +107,8 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
                 )
             points, depth = _fill(hull, spacing)
             kept = _prune(points, depth, tolerance) if tolerance > 0 else np.arange(len(points))
-            parts.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
-    return CollisionSpheres(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+            filled_shapes.append((points[kept], depth[kept], np.full(len(kept), number, np.intp)))
+    return CollisionSpheres(*(np.concatenate(arrays) for arrays in zip(*filled_shapes, strict=True)))
 
 
 def collision_boxes(hand: Hand) -> CollisionBoxes:
@@ -145,7 +147,7 @@ def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: NDArra
 
 
 def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
+    """Make points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
     counts = np.ceil((high - low) / spacing).astype(int)
@@ -155,12 +157,12 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
     depth = np.concatenate([-(np.einsum("pc,cf->pf", block, np.ascontiguousarray(normals.T)) + offsets).max(axis=1) for block in blocks])
     subdivide: Any = trimesh.remesh.subdivide_to_size
     surface, _ = subdivide(hull.points, hull.simplices, max_edge=spacing)
-    surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: their common edges come twice
+    surface = np.unique(np.round(surface, 9), axis=0)  # faces are split one by one: points on common edges repeat
     return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])
 
 
 def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
-    """Largest first, keep a sphere unless a kept one holds all of it but `tolerance`."""
+    """Keep a sphere, largest first, unless a kept one contains it to within `tolerance`."""
     kept = np.empty(0, np.intp)
     for i in np.argsort(-depth, kind="stable"):
         gap = np.linalg.norm(points[kept] - points[i], axis=1) + depth[i] - depth[kept]

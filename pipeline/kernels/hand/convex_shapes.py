@@ -20,7 +20,7 @@ from pipeline.kernels.geometry.mesh import Mesh, directed_edges, without_slivers
 from pipeline.kernels.hand.model import Link, Shape
 
 MAX_FACES = 1000
-"""Faces of a collision shape. A mesh of no more is taken as it is: as many corners as this gives are no burden."""
+"""Most faces of a collision shape. A mesh with no more is used as it is."""
 TOLERANCE = 1e-4
 """m, that a hull of more than `MAX_FACES` faces may lose: a tenth of the clearance that grasps keep. It is doubled until the rest fits."""
 SAMPLE_SPACING = 2e-3
@@ -33,7 +33,7 @@ ON_SURFACE = 1e-6
 
 @dataclass(frozen=True)
 class ConvexError:
-    """By how much convex shapes differ from the meshes of a link.
+    """The differences between a link's meshes and its convex shapes.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float6
 
 
 def convex_error(link: Link, convex: Link) -> ConvexError:
-    """Measure by how much the convex shapes of a link differ from its meshes.
+    """Measure the differences between a link's meshes and its convex shapes.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
     Faces, and distances in m.
     """
     meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
-    kept = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
-    hulls = [ConvexHull(mesh.vertices) for mesh in kept]
+    convex_meshes = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
+    hulls = [ConvexHull(mesh.vertices) for mesh in convex_meshes]
     corners = np.concatenate([mesh.vertices[np.unique(mesh.faces)] for mesh in meshes])
     if len(hulls) == 1:  # the distance from a convex body is greatest at a corner of the rest's hull
         corners = corners[ConvexHull(corners).vertices]
@@ -166,11 +166,11 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
         subdivide: Any = trimesh.remesh.subdivide_to_size
         points = subdivide(hull.points, hull.simplices, max_edge=SAMPLE_SPACING)[0]
         points = points[np.unique(np.round(points / SAMPLE_SPACING), axis=0, return_index=True)[1]]  # one for each small cube
-        for other in (*hulls[:number], *hulls[number + 1 :]):
-            points = points[_outside(points, other) > ON_SURFACE]  # where slabs meet, the mesh may be solid
+        for other_hull in (*hulls[:number], *hulls[number + 1 :]):
+            points = points[_outside(points, other_hull) > ON_SURFACE]  # where slabs meet, the mesh may be solid
         if len(points):
             filled = max(filled, float(np.min([_nearest(points, mesh)[0] for mesh in meshes], axis=0).max()))
-    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in kept), float(lost), filled)
+    return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in convex_meshes), float(lost), filled)
 
 
 def _outside(points: NDArray[np.float64], hull: ConvexHull) -> NDArray[np.float64]:

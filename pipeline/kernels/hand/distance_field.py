@@ -162,29 +162,29 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
     distance = _per_cell(np.maximum(block_distance - reach, band))
-    near = _per_cell(block_distance <= band + reach)
-    centres = low + (np.argwhere(near) + 0.5) * cell
+    is_near = _per_cell(block_distance <= band + reach)
+    centres = low + (np.argwhere(is_near) + 0.5) * cell
     squared, face, closest = tree.squared_distance(vertices, faces, centres)
-    distance[near] = np.sqrt(squared)
+    distance[is_near] = np.sqrt(squared)
 
     # Between neighbouring centres with a surface between them, one is at most half a cell from it: no path leaks through.
-    free = distance > cell / 2 * (1 + 1e-6)
-    parts = ndimage.label(free)[0]
-    inside = np.where(free, (parts != parts[0, 0, 0]).astype(np.int8), np.int8(-1))
+    is_open = distance > cell / 2 * (1 + 1e-6)
+    components = ndimage.label(is_open)[0]
+    inside = np.where(is_open, (components != components[0, 0, 0]).astype(np.int8), np.int8(-1))
     records = np.zeros((*distance.shape, 4), np.float32)
     field = DistanceField(vertices, faces, tree, low + cell / 2, cell, records, inside)
 
-    on_surface = distance[near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side will do
+    on_surface = distance[is_near][:, None] <= ON_SURFACE_CELLS * cell  # has no direction away from it: either side is right
     away = unit_vectors(np.where(on_surface, face_cross_products(vertices[faces[face]]), centres - closest))
     sign = np.where(inside == 1, -1.0, 1.0)
-    sign[near] = np.where(field._is_inside(closest, away, distance[near]), -1.0, 1.0)
+    sign[is_near] = np.where(field._is_inside(closest, away, distance[is_near]), -1.0, 1.0)
     records[..., 0] = distance * sign
-    records[near, 1:] = away * sign[near][:, None]
+    records[is_near, 1:] = away * sign[is_near][:, None]
     return field
 
 
 def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
-    """Side of a cell and band, m, and blocks along each axis, for an object of that extent (3,), m."""
+    """Compute the side of a cell and the band, m, and the blocks along each axis, for an object of an extent (3,), m."""
     while True:
         rim = max(band, 2 * cell)
         blocks = np.ceil((extent + 2 * rim) / (cell * BLOCK))

@@ -19,7 +19,7 @@ CONE_EDGES = 8
 """Edges of the pyramid that stands for a friction cone."""
 
 MARGIN_DECIMALS = 3
-"""Decimals to which a margin is given: more would be the linear program's rounding."""
+"""Decimals of a margin: further ones are the linear program's rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def opposition_angle(contacts: list[Contact]) -> float:
 
 
 def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> float:
-    """Compute how evenly contacts can press so that their forces and moments cancel.
+    """Compute the margin of force closure: how evenly contacts can press while their forces and moments cancel.
 
     Parameters
     ----------

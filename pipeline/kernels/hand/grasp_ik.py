@@ -33,7 +33,7 @@ Float64Array = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
 NEAR_CONTACT = 0.0025
-"""m outside or inside the object up to which a sampled posture is a candidate: what refinement can make good."""
+"""m outside or inside the object up to which a sampled posture is a candidate: refinement can correct as much."""
 MAX_CANDIDATES = 320
 """Sampled postures per finger whose clearance is measured, those with most contact first."""
 REFINED_POSTURES = 12
@@ -127,11 +127,11 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
 
     Returns
     -------
-    True where every finger has, among some samples, one that keeps clear of object and palm.
+    True if every finger has a posture, among a few samples, that is clear of object and palm.
     """
     rows = even_rows(len(ik.frames))
-    any_will_do = np.where(ik.free[rows], np.float32(0), -np.inf)
-    return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), any_will_do, clear=1)[1].any(axis=0).all())
+    contact_values = np.where(ik.free[rows], np.float32(0), -np.inf)
+    return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), contact_values, clear=1)[1].any(axis=0).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,15 +191,15 @@ def grasp_ik(
     Postures within the limits; none where some finger has no posture that is clear of object and hand. A finger that cannot touch
     takes, of the free postures found, the one that comes nearest to touching.
     """
-    lines, rest = _best_samples(ik, field, hand_pose)
+    postures, untouching = _best_samples(ik, field, hand_pose)
     if start is not None:
-        lines = np.concatenate([lines, start[None]])
+        postures = np.concatenate([postures, start[None]])
     slides = np.array([ik.hand.joints[link - 1].kind == "prismatic" for link in ik.hand.joint_links])
     size = np.where(slides, STEP_SHARE * (ik.hand.upper - ik.hand.lower), STEP)
     for k in range(rounds):
-        steps = size * SHRINK**k * rng.standard_normal((len(lines), STEPS_PER_POSTURE + 1, lines.shape[1]))
-        lines = _refine(ik, field, hand_pose, lines=lines, steps=steps)
-    options = np.concatenate([lines, rest])
+        steps = size * SHRINK**k * rng.standard_normal((len(postures), STEPS_PER_POSTURE + 1, postures.shape[1]))
+        postures = _refine(ik, field, hand_pose, postures=postures, steps=steps)
+    options = np.concatenate([postures, untouching])
     frames = forward_kinematics(ik.hand, hand_pose, options)
     clear = finger_clearance(field, ik.fingers, frames, floor=ik.clearance) >= ik.clearance
     values = np.where(clear, _contact_values(ik, field, frames), -np.inf)
@@ -221,24 +221,24 @@ def _measure_best(
     """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
     by_finger = np.ascontiguousarray(contact.T)
     ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
-    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is that to improve on
+    order = np.insert(ranks, 0, 0, axis=-1) + ranks.shape[-1] * np.arange(groups)[:, None]  # the first of a group is the posture to improve
     measured = [
-        measure_best(field.grid, frames, own.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
-        for f, own in enumerate(ik.fingers.spheres)
+        measure_best(field.grid, frames, spheres.single, by_finger[f], order[f], best, clear, np.float32(ik.clearance))
+        for f, spheres in enumerate(ik.fingers.spheres)
     ]
-    value, is_clear = (np.stack(parts, axis=1) for parts in zip(*measured, strict=True))
+    value, is_clear = (np.stack(columns, axis=1) for columns in zip(*measured, strict=True))
     return value, is_clear
 
 
 def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
-    """(N, F) sums over the sensors of each finger, of (N, S); nothing for a finger that carries none."""
+    """Sum gains (N, S) over the sensors of each finger, (N, F); 0 for a finger without sensors."""
     return np.stack([gains[:, list(finger.sensors)].sum(axis=1) for finger in hand.fingers], axis=1)
 
 
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
-    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves is where it always is
+    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves has the same in all
     frames = compose(hand_pose, frames)
     contact = np.where(np.take_along_axis(ik.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
     value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
@@ -250,30 +250,30 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
 
 
 def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
-    """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: those with most contact, and some of all."""
+    """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: by contact, and an even spread."""
     contact, coverage = gel_contact(field, ik.probes, hand_pose)  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
-    first = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
-    order = np.argsort(-first, axis=0, kind="stable")[:MAX_CANDIDATES]
+    scores = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
+    order = np.argsort(-scores, axis=0, kind="stable")[:MAX_CANDIDATES]
     spread = even_rows(len(ik.frames))
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
 
 
 def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
-    """(N, J) joint angles in which finger s takes row `rows[:, s]` of `angles`."""
+    """Combine joint angles (N, J), in which finger s takes row `rows[:, s]` of `angles`."""
     finger_of_joint = np.empty(len(hand.joint_names), np.intp)
     for number, finger in enumerate(hand.fingers):
         finger_of_joint[list(finger.joints)] = number
     return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
-def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, lines: Float64Array, steps: Float64Array) -> Float64Array:
+def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, postures: Float64Array, steps: Float64Array) -> Float64Array:
     """Replace each posture (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, STEPS_PER_POSTURE + 1, J)."""
-    children = lines[:, None] + steps
-    children[:, 0] = lines
+    children = postures[:, None] + steps
+    children[:, 0] = postures
     margin = limit_margin(ik.hand)
-    children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, lines.shape[1])
+    children = np.clip(children, ik.hand.lower + margin, ik.hand.upper - margin).reshape(-1, postures.shape[1])
     frames = forward_kinematics(ik.hand, hand_pose, children)
-    value, _ = _measure_best(ik, field, frames, _contact_values(ik, field, frames), groups=len(lines), best=1)
-    best = value.reshape(len(lines), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)
-    return _combine_fingers(ik.hand, children, best + (STEPS_PER_POSTURE + 1) * np.arange(len(lines))[:, None])
+    value, _ = _measure_best(ik, field, frames, _contact_values(ik, field, frames), groups=len(postures), best=1)
+    best = value.reshape(len(postures), STEPS_PER_POSTURE + 1, -1).argmax(axis=1)  # (REFINED_POSTURES, F)
+    return _combine_fingers(ik.hand, children, best + (STEPS_PER_POSTURE + 1) * np.arange(len(postures))[:, None])

@@ -1,6 +1,6 @@
-"""Compiled loops over an object's distance grid: look-ups, and the clearance of postures, measured no further than it matters.
+"""Compiled loops over an object's distance grid: look-ups, and the clearance of postures, only as exactly as it matters.
 
-All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of a function's own only.
+All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of that file only.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ Float32Array = NDArray[np.float32]
 
 MILLIMETRE = np.float32(1e-3)
 LACK_WEIGHT = np.float32(2)
-"""By what a posture's value falls per millimetre that its clearance lacks."""
+"""Value that a posture loses per millimetre of missing clearance."""
 FLOOR_SLACK = np.float32(1e-6)
-"""m below the least gap with which a posture could win, at which its measurement stops: far more than the rounding of values."""
+"""m below the least gap with which a posture could win, at which its measurement stops: well above the rounding of values."""
 
 
 class Grid(NamedTuple):
@@ -46,7 +46,7 @@ def _clamp(value: np.float32, top: np.float32) -> np.float32:
 
 @compiled
 def _distance(grid: Grid, px: np.float32, py: np.float32, pz: np.float32) -> np.float32:
-    """Distance of a point from the nearest cell's record, to first order."""
+    """Compute the distance of a point from the nearest cell's record, to first order."""
     shape = grid.records.shape
     x = _clamp((px - grid.origin[0]) * grid.scale, np.float32(shape[0] - 1))
     y = _clamp((py - grid.origin[1]) * grid.scale, np.float32(shape[1] - 1))
@@ -60,7 +60,7 @@ def _distance(grid: Grid, px: np.float32, py: np.float32, pz: np.float32) -> np.
 
 @compiled
 def look_up(grid: Grid, points: Float32Array) -> Float32Array:
-    """Distances (N,) of points (3, N)."""
+    """Look up the distances (N,) of points (3, N)."""
     distance = np.empty(points.shape[1], np.float32)
     for n in range(len(distance)):
         distance[n] = _distance(grid, points[0, n], points[1, n], points[2, n])
@@ -69,9 +69,9 @@ def look_up(grid: Grid, points: Float32Array) -> Float32Array:
 
 @compiled
 def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Least distance (N,) of groups of points (3, N, P) in a frame of that pose (4, 4), and the share (N,) of each that is inside."""
+    """Compute the least distance (N,) of groups of points (3, N, P), given in a frame of a pose (4, 4), and the share (N,) inside."""
     count, size = points.shape[1:]
-    least, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
+    distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
     for n in range(count):
         inside = 0
         for p in range(size):
@@ -80,16 +80,16 @@ def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tup
             py = ((pose[1, 0] * x + pose[1, 1] * y) + pose[1, 2] * z) + pose[1, 3]
             pz = ((pose[2, 0] * x + pose[2, 1] * y) + pose[2, 2] * z) + pose[2, 3]
             distance = _distance(grid, px, py, pz)
-            least[n] = min(least[n], distance)
+            distances[n] = min(distances[n], distance)
             inside += int(distance < 0)
         share[n] = np.float32(inside) / np.float32(size)
-    return least, share
+    return distances, share
 
 
 @compiled
 def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> np.float32:
-    """Least distance of spheres less their radius, carried by link frames (L, 4, 4); some value below `floor` where the least one is."""
-    least, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
+    """Compute the least gap of spheres carried by link frames (L, 4, 4); any value below `floor` if the least gap is below it."""
+    gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
     for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
         if spheres.link[b] != link:
             link = spheres.link[b]
@@ -98,15 +98,15 @@ def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
         px = (pose[0, 0] * x + pose[0, 1] * y) + (pose[0, 2] * z + pose[0, 3])
         py = (pose[1, 0] * x + pose[1, 1] * y) + (pose[1, 2] * z + pose[1, 3])
         pz = (pose[2, 0] * x + pose[2, 1] * y) + (pose[2, 2] * z + pose[2, 3])
-        least = min(least, _distance(grid, px, py, pz) - spheres.radii[b])
-        if least < floor:
+        gap = min(gap, _distance(grid, px, py, pz) - spheres.radii[b])
+        if gap < floor:
             break
-    return least
+    return gap
 
 
 @compiled
 def gaps(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> Float32Array:
-    """Least distances (N,) of spheres carried by frames (N, L, 4, 4) less their radii; some value below `floor` where the least one is."""
+    """Compute the least gaps (N,) of spheres carried by frames (N, L, 4, 4); any value below `floor` if the least gap is below it."""
     return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
 
 
@@ -130,18 +130,18 @@ def measure_best(
     frames
         (N, L, 4, 4) link frames.
     contact
-        (N,) values of the postures if nothing is in their way; -inf for those that are not to be had.
+        (N,) values of the postures if nothing is in their way; -inf for unavailable ones.
     order
-        (G, 1 + M) numbers of the postures of each group: one that may well be the best, then all by falling `contact`.
+        (G, 1 + M) numbers of the postures of each group: first a likely best one, then all by falling `contact`.
     best, clear
-        Numbers of postures of each group that are asked for: those of greatest value, and the first clear ones in that order.
+        How many postures of each group are requested: those of greatest value, and the first clear ones in that order.
     clearance
-        m that is asked for: what a posture lacks is taken off its value.
+        Requested clearance, m: a posture's value falls by what it lacks.
 
     Returns
     -------
     value
-        (N,) of the measured postures, exact for the best of each group; others have less, or -inf.
+        (N,) of the measured postures, exact for the best of each group; smaller or -inf for the others.
     is_clear
         (N,), False for those not measured.
     """
@@ -151,18 +151,18 @@ def measure_best(
         top[:] = -np.inf
         if not best:
             top[0] = np.inf
-        found = 0
+        clear_count = 0
         for n in group:
-            least = top[max(best - 1, 0)]
-            if contact[n] < least and found >= clear:
-                break  # no other can be among the best
+            threshold = top[max(best - 1, 0)]
+            if contact[n] < threshold and clear_count >= clear:
+                break  # no later posture can be among the best
             if contact[n] == -np.inf or value[n] > -np.inf:
                 continue
-            spare = max(contact[n] - least, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
+            spare = max(contact[n] - threshold, np.float32(0)) / LACK_WEIGHT * MILLIMETRE
             gap = _gap(grid, frames[n], spheres, clearance - spare - FLOOR_SLACK)
             value[n] = contact[n] - LACK_WEIGHT * (max(clearance - gap, np.float32(0)) / MILLIMETRE)
             is_clear[n] = gap >= clearance
-            found += int(gap >= clearance)
+            clear_count += int(gap >= clearance)
             place = best
             while place > 0 and top[place - 1] < value[n]:
                 top[place] = top[place - 1]

@@ -37,8 +37,8 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
         A shape is wrong, or a value is NaN or infinite.
     """
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
-        have, wanted = np.shape(joint_angles), len(hand.joint_names)
-        raise ValueError(f"joint_angles have shape {have}; the last dimension must be {wanted}, the joints of {hand.name}")
+        shape, expected = np.shape(joint_angles), len(hand.joint_names)
+        raise ValueError(f"joint_angles have shape {shape}; the last dimension must be {expected}, the joints of {hand.name}")
     if np.shape(hand_pose)[-2:] != (4, 4):
         raise ValueError(f"hand_pose has shape {np.shape(hand_pose)}; its last dimensions must be 4 × 4")
     if not (np.isfinite(joint_angles).all() and np.isfinite(hand_pose).all()):
@@ -73,7 +73,7 @@ class _JointTree(NamedTuple):
 @lru_cache(maxsize=16)
 def _joint_tree(hand: Hand) -> _JointTree:
     links = [*hand.joint_links, *(follower.link for follower in hand.followers)]
-    alone, joints, followers = len(hand.joint_links), hand.joints, hand.followers
+    entries, joints, followers = len(hand.joint_links), hand.joints, hand.followers
     return _JointTree(
         parent=np.array([joint.parent for joint in joints], np.intp),
         child=np.array([joint.child for joint in joints], np.intp),
@@ -81,25 +81,25 @@ def _joint_tree(hand: Hand) -> _JointTree:
         axis=np.array([joint.axis for joint in joints], np.float64).reshape(-1, 3),
         slides=np.array([joint.kind == "prismatic" for joint in joints], np.bool_),
         moving=np.array([links.index(joint.child) if joint.child in links else -1 for joint in joints], np.intp),
-        entry=np.array([*range(alone), *(follower.entry for follower in followers)], np.intp),
-        multiplier=np.array([1.0] * alone + [follower.multiplier for follower in followers]),
-        offset=np.array([0.0] * alone + [follower.offset for follower in followers]),
+        entry=np.array([*range(entries), *(follower.entry for follower in followers)], np.intp),
+        multiplier=np.array([1.0] * entries + [follower.multiplier for follower in followers]),
+        offset=np.array([0.0] * entries + [follower.offset for follower in followers]),
     )
 
 
 @compiled
 def _follow_joints(frames: Float64Array, tree: _JointTree, values: Float64Array, sin: Float64Array, cos: Float64Array) -> None:
-    """Fill the link frames (N, L, 4, 4), of which the root's are given, from the values (N, M) of the moving joints."""
-    rest, motion = np.empty((4, 4)), np.empty((4, 4))
+    """Fill the link frames (N, L, 4, 4), except the root's, from the values (N, M) of the moving joints."""
+    resting_frame, motion = np.empty((4, 4)), np.empty((4, 4))
     for n in range(len(frames)):
         for j in range(len(tree.parent)):
             frame, m = frames[n, tree.child[j]], tree.moving[j]
             if m < 0:
                 _multiply(frames[n, tree.parent[j]], tree.origin[j], frame)
             else:
-                _multiply(frames[n, tree.parent[j]], tree.origin[j], rest)
+                _multiply(frames[n, tree.parent[j]], tree.origin[j], resting_frame)
                 _set_motion(motion, tree.slides[j], tree.axis[j], values[n, m], sin[n, m], cos[n, m])
-                _multiply(rest, motion, frame)
+                _multiply(resting_frame, motion, frame)
 
 
 @compiled

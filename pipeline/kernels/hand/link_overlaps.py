@@ -22,7 +22,7 @@ FREQUENT_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkOverlap:
-    """Two links whose boxes overlap in a share of postures, by `depth` m in the median of those; they are apart where it is negative."""
+    """Two links whose boxes overlap in a share of postures, by a median `depth`, m; a negative depth is a gap."""
 
     first: int
     second: int
@@ -99,14 +99,14 @@ def remedy(hand: Hand, overlap: LinkOverlap) -> str:
     `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
     """
     links = [hand.links[overlap.first], hand.links[overlap.second]]
-    whole = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
-    return f"`convex_parts: {{{', '.join(whole)}}}`" if whole else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"
+    entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
+    return f"`convex_parts: {{{', '.join(entries)}}}`" if entries else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"
 
 
 def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int, int], float]]:
     """Yield the pairs of links that can meet, each with its gap at rest, m."""
-    rest = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
-    return ((pair, float(gap[0])) for pair, gap in _link_gaps(hand, boxes, rest))
+    resting_frames = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
+    return ((pair, float(gap[0])) for pair, gap in _link_gaps(hand, boxes, resting_frames))
 
 
 def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:

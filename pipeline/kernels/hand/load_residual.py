@@ -13,22 +13,22 @@ Float64Array = NDArray[np.float64]
 
 EDGES = 6
 """Edges of the pyramid that stands for a friction cone."""
-MOST_FORCE = 10.0
-"""Weights of the object with which an edge presses at most: 20 N of an object of 0.2 kg."""
+MAX_FORCE = 10.0
+"""Largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg."""
 LEVER = 0.05
-"""m, by which moments are divided so that they count like forces: half the size of what a hand holds."""
+"""m, by which moments are divided so that they count like forces: half the size of a held object."""
 CONTACT_RADIUS = 0.004
-"""m, of a gel's contact, which resists being turned about its normal."""
+"""m, radius of a gel's contact, which resists turning about its normal."""
 SWEEPS, SLOW = 200, 1e-3
-"""Rounds over all forces at most; the share by which the squared residual must fall in one, else it is the least."""
+"""Most rounds over all forces; share of the squared residual below which its fall in a round counts as convergence."""
 SMALL = 1e-3
-"""Share of the weight below which a residual counts as none."""
+"""Share of the weight below which a residual counts as 0."""
 RESIDUAL_STEP = 0.02
 """Share of the weight within which residuals count as equal, and the number of touches decides."""
 
 
 class Load(NamedTuple):
-    """How well a grasp carries an object: its residual in whole `RESIDUAL_STEP`s, and how many contacts it has."""
+    """The load of a grasp: its residual in whole `RESIDUAL_STEP`s, and its number of contacts."""
 
     steps: int
     touches: int
@@ -40,14 +40,14 @@ NO_LOAD = Load(1000, -1)
 
 @compiled
 def load_residual(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> float:
-    """Compute what a grasp cannot carry of an object's weight, along ± x, ± y and ± z.
+    """Compute the part of an object's weight that a grasp cannot carry, along ± x, ± y and ± z.
 
     Parameters
     ----------
     points, normals
         (C, 3) of C contacts, m, from the centre of mass; unit normals into the object.
     touching
-        (C,) which of them there are.
+        (C,) which of them exist.
     friction
         Coefficient of every contact.
 
@@ -75,7 +75,7 @@ def lightest_grasp(
     points, normals, touching, friction
         (N, C, …) of N grasps, as for `load_residual`.
     best
-        What they must surpass; `NO_LOAD` for anything.
+        The load to surpass; any grasp surpasses `NO_LOAD`.
 
     Returns
     -------
@@ -83,23 +83,23 @@ def lightest_grasp(
 
     Notes
     -----
-    The residual of a grasp is left as soon as some directions alone make it too large; that which was too large comes first in the next.
+    A residual is given up as soon as some directions alone make it too large; the last of these comes first for the next grasp.
     """
-    number, steps, fullest = -1, best.steps, best.touches
+    number, steps, best_touches = -1, best.steps, best.touches
     order = np.arange(6)
     for n in range(len(points)):
         touches = int(touching[n].sum())
-        least = steps if touches > fullest else steps - 1  # that it must have
-        if least >= 0:
-            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (least + 1) * RESIDUAL_STEP, order)
-            if residual < np.inf and residual // RESIDUAL_STEP <= least:
-                number, steps, fullest = n, int(residual // RESIDUAL_STEP), touches
-    return number, Load(steps, fullest)
+        limit = steps if touches > best_touches else steps - 1
+        if limit >= 0:
+            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (limit + 1) * RESIDUAL_STEP, order)
+            if residual < np.inf and residual // RESIDUAL_STEP <= limit:
+                number, steps, best_touches = n, int(residual // RESIDUAL_STEP), touches
+    return number, Load(steps, best_touches)
 
 
 @compiled
 def _columns(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> Float64Array:
-    """Wrenches (M, 6) of all contacts that there are."""
+    """Compute the wrenches (M, 6) of all existing contacts."""
     columns = np.empty((len(points) * (EDGES + 2), 6))
     count = 0
     for c in range(len(points)):
@@ -141,39 +141,39 @@ def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 @compiled
-def _residual(columns: Float64Array, enough: float, order: NDArray[np.intp]) -> float:
-    """Root mean square of what wrenches (M, 6), each taken 0 to `MOST_FORCE` times, leave of unit forces in six directions.
+def _residual(columns: Float64Array, limit: float, order: NDArray[np.intp]) -> float:
+    """Compute the root mean square residual of unit forces in six directions against wrenches (M, 6), each scaled by 0 to `MAX_FORCE`.
 
-    Infinity where some directions, taken in `order`, make it `enough` alone; the last of them then becomes the first.
+    Returns infinity if some directions, taken in `order`, reach `limit` alone; the last of them then becomes the first of `order`.
     """
     if not len(columns):
         return 1.0
     squares = (columns**2).sum(axis=1)
-    remains = np.zeros(6)
-    force, left = np.empty(len(columns)), np.empty(6)
+    squares_left = np.zeros(6)
+    force, remainder = np.empty(len(columns)), np.empty(6)
     for place in range(6):
         direction = order[place]
         force[:] = 0.0
-        left[:] = 0.0
-        left[direction // 2] = 1.0 if direction % 2 else -1.0
+        remainder[:] = 0.0
+        remainder[direction // 2] = 1.0 if direction % 2 else -1.0
         squared = 1.0
         for _ in range(SWEEPS):
             for m in range(len(columns)):
                 slope = 0.0
                 for k in range(6):
-                    slope += columns[m, k] * left[k]
-                pressed = min(max(force[m] - slope / squares[m], 0.0), MOST_FORCE)
+                    slope += columns[m, k] * remainder[k]
+                updated = min(max(force[m] - slope / squares[m], 0.0), MAX_FORCE)
                 for k in range(6):
-                    left[k] += (pressed - force[m]) * columns[m, k]
-                force[m] = pressed
-            before, squared = squared, 0.0
+                    remainder[k] += (updated - force[m]) * columns[m, k]
+                force[m] = updated
+            previous, squared = squared, 0.0
             for k in range(6):
-                squared += left[k] * left[k]
-            if squared < SMALL * SMALL or before - squared < SLOW * squared:
+                squared += remainder[k] * remainder[k]
+            if squared < SMALL * SMALL or previous - squared < SLOW * squared:
                 break
-        remains[direction] = squared
-        if np.sqrt(remains.sum() / 6) >= enough * (1 + 1e-9):  # not by the rounding of the sum
+        squares_left[direction] = squared
+        if np.sqrt(squares_left.sum() / 6) >= limit * (1 + 1e-9):  # beyond the rounding of the sum
             order[1 : place + 1] = order[:place].copy()
             order[0] = direction
             return np.inf
-    return float(np.sqrt(remains.sum() / 6))
+    return float(np.sqrt(squares_left.sum() / 6))

@@ -18,7 +18,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
 PROBE_DEPTH = 0.6
-"""Height above the sensor plane, in gel thicknesses, to which a surface should press in: a firm touch, far from the rigid face."""
+"""Height above the sensor plane, in gel thicknesses, that a surface should reach: a firm touch, far from the rigid face."""
 PROBES = 4
 """Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
 LOOKUP_ERROR_CELLS = 2
@@ -61,12 +61,12 @@ def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sen
     InvalidInput
         No link of a finger has a collision shape.
     """
-    own = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
-    without_shape = [finger.name for finger, part in zip(hand.fingers, own, strict=True) if not len(part.radii)]
+    by_finger = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
+    without_shape = [finger.name for finger, finger_spheres in zip(hand.fingers, by_finger, strict=True) if not len(finger_spheres.radii)]
     if without_shape:
         raise InvalidInput(f"{hand.urdf}: no link of {', '.join(without_shape)} has a collision shape; add one to a link of each finger")
     probes = [transform_points(mount.pose, _probes(sensor)) for mount, sensor in zip(hand.sensors, sensors, strict=True)]
-    return FingerGeometry(own, np.stack(probes))
+    return FingerGeometry(by_finger, np.stack(probes))
 
 
 def _probes(sensor: Sensor) -> NDArray[np.float64]:
@@ -150,13 +150,13 @@ def finger_clearance(
     frames
         (N, L, 4, 4) float64 link frames, world.
     floor
-        m; below it some value below it will do.
+        m; where the distance is smaller, any value below the floor is returned.
 
     Returns
     -------
     (N, F) float32, m, negative inside the object.
     """
-    return np.stack([gaps(field.grid, frames, own.single, np.float32(floor)) for own in fingers.spheres], axis=1)
+    return np.stack([gaps(field.grid, frames, finger_spheres.single, np.float32(floor)) for finger_spheres in fingers.spheres], axis=1)
 
 
 def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64]) -> float:
@@ -195,8 +195,8 @@ def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[n
 
     Returns
     -------
-    (K,) float64, m, in the order of the spheres; all of those that are below the limit, and some others.
+    (K,) float64, m, in the order of the spheres: all gaps below the limit, and some others.
     """
     points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
-    near = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
-    return field.exact(points[:, near].T) - spheres.radii[near]
+    candidates = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
+    return field.exact(points[:, candidates].T) - spheres.radii[candidates]

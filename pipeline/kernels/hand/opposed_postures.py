@@ -1,4 +1,4 @@
-"""Postures in which two gels of a hand face each other: what the hand can pinch, by width, prepared once per hand."""
+"""Postures in which two gels of a hand face each other, by the width that they pinch; prepared once per hand."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from pipeline.kernels.hand.self_collision import fingers_apart
 Float64Array = NDArray[np.float64]
 
 WIDTH_STEP = 0.004
-"""m, by which widths are told apart: postures of every width are kept alike, and each serves widths up to this far from its own."""
+"""m, step of the width: as many postures are kept of each step, and each serves widths up to one step from its own."""
 POSTURES_PER_STEP = 16
 """Postures kept of each pair of gels and width: enough that palms come from many sides."""
 THINNEST = 0.0005
-"""m, the thinnest sheet that is pinched; gels that are nearer cross each other."""
+"""m, the thinnest sheet that is pinched; nearer gels cross each other."""
 FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
-"""Cosine and sine of the angle, 30°, by which the two normals may be off: what two gels and a friction coefficient of 0.5 forgive."""
+"""Cosine and sine of the angle, 30°, by which the two normals may be off: two gels with a friction coefficient of 0.5 hold up to it."""
 SIDE, SIDE_SHARE = 0.004, 0.27
-"""m, and share of the width, that one gel may be beside the other's axis."""
+"""Largest distance of one gel from the other's axis, m, and as a share of the width."""
 START_STEPS = 128
 """Steps of width from which postures start: up to half a metre."""
 ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
-"""The same of sampled postures, cosine and m: what least squares can make good."""
+"""The same limits for sampled postures, cosine and m: least squares can correct as much."""
 MAX_STEP, TINY = 0.3, 1e-300
 ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
 """Steps of damped least squares (Levenberg, 1944) that turn the gels towards each other, and their finite differences, rad."""
@@ -53,7 +53,7 @@ class OpposedPostures:
     width
         (R,) between the gels, m.
     fault
-        (R,) how far they are from facing each other: above 1, they do not.
+        (R,) deviation from facing each other; above 1, the gels do not.
     """
 
     joint_angles: Float64Array
@@ -64,7 +64,7 @@ class OpposedPostures:
     fault: Float64Array
 
     def rows(self, rows: NDArray[np.intp]) -> OpposedPostures:
-        """Select some postures, in that order."""
+        """Select postures by their numbers, in that order."""
         return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
@@ -78,49 +78,48 @@ def opposed_postures(ik: GraspIk) -> OpposedPostures:
 
     Returns
     -------
-    Postures of all widths that the hand has, ascending, the best of each width and pair of gels; none of a hand whose fingers meet at an
-    angle, as those of a claw.
+    Postures by ascending width, the best of each width and pair of gels; none for a hand whose fingers meet at an angle, as a claw's do.
 
     Notes
     -----
     Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
     """
-    parts = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
-    if not parts:
+    by_pair = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
+    if not by_pair:
         raise InvalidInput(f"{ik.hand.name}: one sensor alone cannot hold; use simulate-grasps.search=touch")
-    every = OpposedPostures(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(OpposedPostures)))
-    return every.rows(np.argsort(every.width, kind="stable"))
+    postures = OpposedPostures(*(np.concatenate([getattr(group, field.name) for group in by_pair]) for field in fields(OpposedPostures)))
+    return postures.rows(np.argsort(postures.width, kind="stable"))
 
 
 def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
-    """Postures of one pair of gels, the best of each width."""
+    """Find the postures of one pair of gels, the best of each width."""
     hand = ik.hand
     fingers = hand.sensor_fingers[list(pair)].tolist()
     rows = _facing_samples(ik, pair, fingers)
     angles = np.tile(np.clip(0.0, hand.lower, hand.upper), (len(rows), 1))
-    for finger, own in zip(fingers, rows.T, strict=True):
+    for finger, samples in zip(fingers, rows.T, strict=True):
         if finger >= 0:
             joints = list(hand.fingers[finger].joints)
-            angles[:, joints] = ik.joint_angles[own][:, joints]
+            angles[:, joints] = ik.joint_angles[samples][:, joints]
     moving = [joint for finger in dict.fromkeys(fingers) if finger >= 0 for joint in hand.fingers[finger].joints]
     margin = limit_margin(hand)
-    wanted = np.maximum(_grips(ik, angles, pair).width, THINNEST)
+    width = np.maximum(_grips(ik, angles, pair).width, THINNEST)
     for _ in range(ROUNDS):
-        angles[:, moving] += _step(ik, angles, pair, wanted, moving)
+        angles[:, moving] += _step(ik, angles, pair, width, moving)
         angles = np.clip(angles, hand.lower + margin, hand.upper - margin)
     grips = _grips(ik, angles, pair)
-    apart = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
-    return grips.rows(_best_of_each_width(np.where(apart, grips.fault, np.inf), grips.width))
+    clear = fingers_apart(hand, ik.boxes, forward_kinematics(hand, np.eye(4), angles), fingers, ik.finger_gap)
+    return grips.rows(_best_of_each_width(np.where(clear, grips.fault, np.inf), grips.width))
 
 
 def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
-    """Step (N, K) of the moving joints by which the gels of postures (N, J) come nearer to facing each other across a width (N,), rad."""
+    """Compute the step (N, K) of the moving joints, rad, that brings the gels of postures (N, J) nearer to facing each other."""
     nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
-    at = _offsets(ik, angles, pair, width)
-    after = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
-    slopes = (after - at[:, None]) / DIFFERENCE_STEP  # (N, K, 6)
+    offsets = _offsets(ik, angles, pair, width)
+    nudged_offsets = _offsets(ik, nudged.reshape(-1, angles.shape[1]), pair, np.repeat(width, len(moving))).reshape(*nudged.shape[:2], 6)
+    slopes = (nudged_offsets - offsets[:, None]) / DIFFERENCE_STEP  # (N, K, 6)
     step = np.zeros(slopes.shape[:2])
-    residual = -np.einsum("nkr,nr->nk", slopes, at)
+    residual = -np.einsum("nkr,nr->nk", slopes, offsets)
     direction = residual
     for _ in moving:  # conjugate gradients: exact after as many steps as there are joints, and no LAPACK
         image = np.einsum("nkr,nr->nk", slopes, np.einsum("nkr,nk->nr", slopes, direction)) + DAMPING * direction
@@ -132,7 +131,7 @@ def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float
 
 
 def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array) -> Float64Array:
-    """How far two gels are from facing each other across a width (N,): (N, 6), in units of what is allowed."""
+    """Compute the deviations (N, 6) of two gels from facing each other across a width (N,), in units of the allowed ones."""
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     axis = unit_vectors(normals[:, 0] - normals[:, 1])
     return np.concatenate(
@@ -141,24 +140,24 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
 
 
 def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
-    """Pair sampled postures (N, 2) of two fingers in which their gels roughly face each other; of two motors few of every width."""
+    """Pair sampled postures (N, 2) of two fingers whose gels roughly face each other; with two motors, only a few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
-    every = np.arange(len(ik.joint_angles))
-    first, second = (every[ik.free[:, finger]] if finger >= 0 else every[:1] for finger in fingers)
+    samples = np.arange(len(ik.joint_angles))
+    first, second = (samples[ik.free[:, finger]] if finger >= 0 else samples[:1] for finger in fingers)
     if fingers[0] == fingers[1]:  # one motor moves both
         together = np.stack([first, first], axis=1)
         return together if fingers[0] >= 0 else together[:0]
-    found = _facing(points[first, 0], normals[first, 0], points[second, 1], normals[second, 1])
-    return np.stack([first[found[:, 0]], second[found[:, 1]]], axis=1)
+    pairs = _facing(points[first, 0], normals[first, 0], points[second, 1], normals[second, 1])
+    return np.stack([first[pairs[:, 0]], second[pairs[:, 1]]], axis=1)
 
 
 @compiled
 def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
-    """Rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
+    """Find rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
     counts = np.zeros(START_STEPS, np.intp)
-    found = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
+    pairs = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
     count = 0
-    for shift in range(len(second)):  # all pairs, in an order that visits all of both alike
+    for shift in range(len(second)):  # all pairs, in an order that visits the points of both evenly
         for i in range(len(first)):
             j = (shift + i) % len(second)
             facing, along, squared = 0.0, 0.0, 0.0
@@ -172,13 +171,13 @@ def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Arr
             step = int(along / WIDTH_STEP)
             if step < START_STEPS and counts[step] < POSTURES_PER_STEP:
                 counts[step] += 1
-                found[count, 0], found[count, 1] = i, j
+                pairs[count, 0], pairs[count, 1] = i, j
                 count += 1
-    return found[:count]
+    return pairs[:count]
 
 
 def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:
-    """Middle points (N, S, 3) of gels at the depth to which they touch, m, and their outward normals, in the root link's frame."""
+    """Compute the middle points (N, S, 3) of gels at the depth of touches, m, and their outward normals, in the root link's frame."""
     mounts = [ik.hand.sensors[sensor] for sensor in sensors]
     tips = frames[:, [mount.link for mount in mounts]]
     points = np.einsum("nsij,sj->nsi", tips[..., :3, :3], ik.fingers.probes[list(sensors)].mean(axis=1)) + tips[..., :3, 3]
@@ -197,7 +196,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedP
 
 
 def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:
-    """Select, of every step of width, the postures (K,) with least fault, if it is below 1."""
+    """Select the postures (K,) with the least fault of every step of width, if it is below 1."""
     order = np.lexsort((fault, np.floor(width / WIDTH_STEP)))
     order = order[fault[order] < 1]
     step = np.floor(width[order] / WIDTH_STEP)

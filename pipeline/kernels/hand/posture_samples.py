@@ -1,4 +1,4 @@
-"""Samples of a hand's postures, and what keeps its fingers from all of them."""
+"""Samples of a hand's postures, and the overlaps that rule them out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import finger_conflicts, fingers_clear_of_palm
 
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
-"""rad kept from the joint limits, so that a motor's residue does not cross them; no more than this share of what is between them."""
+"""rad kept from the joint limits, so that a motor's residual error does not cross them; at most this share of the joint's range."""
 EVEN_SAMPLES = 48
 """Samples measured at every pose, regardless of contact: they decide whether a finger has room there."""
 
@@ -64,17 +64,17 @@ def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: flo
 
 
 def limit_margin(hand: Hand) -> NDArray[np.float64]:
-    """(J,) kept from the joint limits, rad (m)."""
+    """Compute the distance kept from the joint limits, (J,), rad (m)."""
     return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
 
 
 def even_rows(samples: int) -> NDArray[np.intp]:
-    """(EVEN_SAMPLES,) rows spread evenly over all samples."""
+    """Choose `EVEN_SAMPLES` rows spread evenly over all samples."""
     return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
 
 
 def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples, *, gap: float) -> list[str]:
-    """Name the links that keep a hand from any grasp.
+    """Name the links that rule out every grasp of a hand.
 
     Parameters
     ----------
@@ -97,11 +97,11 @@ def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples,
     overlaps = frequent_overlaps(hand, boxes, postures.frames, gap) if stuck or entangled else []
     sentences = []
     for number in stuck:
-        count = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
-        sentences.append(_sentence(hand, count, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
+        beginning = f"{fingers[number].name}: {postures.free[:, number].sum()} of {len(postures.free)} postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {number}, {number, -1}), "the palm and its own links"))
     for first, second in entangled:
-        count = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
-        sentences.append(_sentence(hand, count, _between(hand, overlaps, {first, second}), "each other's links"))
+        beginning = f"{fingers[first].name} and {fingers[second].name}: 0 of {conflicts[first, second].size} pairs of postures are free of"
+        sentences.append(_sentence(hand, beginning, _between(hand, overlaps, {first, second}), "each other's links"))
     return sentences
 
 
@@ -110,12 +110,12 @@ def _between(hand: Hand, overlaps: list[LinkOverlap], *fingers: set[int]) -> lis
     return [overlap for overlap in overlaps if {int(hand.link_fingers[link]) for link in (overlap.first, overlap.second)} in fingers]
 
 
-def _sentence(hand: Hand, count: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
-    """Say which links are in the way, and what to write into the hand file."""
+def _sentence(hand: Hand, beginning: str, overlaps: list[LinkOverlap], otherwise: str) -> str:
+    """Describe the links in the way, and what to write into the hand file."""
     pairs = [
         f"{hand.links[overlap.first].name} and {hand.links[overlap.second].name} "
         f"(boxes {'overlap' if overlap.depth > 0 else 'are apart'} {1e3 * abs(overlap.depth):.1f} mm)"
         for overlap in overlaps
     ]
-    ways = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
-    return f"{count} {', '.join(pairs) or otherwise}: write {', '.join(ways)} into {hand.path}"
+    remedies = {remedy(hand, overlap): None for overlap in overlaps} or {"`convex_parts` of hollow links": None}
+    return f"{beginning} {', '.join(pairs) or otherwise}: write {', '.join(remedies)} into {hand.path}"

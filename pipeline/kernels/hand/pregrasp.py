@@ -70,7 +70,7 @@ def frame_along(z: NDArray[np.float64], angle: ArrayLike, origin: NDArray[np.flo
     x = np.cross(np.eye(3)[np.abs(z).argmin(axis=-1)], z)
     x /= length(x)[..., None]
     y = np.cross(z, x)
-    sin, cos = (part[..., None] for part in sin_cos(angle))
+    sin, cos = (values[..., None] for values in sin_cos(angle))
     frame = np.broadcast_to(np.eye(4), (*z.shape[:-1], 4, 4)).copy()
     frame[..., :3, :3] = np.stack([cos * x + sin * y, cos * y - sin * x, z], axis=-1)
     frame[..., :3, 3] = origin
@@ -99,15 +99,15 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
     takes the mean of their steps.
     """
     home = np.eye(4)
-    rest = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
-    moved = sensor_poses(hand, home, joint_angles + DIFFERENCE_STEP * np.eye(len(joint_angles)))  # (J, S, 4, 4)
-    jacobian = np.moveaxis(moved[..., :3, 3] - rest[:, :3, 3], 0, -1) / DIFFERENCE_STEP  # (S, 3, J)
+    poses = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
+    nudged_poses = sensor_poses(hand, home, joint_angles + DIFFERENCE_STEP * np.eye(len(joint_angles)))  # (J, S, 4, 4)
+    jacobian = np.moveaxis(nudged_poses[..., :3, 3] - poses[:, :3, 3], 0, -1) / DIFFERENCE_STEP  # (S, 3, J)
     opened = np.repeat(joint_angles[None], len(distances), axis=0)
     for finger in hand.fingers:
         joints = list(finger.joints)
         for s in finger.sensors:
-            own = jacobian[s][:, joints]
+            finger_jacobian = jacobian[s][:, joints]
             for row, distance in enumerate(distances):
-                step = solve_3x3(compose(own, own.T) + DAMPING**2 * np.eye(3), distance * rest[s, :3, 2])
-                opened[row, joints] -= (own * step[:, None]).sum(axis=0) / len(finger.sensors)
+                step = solve_3x3(compose(finger_jacobian, finger_jacobian.T) + DAMPING**2 * np.eye(3), distance * poses[s, :3, 2])
+                opened[row, joints] -= (finger_jacobian * step[:, None]).sum(axis=0) / len(finger.sensors)
     return np.clip(opened, hand.lower, hand.upper)

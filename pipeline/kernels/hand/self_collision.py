@@ -17,7 +17,7 @@ Float64Array = NDArray[np.float64]
 Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 BEAM_WIDTH = 256
-"""Partial choices that are carried from finger to finger."""
+"""Partial choices that are kept from finger to finger."""
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
@@ -57,11 +57,11 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    own = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
-    first, second = first[own], second[own]
-    near = are_near(world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
+    checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
+    first, second = first[checked], second[checked]
+    too_near = are_near(world_boxes(boxes, frames), boxes.half, first, second, gap)  # (N, pairs)
     finger = np.maximum(owner[first], owner[second])  # a link that no finger moves has -1, and may come after those of fingers
-    return np.stack([~near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
+    return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
 def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], fingers: Sequence[int], gap: float) -> NDArray[np.bool_]:
@@ -84,10 +84,10 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
     """
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
-    theirs = np.isin(owner, [*fingers, -1])
-    own = theirs[first] & theirs[second]
-    near = are_near(world_boxes(boxes, frames), boxes.half, first[own], second[own], gap)
-    return np.asarray(~near.any(axis=1))
+    involved = np.isin(owner, [*fingers, -1])
+    checked = involved[first] & involved[second]
+    too_near = are_near(world_boxes(boxes, frames), boxes.half, first[checked], second[checked], gap)
+    return np.asarray(~too_near.any(axis=1))
 
 
 def choose_postures(
@@ -131,7 +131,7 @@ def choose_postures(
 
 
 def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """(F, F, O, O): finger a in option i is too near finger b in option j; filled for a < b."""
+    """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b."""
     owner = hand.link_fingers[boxes.link]
     return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
@@ -169,5 +169,5 @@ def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
 
 
 def world_boxes(boxes: CollisionBoxes, frames: Float64Array) -> Float64Array:
-    """(..., C, 4, 4) frames of boxes for link frames (..., L, 4, 4)."""
+    """Compute the frames of boxes, (..., C, 4, 4), from link frames (..., L, 4, 4)."""
     return compose(frames[..., boxes.link, :, :], boxes.frames)

@@ -67,7 +67,7 @@ def difference_interval(
 ) -> Interval:
     """Compute the mean difference of two configurations on the same objects, and its interval.
 
-    Objects are drawn, not values: what makes an object hard for both cancels.
+    Objects are drawn, not values: the difficulty of an object, which both share, cancels.
 
     Parameters
     ----------
@@ -76,8 +76,8 @@ def difference_interval(
     rng
         Draws the resamples.
     same_trainings
-        Whether both are figures of the same trainings, in the same order, of which what makes one better cancels too; else trainings are
-        drawn for each configuration on its own.
+        Whether both are figures of the same trainings, in the same order: differences between trainings then cancel too. Else trainings are
+        drawn independently for each configuration.
 
     Returns
     -------
@@ -94,8 +94,8 @@ def difference_interval(
         )
     first, second = _checked(first), _checked(second)
     # the difference per object is exact where both are equal, which a difference of means is not
-    both = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
-    return _interval(float(first.mean() - second.mean()), first.shape[1], both, rng)
+    parts = (first - second,) if same_trainings or len(first) == len(second) == 1 else (first, -second)
+    return _interval(float(first.mean() - second.mean()), first.shape[1], parts, rng)
 
 
 def _checked(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -122,5 +122,5 @@ def _resampled(parts: tuple[NDArray[np.float64], ...], rng: np.random.Generator)
 
 
 def _shares(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Draw how often each of `count` is met in as many draws with replacement, as a share: (`BATCH`, count)."""
+    """Draw how often each of `count` items occurs in `count` draws with replacement, as shares: (`BATCH`, count)."""
     return rng.multinomial(count, np.full(count, 1 / count), size=BATCH) / count

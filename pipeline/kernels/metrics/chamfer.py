@@ -19,7 +19,7 @@ PAIRS_PER_BLOCK = 1 << 25
 
 
 class SearchCloud:
-    """A cloud with its search tree, for a cloud that does not change while others are compared with it.
+    """A cloud with its search tree, built once for many comparisons.
 
     Parameters
     ----------
@@ -111,20 +111,20 @@ def nearest_of_pairs(query: Tensor, points: Tensor, among: Tensor | None = None)
     -------
     (..., N) int64 indices, without gradient; any index where no point counts.
     """
-    found = []
+    nearest = []
     with torch.no_grad():
-        for part in torch.split(query, max(1, PAIRS_PER_BLOCK // points[..., 0].numel()), dim=-2):
-            squared = _squared_differences(part, points)
+        for block in torch.split(query, max(1, PAIRS_PER_BLOCK // points[..., 0].numel()), dim=-2):
+            squared = _squared_differences(block, points)
             if among is not None:
                 squared.masked_fill_(~among[..., None, :], torch.inf)
-            found.append(squared.argmin(dim=-1))
-    return torch.cat(found, dim=-1)
+            nearest.append(squared.argmin(dim=-1))
+    return torch.cat(nearest, dim=-1)
 
 
 def _squared_differences(query: Tensor, points: Tensor) -> Tensor:
     """(..., N, M) squared distances, coordinate by coordinate, so that no (..., N, M, 3) is held.
 
-    |a|² + |b|² - 2ab would lose all digits. torch.cdist can do without such products, too, but took 30 of a training step's 50 ms on a GPU.
+    |a|² + |b|² - 2ab would lose all digits. torch.cdist can avoid such products, too, but took 30 of a training step's 50 ms on a GPU.
     """
     squared = (query[..., :, None, 0] - points[..., None, :, 0]).square_()
     for axis in (1, 2):

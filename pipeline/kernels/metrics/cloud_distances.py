@@ -185,12 +185,12 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     points
         (N, 3), m; N at least 2.
     normals
-        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as a nearest
-        distance has it (what `sampling_floor` asks for); with them, both do.
+        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as nearest
+        distances see them (which `sampling_floor` needs); with them, both count.
 
     Returns
     -------
-    m², accurate to 1/√N: the area over which the points, each against the others on its side, would lie as far apart as they do.
+    m², accurate to 1/√N: the area on which as many random points would have the nearest distances that these have on their side.
 
     Raises
     ------
@@ -200,11 +200,11 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     points = _cloud("points", points)
     if len(points) < 2:
         raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
-    distances, others = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
+    distances, neighbours = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
     if normals is None:
         nearest = distances[:, 1]
     else:
-        same_side = (normals[others] * normals[:, None]).sum(axis=2) > 0  # (N, near)
+        same_side = (normals[neighbours] * normals[:, None]).sum(axis=2) > 0  # (N, near)
         same_side[:, -1] = True  # all the others are on the other side: rare, and the last of them is not too near
         nearest = np.take_along_axis(distances, same_side.argmax(axis=1)[:, None], axis=1)[:, 0]
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 COARSE = (32, 256)
-"""Points by which clouds are compared, coarsely and less so, before all of them are."""
+"""Numbers of points by which clouds are compared, level by level, before all points are."""
 ROUNDING = 1 - 1e-9
-"""Keeps a bound below the distance that it bounds, whatever rounding does."""
+"""Factor that keeps a bound below its distance despite rounding."""
 
 
 def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
@@ -22,7 +22,7 @@ def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
 
 
 class SearchedCloud:
-    """A cloud that is compared with many others, all of its points or bounds from few of them.
+    """A cloud that is compared with many others, by all of its points or by bounds from few of them.
 
     Parameters
     ----------
@@ -40,28 +40,28 @@ class SearchedCloud:
 
     @cached_property
     def coarse(self) -> tuple[tuple[NDArray[np.floating], NDArray[np.intp], NDArray[np.float64]], ...]:
-        """By level: some of the points, (K, 3), which of them is nearest to each point, (N,), and how far that is, (N,)."""
+        """Per level: a subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
         levels = []
         for count in COARSE:
-            some = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
-            apart, nearest = cKDTree(some).query(self.points)
-            levels.append((some, nearest, apart))
+            points = self.points[np.linspace(0, len(self.points) - 1, min(count, len(self.points))).astype(int)]
+            distances, nearest = cKDTree(points).query(self.points)
+            levels.append((points, nearest, distances))
         return tuple(levels)
 
     def bound(self, target: SearchedCloud, level: int) -> float:
         """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
 
-        A distance to a cloud changes by no more than one moves: a point r away from a coarse one is at least as far as that less r.
+        Triangle inequality: a point r away from a coarse point is at most r nearer to the target than that.
         """
         if level == len(COARSE):
             return mean_squared_distance(target.tree, self.points)
-        some, nearest, apart = self.coarse[level]
-        least = np.maximum(target.tree.query(some)[0][nearest] - apart, 0.0)
-        return float(np.square(least).mean()) * ROUNDING
+        points, nearest, distances = self.coarse[level]
+        bounds = np.maximum(target.tree.query(points)[0][nearest] - distances, 0.0)
+        return float(np.square(bounds).mean()) * ROUNDING
 
 
 def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both: bool, below: float = np.inf) -> tuple[float, int] | None:
-    """Find the cloud nearest to another one; the same one, to the bit, as by comparing all of them.
+    """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
 
     Parameters
     ----------
@@ -80,18 +80,18 @@ def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both
 
     Notes
     -----
-    The cloud of the least bound is looked at more closely, again and again: once that is by all points, no other can be nearer.
+    The cloud with the least bound is compared at its next level, repeatedly. Once its bound is the distance itself, no other is nearer.
     """
-    waiting = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
-    while waiting:
-        bound, exact, number, level = heappop(waiting)
+    queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
+    while queue:
+        bound, exact, number, level = heappop(queue)
         if bound >= below:
             return None
         if exact:
             return bound, number
         closer = query.bound(clouds[number], level) + (clouds[number].bound(query, level) if both else 0.0)
         exact = level == len(COARSE)
-        heappush(waiting, (closer if exact else max(bound, closer), exact, number, level + 1))
+        heappush(queue, (closer if exact else max(bound, closer), exact, number, level + 1))
     return None
 
 
@@ -103,7 +103,7 @@ def chamfer_matrix(clouds: Sequence[SearchedCloud], advance: Callable[[], None] 
     clouds
         A clouds, one frame.
     advance
-        Is called after each row.
+        Called after each row.
 
     Returns
     -------
@@ -112,14 +112,14 @@ def chamfer_matrix(clouds: Sequence[SearchedCloud], advance: Callable[[], None] 
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
-            apart = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
-            matrix[row, column] = matrix[column, row] = apart
+            distance = mean_squared_distance(other.tree, cloud.points) + mean_squared_distance(cloud.tree, other.points)
+            matrix[row, column] = matrix[column, row] = distance
         advance()
     return matrix
 
 
 def silhouette_overlap(masks: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Compute how much silhouettes have in common.
+    """Compute the overlap of silhouettes.
 
     Parameters
     ----------
@@ -131,6 +131,6 @@ def silhouette_overlap(masks: NDArray[np.bool_], others: NDArray[np.bool_]) -> N
     (A, B) float32: intersection over union of each of `masks` with each of `others`; 0 where both are empty.
     """
     first, second = masks.astype(np.float32), others.astype(np.float32)
-    both = first @ second.T
-    either = first.sum(axis=1)[:, None] + second.sum(axis=1) - both
-    return np.asarray(both / np.maximum(either, 1), np.float32)
+    intersection = first @ second.T
+    union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection
+    return np.asarray(intersection / np.maximum(union, 1), np.float32)

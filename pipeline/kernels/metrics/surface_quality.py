@@ -19,7 +19,7 @@ Faces = NDArray[np.integer]
 
 
 def surface_area(vertices: Points, faces: Faces) -> float:
-    """Compute the area of a surface, m²; parts that overlap count each.
+    """Compute the area of a surface, m²; overlapping parts all count.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
 
 
 def seam_gaps(vertices: Points, position: NDArray[np.integer]) -> NDArray[np.float64]:
-    """Compute how far vertices are apart that were one point of the surface before it was deformed.
+    """Compute the distances between vertices that were one point of the surface before it was deformed.
 
     Parameters
     ----------
@@ -102,31 +102,31 @@ def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer]
     corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
     axis = int(np.argmax(np.ptp(corners.reshape(-1, 3), axis=0)))
     order = np.argsort(corners[:, :, axis].min(axis=1))
-    corners, names = corners[order], (faces if position is None else position[faces])[order]
+    corners, ids = corners[order], (faces if position is None else position[faces])[order]
     crossing = np.zeros(len(faces), bool)
-    _mark_crossing(corners, corners.min(axis=1), corners.max(axis=1), names, axis, crossing)
+    _mark_crossing(corners, corners.min(axis=1), corners.max(axis=1), ids, axis, crossing)
     return crossing[np.argsort(order)]
 
 
 @compiled
-def _mark_crossing(corners: Points, low: Points, high: Points, names: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
-    """Mark the triangles (F, 3, 3) that cross another one and share no name with it; `low` and `high` bound each, (F, 3).
+def _mark_crossing(corners: Points, low: Points, high: Points, ids: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
+    """Mark the triangles (F, 3, 3) that cross another one and share no vertex number with it; `low` and `high` (F, 3) bound each.
 
-    They lie in the order of `low` along an axis: none that begins behind a triangle's end meets it.
+    They are sorted by `low` along an axis: a triangle that begins behind another one's end cannot meet it.
     """
     for first in range(len(corners)):
         for second in range(first + 1, len(corners)):
             if low[second, axis] > high[first, axis]:
                 break
-            apart = False
-            for one in range(3):
-                apart |= (low[second, one] > high[first, one]) | (low[first, one] > high[second, one])
-            if apart or (crossing[first] and crossing[second]):
+            disjoint = False
+            for i in range(3):
+                disjoint |= (low[second, i] > high[first, i]) | (low[first, i] > high[second, i])
+            if disjoint or (crossing[first] and crossing[second]):
                 continue
             neighbours = False
-            for one in range(3):
-                for two in range(3):
-                    neighbours |= names[first, one] == names[second, two]
+            for i in range(3):
+                for j in range(3):
+                    neighbours |= ids[first, i] == ids[second, j]
             if not neighbours and (_pierces(corners[first], corners[second]) or _pierces(corners[second], corners[first])):
                 crossing[first] = crossing[second] = True
 
@@ -140,14 +140,14 @@ def _pierces(triangle: Points, other: Points) -> bool:
         if not (before < 0 < after or after < 0 < before):
             continue
         u, v, w = _volume(start, end, other[0], other[1]), _volume(start, end, other[1], other[2]), _volume(start, end, other[2], other[0])
-        if min(u, v, w) > 0 or max(u, v, w) < 0:  # it passes all three sides of the other on the same hand
+        if min(u, v, w) > 0 or max(u, v, w) < 0:  # it passes all three sides of the other on the same side
             return True
     return False
 
 
 @compiled
 def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
-    """Compute six times the volume of a tetrahedron; its sign says on which side of the plane abc the corner d is."""
+    """Compute six times the volume of a tetrahedron; its sign tells the side of the plane abc on which the corner d is."""
     p, q, r = a[0] - d[0], a[1] - d[1], a[2] - d[2]
     s, t, u = b[0] - d[0], b[1] - d[1], b[2] - d[2]
     x, y, z = c[0] - d[0], c[1] - d[1], c[2] - d[2]
@@ -156,7 +156,7 @@ def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
 
 
 def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, Faces], points: Points) -> float:
-    """Compute how much of what two closed surfaces enclose they share, from points spread evenly over a box around both.
+    """Compute the intersection over union of two closed surfaces, from points spread evenly over a box around both.
 
     Parameters
     ----------

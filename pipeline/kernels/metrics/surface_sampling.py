@@ -73,11 +73,11 @@ def map_to_surfaces(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
     _check(vertices, faces, uniform)
     with torch.no_grad():
         areas = doubled_areas(vertices.double(), faces.to(vertices.device))
-        chosen = _choose(areas.cumsum(dim=-1), uniform[..., 0].to(vertices.device))  # (B, n)
+        face = _choose(areas.cumsum(dim=-1), uniform[..., 0].to(vertices.device))  # (B, n)
         root, along = uniform[..., 1].sqrt(), uniform[..., 2]
         weights = torch.stack([1 - root, root * (1 - along), root * along], dim=-1).to(vertices)  # (B, n, 3)
         first = torch.arange(len(vertices), device=vertices.device)[:, None, None] * vertices.shape[1]
-        corners = faces.to(vertices.device)[chosen] + first  # (B, n, 3) into all vertices
+        corners = faces.to(vertices.device)[face] + first  # (B, n, 3) into all vertices
     placed = vertices.reshape(-1, 3).index_select(0, corners.reshape(-1)).reshape(*corners.shape, 3)
     mixed = weights[..., 0, None] * placed[..., 0, :] + weights[..., 1, None] * placed[..., 1, :]
     return mixed + weights[..., 2, None] * placed[..., 2, :]
@@ -111,8 +111,8 @@ def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
     total = cumulative[:, -1:]
     usable = (total > 0) & torch.isfinite(total)
     if not bool(usable.all()):
-        bad = torch.nonzero(~usable[:, 0])[:, 0].tolist()
-        raise InvalidInput(f"no face of surface {bad[:5]} (of {len(total)}) has a finite area above 0 to draw points from")
+        flat = torch.nonzero(~usable[:, 0])[:, 0].tolist()
+        raise InvalidInput(f"no face of surface {flat[:5]} (of {len(total)}) has a finite area above 0 to draw points from")
     below = torch.nextafter(total, torch.zeros_like(total))  # rounding may reach the whole itself
     return torch.searchsorted(cumulative, torch.minimum(uniform * total, below), right=True)
 

@@ -63,7 +63,7 @@ def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int
 
     Returns
     -------
-    Means (rings,), m², and how many points each is of (rings,). A ring without a point has count 0 and the mean 0: it has no value.
+    Means (rings,), m², and the number of points in each ring (rings,). A ring without points has count 0 and mean 0, which is no value.
 
     Raises
     ------

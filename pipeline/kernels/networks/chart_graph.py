@@ -79,7 +79,7 @@ class ChartGraph:
 
 
 class _SymmetricProduct(torch.autograd.Function):
-    """A product with a symmetric sparse matrix, and so its gradient; torch's own transposes the matrix in each backward pass.
+    """A product with a symmetric sparse matrix, whose gradient is such a product too; torch's own transposes the matrix in each pass.
 
     That takes 14 times as long as the product, and made a training step of the draft touch network 1.8 times as long.
     """
@@ -127,10 +127,10 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
     mutual = touch_edges == "centres"
     items = [_item_adjacency(charts, side, count, mutual=mutual) for count in counts]
     matrix = sparse.block_diag(items, format="csr")
-    parts = matrix.indptr, matrix.indices, matrix.data
+    csr = matrix.indptr, matrix.indices, matrix.data
     with warnings.catch_warnings():  # torch warns that its interface may change
         warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
-        adjacency = torch.sparse_csr_tensor(*parts, matrix.shape, dtype=like.dtype, device=like.device, check_invariants=False)
+        adjacency = torch.sparse_csr_tensor(*csr, matrix.shape, dtype=like.dtype, device=like.device, check_invariants=False)
     degree = torch.from_numpy(np.diff(matrix.indptr)).to(like)[:, None]
     graph = ChartGraph(adjacency, degree, list(counts), [item.shape[0] for item in items], len(charts.vertices))
     return graph if mutual else _connect_touch_to_all_vision(graph, charts, side)
@@ -138,8 +138,8 @@ def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Te
 
 def _connect_touch_to_all_vision(graph: ChartGraph, charts: VisionCharts, side: int) -> ChartGraph:
     """Give each vision vertex the centres of its item's touch charts for neighbours."""
-    first = np.cumsum([0, *graph.sizes[:-1]])
-    centres = [start + _touch_centres(charts, side, count) for start, count in zip(first, graph.counts, strict=True)]
+    starts = np.cumsum([0, *graph.sizes[:-1]])
+    centres = [start + _touch_centres(charts, side, count) for start, count in zip(starts, graph.counts, strict=True)]
     touch_centres = torch.from_numpy(np.concatenate(centres)).to(graph.degree.device)
     return replace(
         graph, touch_centres=touch_centres, degree=graph.degree + graph.sum_touch_centres(graph.degree.new_ones(len(touch_centres), 1))
@@ -164,5 +164,5 @@ def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool
     size = len(charts.vertices) + count * len(square)
     rows, columns = np.concatenate([pairs, pairs[:, ::-1]]).T
     neighbours = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(size, size)) + sparse.eye_array(size)
-    neighbours.data[:] = 1  # sides of two faces were added up
+    neighbours.data[:] = 1  # a side of two faces was counted twice
     return neighbours

@@ -109,46 +109,46 @@ class DeformationNetwork(nn.Module):
     def _displacements(
         self, vision: Tensor, *, touch: Tensor, mask: Tensor, maps: list[Tensor], cameras: Tensor | None, graph: ChartGraph
     ) -> Tensor:
-        """(B, V, 3) what one pass adds to the positions of the vision vertices (B, V, 3), radii."""
+        """Compute the displacements (B, V, 3) of the vision vertices (B, V, 3) in one pass, radii."""
         positions = graph.join(vision, touch)  # (N, 3)
-        parts = [positions, mask] if self.config.touch else [positions]
+        features = [positions, mask] if self.config.touch else [positions]
         if cameras is not None:
             items = enumerate(torch.split(positions, graph.sizes))
-            seen = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
-            parts.append(torch.cat(seen))
-        return graph.vision_vertices(self.gcn(torch.cat(parts, dim=1), graph))
+            image_features = [self._image_features(item, [map_[i : i + 1] for map_ in maps], cameras[i]) for i, item in items]
+            features.append(torch.cat(image_features))
+        return graph.vision_vertices(self.gcn(torch.cat(features, dim=1), graph))
 
     def merge_coinciding(self, vertices: Tensor) -> Tensor:
-        """Compute the mean of what vertices that coincide have each, (B, V, F): (B, P, F) for the sphere's P distinct positions."""
+        """Average the features (B, V, F) of coinciding vertices: (B, P, F) for the sphere's P distinct positions."""
         position = self._position(vertices.device)
         copies = torch.bincount(position)[:, None]  # (P, 1)
         return vertices.new_zeros(len(vertices), len(copies), vertices.shape[2]).index_add(1, position, vertices) / copies
 
     def _tie_seams(self, displacements: Tensor) -> Tensor:
-        """Move vertices that coincide as one, if seams are tied: by the mean of their displacements (B, V, 3)."""
+        """Average the displacements (B, V, 3) of vertices that coincide, if seams are tied."""
         if self.config.seams == "open":
             return displacements
         return self.merge_coinciding(displacements)[:, self._position(displacements.device)]
 
     def _position(self, device: torch.device) -> Tensor:
-        """(V,) which distinct position of the sphere each vertex has; no buffer, for networks are loaded without what is not saved."""
+        """(V,) the distinct position of the sphere that each vertex has; not a buffer, as buffers that are not saved are not restored."""
         return torch.tensor(self.charts.position, device=device)
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:
-        """(n, F) image features of one item's vertices."""
+        """Pool the image features (n, F) of one item's vertices."""
         assert self.encoder is not None
         pooled = pool_features(maps, self.encoder.grids, project_to_pixels(camera, self._to_world(positions)[None]))[0]
         return pooled if self.linear is None else self.linear(pooled).relu()
 
     def _to_world(self, positions: Tensor) -> Tensor:
-        """World, m, from radii from the centre."""
+        """Convert radii from the centre to world, m."""
         return positions * self.config.radius + positions.new_tensor(self.config.centre)
 
     def _check(self, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> None:
         check_full_precision("a network with parameters", self.gcn.last.weight)
-        items, total, wanted = len(counts), sum(counts), self.config.image is not None
-        if (images is not None) != wanted or (camera is not None) != wanted:
-            takes = "an image and its camera" if wanted else "neither image nor camera"
+        items, total, takes_image = len(counts), sum(counts), self.config.image is not None
+        if (images is not None) != takes_image or (camera is not None) != takes_image:
+            takes = "an image and its camera" if takes_image else "neither image nor camera"
             raise ValueError(f"a network with image {self.config.image!r} takes {takes}")
         if images is not None and (images.ndim != 4 or images.shape[:2] != (items, COLOURS)):
             raise ValueError(f"images are {tuple(images.shape)}, but counts has {items} items: images must be ({items}, {COLOURS}, H, W)")

@@ -51,9 +51,9 @@ class ZeroNeighbourLayer(nn.Module):
         if tuple(features.shape) != expected:
             raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
         weight, bias = self.linear.weight, self.linear.bias
-        kept = linear(features, weight[self.mixed :], bias[self.mixed :])
+        unmixed = linear(features, weight[self.mixed :], bias[self.mixed :])
         averaged = linear(features, weight[: self.mixed], bias[: self.mixed])
-        return torch.cat([graph.average(averaged), kept], dim=1).relu_()
+        return torch.cat([graph.average(averaged), unmixed], dim=1).relu_()
 
 
 class GraphConvolutionNetwork(nn.Module):

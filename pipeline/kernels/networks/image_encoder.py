@@ -15,7 +15,7 @@ from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance", "group"]
 GROUPS = 8
-"""Most groups of channels that a group normalisation has; fewer where they would not be equal."""
+"""Most groups of channels of a group normalisation; fewer where groups would have different sizes."""
 
 
 @dataclass(frozen=True)
@@ -166,11 +166,11 @@ class ImageEncoder(nn.Module):
         return tapped
 
     def _check_size(self, images: Tensor) -> None:
-        alone = self.norm != "batch" or (self.training and len(images) == 1)  # one map has to hold several values to normalise
+        per_image = self.norm != "batch" or (self.training and len(images) == 1)  # one map has to hold several values to normalise
         size = tuple(images.shape[2:])
         for index, (_, stride) in enumerate(self.plan.layers, start=1):
             size = tuple((side + 2 * self.padding - self.kernel) // stride + 1 for side in size)
-            if min(size) < 1 or (alone and size == (1, 1)):
+            if min(size) < 1 or (per_image and size == (1, 1)):
                 raise InvalidInput(
                     f"{len(images)} images of {images.shape[2]} x {images.shape[3]} pixels leave layer {index} of {len(self.layers)} "
                     f"a map of {size[0]} x {size[1]}, too few values to normalise; take larger images"

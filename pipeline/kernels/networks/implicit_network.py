@@ -54,7 +54,7 @@ class ImplicitConfig(NetworkInputs):
     spacing
         Of the grid that a reconstruction's mesh is made on, m.
     touch_reach
-        The farthest, m, that a reconstruction follows what was felt: the weight there is 1/e. 0 goes by the network alone.
+        Largest distance, m, to which a reconstruction follows touches: the weight there is 1/e. 0 uses the network alone.
     """
 
     encoder_layers: Literal[12, 15, 18, 25] = 12
@@ -75,7 +75,7 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
     "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
     "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
 }
-"""The implicit networks by name: they are given what the supplement's of that name are given; `implicit-any` any of it."""
+"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them."""
 
 
 @dataclass(frozen=True)
@@ -88,17 +88,17 @@ class Encoding:
         (K, channels, rows, columns) of each map that queries pool, the image itself first, of the K items with an image; none without.
     cameras
         (K, 3, 4) projection matrices; None without an image.
-    seen
-        (K,) int64: the items that have an image; all of them, but for a network that takes any.
+    with_image
+        (K,) int64: the items that have an image; all of them, except for a network that takes any inputs.
     overall
         (B, G) global features.
     touches
-        What the items' sensors felt; None without touch.
+        The points of the items' touch charts; None without touch.
     """
 
     maps: list[Tensor]
     cameras: Tensor | None
-    seen: Tensor
+    with_image: Tensor
     overall: Tensor
     touches: TouchPoints | None
 
@@ -106,8 +106,8 @@ class Encoding:
 class ImplicitNetwork(nn.Module):
     """Predicts signed distances at query points.
 
-    A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), so that it knows whether it is seen to be
-    free; what was felt nearest to it; and global features of the image and of all touches. A residual network makes a distance of these.
+    A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), which tell whether it is visibly free; the
+    features of the touch nearest to it; and global features of the image and of all touches. A residual network predicts its distance.
 
     Parameters
     ----------
@@ -197,72 +197,72 @@ class ImplicitNetwork(nn.Module):
         if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):
             raise ValueError(f"a network with image {self.config.image!r} and touch {self.config.touch} is given something else")
         maps, cameras, overall, touches = [], None, [self.last.weight.new_zeros(len(counts), 0)], None
-        seen = torch.arange(0 if images is None else len(counts), device=self.last.weight.device)
+        with_image = torch.arange(0 if images is None else len(counts), device=self.last.weight.device)
         if self.encoder is not None:
-            shown = self.last.weight.new_zeros(len(counts), self.seen.out_features)
+            image_code = self.last.weight.new_zeros(len(counts), self.seen.out_features)
             if images is not None and camera is not None:
                 cameras = camera.to(images).expand(len(images), 3, 4)
                 if optional and not bool((has_image := cameras.any(dim=(1, 2))).all()):
-                    seen = torch.nonzero(has_image)[:, 0]
-                    images, cameras = images[seen], cameras[seen]
-            if images is not None and len(seen):
+                    with_image = torch.nonzero(has_image)[:, 0]
+                    images, cameras = images[with_image], cameras[with_image]
+            if images is not None and len(with_image):
                 deep = self.encoder(images)
                 maps = [images, *deep]
-                shown = _placed(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)), seen, shown)
-            elif self.training:  # processes that share a step wait for the gradient of each weight, be it zero
-                shown = shown + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
-            overall.append(shown)
+                image_code = _placed(self.seen(functional.adaptive_avg_pool2d(deep[-1], POOLED_SIDE).flatten(1)), with_image, image_code)
+            elif self.training:  # processes that share a step wait for the gradient of each weight, even if it is zero
+                image_code = image_code + 0 * sum(weights.sum() for layer in (self.encoder, self.seen) for weights in layer.parameters())
+            overall.append(image_code)
         if self.config.touch:
             if not bool(torch.isfinite(touch_vertices).all()):
                 raise InvalidInput("touch_vertices has values that are not finite: leave out the items they come from")
             touches = touches_by_item(self._unit(touch_vertices), touched, counts)
-            felt = self.felt(touches.point_features) * touches.present[..., None]
-            overall.append(torch.cat([felt.new_zeros(len(counts), 1, felt.shape[2]), felt], dim=1).amax(dim=1))
-        return Encoding(maps, cameras, seen, torch.cat(overall, dim=1), touches)
+            point_code = self.felt(touches.point_features) * touches.present[..., None]
+            overall.append(torch.cat([point_code.new_zeros(len(counts), 1, point_code.shape[2]), point_code], dim=1).amax(dim=1))
+        return Encoding(maps, cameras, with_image, torch.cat(overall, dim=1), touches)
 
     def decode(self, code: Encoding, queries: Tensor) -> Tensor:
-        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, about the band where they are larger."""
+        """Predict the signed distances of queries (B, N, 3), m, world: (B, N) m, limited to about the band."""
         return self._decode(code, queries)[0]
 
     def _decode(self, code: Encoding, queries: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor] | None]:
         """Predict as `decode`; a network with touch also returns what `TouchPoints.features_at` does."""
-        unit, felt = self._unit(queries), None
-        parts = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
+        unit, touch_features = self._unit(queries), None
+        inputs = [unit, code.overall[:, None].expand(-1, queries.shape[1], -1)]
         if self.encoder is not None:
             optional = self.config.image == "any"
             pooled = unit.new_zeros(*unit.shape[:2], COLOURS + self.encoder.channels + optional)
             if code.maps and code.cameras is not None:
-                pixels = project_to_pixels(code.cameras, queries[code.seen])
+                pixels = project_to_pixels(code.cameras, queries[code.with_image])
                 features = pool_features(code.maps, (MapGrid(), *self.encoder.grids), pixels)
                 if optional:
                     features = torch.cat([features, torch.ones_like(features[..., :1])], dim=2)
-                pooled = _placed(features, code.seen, pooled)
-            parts.append(pooled)
+                pooled = _placed(features, code.with_image, pooled)
+            inputs.append(pooled)
         if code.touches is not None:
-            felt = code.touches.features_at(unit)
-            parts.append(felt[0])
-        hidden: Tensor = self.first(torch.cat(parts, dim=2))
+            touch_features = code.touches.features_at(unit)
+            inputs.append(touch_features[0])
+        hidden: Tensor = self.first(torch.cat(inputs, dim=2))
         for block in self.blocks:
             hidden = hidden + block(hidden)
         last: Tensor = self.last(hidden.relu())[..., 0]
-        return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), felt
+        return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), touch_features
 
     def errors_at_touches(self, code: Encoding) -> Tensor | None:
-        """Predict the distances, (B, P) m, of touched points, which are 0 in truth; 0 of other points, None where none is followed."""
-        felt = code.touches
-        if felt is None or self.config.touch_reach < SMALLEST_REACH or not bool(felt.touched.any()):
+        """Predict the distances, (B, P) m, of touched points, which are truly 0; 0 for other points, None if no touch is followed."""
+        touches = code.touches
+        if touches is None or self.config.touch_reach < SMALLEST_REACH or not bool(touches.touched.any()):
             return None
-        predicted = self.decode(code, felt.points * self.config.radius + felt.points.new_tensor(self.config.centre))
-        return predicted * (felt.touched & felt.normals.any(dim=2))
+        predicted = self.decode(code, touches.points * self.config.radius + touches.points.new_tensor(self.config.centre))
+        return predicted * (touches.touched & touches.normals.any(dim=2))
 
     def decode_with_touches(self, code: Encoding, queries: Tensor, errors: Tensor | None) -> Tensor:
-        """Predict distances as `decode`, but follow the touches near them: for reconstructions.
+        """Predict distances as `decode`, corrected by the touches nearby: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. Its error at the
-        nearest touched point is taken away, less and less the farther that is. Then, at a distance d from that point and the finger above
-        it, the height above its tangent plane has the weight exp(-(d / reach)⁴), the network the rest. Near the point this is flat: the
-        height decides on the sign, however far off the network is. The reach grows with the error: where the network is right, its
-        curved surface is better than a plane, and a thin object has another side.
+        nearest touched point is subtracted, with a weight that falls with distance. Then, at a distance d from that point and the finger
+        above it, the height above its tangent plane has the weight exp(-(d / reach)⁴), and the network the remaining weight. Near the point
+        this weight is flat: the height decides on the sign, however wrong the network is. The reach grows with the error: where the network
+        is right, its curved surface is better than a plane, and a thin object has another side.
 
         Parameters
         ----------
@@ -271,10 +271,10 @@ class ImplicitNetwork(nn.Module):
         errors
             From `errors_at_touches`.
         """
-        (predicted, felt), radius = self._decode(code, queries), self.config.radius
-        if felt is None or errors is None:
+        (predicted, touch_features), radius = self._decode(code, queries), self.config.radius
+        if touch_features is None or errors is None:
             return predicted
-        (features, nearest), reach = felt, self.config.touch_reach
+        (features, nearest), reach = touch_features, self.config.touch_reach
         error = errors.gather(1, nearest)
         squared = features[..., :3].square().sum(dim=-1) * radius**2
         predicted = predicted - error * torch.exp(-squared / (2 * reach) ** 2)
@@ -284,16 +284,16 @@ class ImplicitNetwork(nn.Module):
         return torch.lerp(predicted, radius * heights, weights)
 
     def touched_points(self, code: Encoding) -> NDArray[np.float64]:
-        """List the points, (M, 3) world, m, that were touched of the items: distances change fast around them."""
-        felt = code.touches
-        touched = self.last.weight.new_zeros(0, 3) if felt is None else felt.points[felt.touched]
+        """List the touched points of the items, (M, 3) world, m: distances change fast around them."""
+        touches = code.touches
+        touched = self.last.weight.new_zeros(0, 3) if touches is None else touches.points[touches.touched]
         return np.asarray(self.config.radius * touched.double().cpu().numpy() + np.array(self.config.centre))
 
     def _unit(self, points: Tensor) -> Tensor:
-        """Radii from the centre, from world, m."""
+        """Convert world, m, to radii from the centre."""
         return (points.to(self.last.weight) - self.last.weight.new_tensor(self.config.centre)) / self.config.radius
 
 
-def _placed(features: Tensor, items: Tensor, others: Tensor) -> Tensor:
-    """Put the features of some items, (K, …), among those of all, (B, …); unchanged if they are of all."""
-    return features if len(features) == len(others) else others.to(features).index_copy(0, items, features)
+def _placed(features: Tensor, items: Tensor, base: Tensor) -> Tensor:
+    """Insert the features of some items, (K, …), into those of all, (B, …); return them as they are if K is B."""
+    return features if len(features) == len(base) else base.to(features).index_copy(0, items, features)

@@ -1,6 +1,6 @@
 """A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes, contact from depth.
 
-It sees a neighbourhood of 0.8 mm, so that it learns what colours mean and not what shapes there are.
+It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from pipeline.kernels.networks.slope_integration import integrate_slopes, surfac
 from pipeline.kernels.tensor_checks import COLOURS
 
 CHANGE_SCALE = 50.0
-"""Levels of 255 that a network sees as 1: the usual change of colours in a contact."""
+"""Levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact."""
 CONTACT_FEATURES = 8
-"""Of the layers that find the contact."""
+"""Features of the layers that find the contact."""
 
 
 class LocalShape(NamedTuple):
-    """What a `LocalNetwork` reads: (B, 2, H, W) slopes; (B, H, W) depth of the gel's surface below its rest, mm; contact logits."""
+    """The output of a `LocalNetwork`: (B, 2, H, W) slopes; (B, H, W) depth of the gel's surface below its rest, mm; contact logits."""
 
     slopes: Tensor
     depth: Tensor
@@ -30,8 +30,7 @@ class LocalShape(NamedTuple):
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    Contact is not where the gel is deep, as the gel around an object is drawn in too: convolutions of their own find it in depth and
-    slopes.
+    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in depth and slopes.
 
     Parameters
     ----------
@@ -59,7 +58,7 @@ class LocalNetwork(nn.Module):
         )
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
-    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], within: Tensor | None = None) -> LocalShape:
+    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], true_depth: Tensor | None = None) -> LocalShape:
         """Read slopes, depth and contact.
 
         Parameters
@@ -70,31 +69,31 @@ class LocalNetwork(nn.Module):
             (B, 2, H, W) or (1, 2, H, W) x and y of the pixels, -1 to 1 from rim to rim of the sensor.
         pitch
             Size of a pixel along y and x, mm.
-        within
-            (B, H, W) true depth, mm, in training on windows of images. A window's surface does not end at 0, where the integration of
-            slopes begins: the error of slopes is integrated instead, which does.
+        true_depth
+            (B, H, W) true depth, mm, in training on windows of images. The integration assumes a depth of 0 at the rim, which a window does
+            not have: the error of slopes is integrated instead.
 
         Notes
         -----
-        Contact is read from depth and slopes, and its loss does not bend them.
+        Contact is read from depth and slopes; the gradient of its loss does not reach them.
         """
         slopes = self.slopes(change, position)
-        if within is None:
+        if true_depth is None:
             depth = integrate_slopes(slopes, pitch)
         else:
-            depth = within + integrate_slopes(slopes - surface_slopes(within, pitch), pitch)
+            depth = true_depth + integrate_slopes(slopes - surface_slopes(true_depth, pitch), pitch)
         return LocalShape(slopes, depth, self.contact(depth.detach(), slopes.detach()))
 
     def slopes(self, change: Tensor, position: Tensor) -> Tensor:
         """Read (B, 2, H, W) slopes of depth along x and y; parameters as `forward`."""
-        given = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
-        slopes: Tensor = self.colours(given.contiguous(memory_format=torch.channels_last))
+        inputs = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
+        slopes: Tensor = self.colours(inputs.contiguous(memory_format=torch.channels_last))
         return slopes
 
     def contact(self, depth: Tensor, slopes: Tensor) -> Tensor:
         """Find the contact, (B, H, W) logits, in (B, H, W) depth, mm, and (B, 2, H, W) slopes."""
-        given = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
-        logits: Tensor = self.shape(given.contiguous(memory_format=torch.channels_last))[:, 0]
+        inputs = torch.cat([depth[:, None], slopes, slopes.square().sum(dim=1, keepdim=True)], dim=1)
+        logits: Tensor = self.shape(inputs.contiguous(memory_format=torch.channels_last))[:, 0]
         return logits
 
 

@@ -13,16 +13,16 @@ from pipeline.kernels.networks.local_network import LocalShape
 from pipeline.kernels.networks.slope_integration import surface_slopes
 
 DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3
-"""Weight of the depth error, mm; what a pixel in the contact weighs more; weights of slopes and contact."""
+"""Weight of the depth error, mm; additional weight of a pixel in the contact; weights of slopes and contact."""
 SMALL = 0.1
-"""Error of a slope below which it counts by its square. If small ones cost little, gentle slopes are read too steep, to make up for the
-depth that is lost at walls."""
+"""Error of a slope below which its square counts. If small errors cost little, gentle slopes are read too steep, to make up for the depth
+that is lost at walls."""
 STEEPEST = 4.0
-"""Slope to which true ones are clamped: walls have none that colours tell."""
+"""Slope to which true slopes are clamped: colours do not show how steep a wall is."""
 
 
 class GelState(NamedTuple):
-    """The truth of some presses: (B, H, W) depth of the gel's surface below its rest, mm; and contact, bool."""
+    """The true state of a batch of presses: (B, H, W) depth of the gel's surface below its rest, mm; and contact, bool."""
 
     depth: Tensor
     contact: Tensor
@@ -34,9 +34,9 @@ def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -
     Parameters
     ----------
     shape
-        What the network reads.
+        The network's output.
     truth
-        The gel.
+        The true state of the gel.
     pitch
         Size of a pixel along y and x, mm.
 

@@ -16,7 +16,7 @@ Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
 RADIUS = 0.25
-"""m, of the ball that objects of diagonal 0.5 m lie in. Learning states lengths for these; others are learned in proportion."""
+"""m, of the ball that objects of diagonal 0.5 m lie in. Lengths in settings of trainings are for these, and in proportion for others."""
 
 
 class NetworkInputs(BaseModel):
@@ -25,10 +25,10 @@ class NetworkInputs(BaseModel):
     Attributes
     ----------
     image
-        The image it sees, if any; "rendering" is one of several images of the object, each with its own camera; "any" an occluded or an
-        unoccluded one, or none, of each item.
+        The image it takes, if any; "rendering" is one of several images of the object, each with its own camera; "any" is an occluded
+        image, an unoccluded one or none, which may differ between items.
     touch
-        Whether it is given touch charts and which of them touched.
+        Whether it takes touch charts and which of them touched.
     encoder_layers, encoder_kernel, encoder_norm, encoder_width
         The image encoder: its plan by number of layers, pixels per side of its kernels, its normalisation, its channels over the plan's.
     side
@@ -49,12 +49,12 @@ class NetworkInputs(BaseModel):
     centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
     radius: float = Field(default=RADIUS, gt=0)
 
-    def given(self, inputs: NetworkInputs) -> Self:
-        """Describe this network where it is given no more than these inputs."""
+    def restricted_to(self, inputs: NetworkInputs) -> Self:
+        """Describe this network with no other inputs than these."""
         return self.model_copy(update={"image": inputs.image, "touch": inputs.touch})
 
 
-WAYS: Mapping[str, NetworkInputs] = {
+INPUT_CHOICES: Mapping[str, NetworkInputs] = {
     "none": NetworkInputs(),
     "touch": NetworkInputs(touch=True),
     "occluded": NetworkInputs(image="occluded"),
@@ -62,7 +62,7 @@ WAYS: Mapping[str, NetworkInputs] = {
     "unoccluded": NetworkInputs(image="unoccluded"),
     "unoccluded-touch": NetworkInputs(image="unoccluded", touch=True),
 }
-"""What a network that takes any inputs may be given."""
+"""The combinations of inputs of a network that takes any."""
 
 
 class NetworkConfig(NetworkInputs):
@@ -81,7 +81,7 @@ class NetworkConfig(NetworkInputs):
     seams
         "tied": vision vertices that coincide move as one, by the mean of their predicted displacements; "open": each by its own.
     touch_edges
-        "all": each vision vertex has the centres of its item's touch charts for neighbours, which do not see it; "centres": the centres of
+        "all": each vision vertex has the centres of its item's touch charts as neighbours, but not the reverse; "centres": the centres of
         vision charts and of touch charts are each other's neighbours.
     """
 

@@ -13,7 +13,7 @@ from pipeline.kernels.networks.image_encoder import MapGrid
 from pipeline.kernels.tensor_checks import check_full_precision
 
 NEAREST_DEPTH = 0.01
-"""m; points nearer to the camera are seen as if they were this far away. The scene starts at 0.5 m."""
+"""m; nearer points are moved to this depth. The scene starts at 0.5 m."""
 
 
 def project_to_pixels(camera: Tensor, points: Tensor) -> Tensor:

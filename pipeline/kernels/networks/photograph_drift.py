@@ -1,4 +1,4 @@
-"""The drift of a photograph: light that differs smoothly from the untouched photograph's, with nothing in the gel."""
+"""The drift of a photograph: a smooth difference of light from the untouched photograph, without contact."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from torch.nn.functional import interpolate
 SIDE = 40
 """Pixels per side to which changes are averaged: drift is smooth."""
 DEGREE = 2
-"""Of the polynomial in the position: the contacts of one sensor are too small to be taken for one."""
+"""Degree of the polynomial in the position: the contacts of one sensor are too small to be taken for drift."""
 SCALE = 4.0
-"""Levels: pixels that differ from the drift by much more, as contacts do, do not count. Drift of photographs is as large."""
+"""Levels, the usual size of the drift: pixels that differ from it by much more, as in contacts, hardly count."""
 ROUNDS = 12
-"""Of weighted least squares."""
+"""Rounds of weighted least squares."""
 
 
 def without_drift(change: Tensor) -> Tensor:
-    """Take the drift away: a polynomial of the position, fitted to the pixels that nothing presses.
+    """Subtract the drift: a polynomial of the position, fitted to the pixels without contact.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def without_drift(change: Tensor) -> Tensor:
     for _ in range(ROUNDS):
         weight = (1 + (levels - drift).square().sum(dim=2) / SCALE**2) ** -2  # (B, n)
         weighted = weight[:, :, None] * terms
-        ridge = torch.eye(terms.shape[1], dtype=change.dtype, device=change.device)  # as one pixel: none counts where all are pressed
+        ridge = torch.eye(terms.shape[1], dtype=change.dtype, device=change.device)  # weighs as one pixel: if all are pressed, none counts
         coefficients = torch.linalg.solve(weighted.transpose(1, 2) @ terms + ridge, weighted.transpose(1, 2) @ levels)  # (B, k, 3)
         drift = terms @ coefficients
     rows, cols = change.shape[2:]

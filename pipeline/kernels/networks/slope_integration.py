@@ -60,7 +60,7 @@ def _divergence(slope: Tensor, axis: int) -> Tensor:
 @lru_cache(maxsize=16)
 def _sines(count: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
     """Make the sine transform of a length, (n, n), its own inverse, and the eigenvalues of second differences."""
-    with torch.inference_mode(False):  # they are kept, and a training may follow in this process
+    with torch.inference_mode(False):  # they are cached, and a training may follow in this process
         numbers = torch.arange(1, count + 1, dtype=torch.float64)
         angles = math.pi * torch.outer(numbers, numbers) / (count + 1)
         eigen = 2 * torch.cos(math.pi * numbers / (count + 1)) - 2

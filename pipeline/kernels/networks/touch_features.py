@@ -1,4 +1,4 @@
-"""Features of touch charts for implicit networks: the nearest touched point, and the nearest point known to be outside."""
+"""Features of touch charts for implicit networks: of the nearest touched point, and of the nearest point that is known to be outside."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """Hold the vertices of the touch charts of B items, with normals, in P places per item: as many as the item with the most vertices has.
+    """Hold the vertices of the touch charts of B items, with normals, padded to P, the largest number of vertices of an item.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class TouchPoints:
     touched
         (B, P) bool: points that were touched.
     outside
-        (B, P) bool: points of sensors that touched nothing. Places that an item leaves empty are neither touched nor outside.
+        (B, P) bool: points of sensors that touched nothing. Padding is neither touched nor outside.
     """
 
     points: Tensor
@@ -44,7 +44,7 @@ class TouchPoints:
 
     @property
     def present(self) -> Tensor:
-        """(B, P) bool: the places that hold a point."""
+        """(B, P) bool: the entries that are no padding."""
         return self.touched | self.outside
 
     @property
@@ -68,8 +68,8 @@ class TouchPoints:
         if not self.points.shape[1]:
             return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
         nearest = [side.find(queries) for side in self._sides]
-        parts = [self._nearest_features(queries, *found) for found in zip(nearest, self._sides, strict=True)]
-        return torch.cat(parts, dim=2), nearest[0]
+        features = [self._nearest_features(queries, *pair) for pair in zip(nearest, self._sides, strict=True)]
+        return torch.cat(features, dim=2), nearest[0]
 
     @cached_property
     def _sides(self) -> tuple[NearestPoints, NearestPoints]:
@@ -85,7 +85,7 @@ class TouchPoints:
 
 
 class NearestPoints:
-    """Finds the nearest of some of each item's points: in a k-d tree per item on a CPU, by comparing all pairs of the batch on a GPU.
+    """Search for the nearest among a subset of each item's points: in a k-d tree per item on a CPU, by comparing all pairs on a GPU.
 
     Parameters
     ----------
@@ -104,25 +104,25 @@ class NearestPoints:
 
     def find_in_trees(self, queries: Tensor) -> Tensor:
         """Find as `find`, one item after the other."""
-        found = torch.zeros(queries.shape[:2], dtype=torch.int64)
+        nearest = torch.zeros(queries.shape[:2], dtype=torch.int64)
         for item, (numbers, cloud) in enumerate(self._trees):
             if cloud is not None:
-                found[item] = numbers[cloud.nearest(queries[item])]
-        return found
+                nearest[item] = numbers[cloud.nearest(queries[item])]
+        return nearest
 
     @cached_property
     def _trees(self) -> list[tuple[Tensor, SearchCloud | None]]:
-        chosen = [torch.nonzero(among)[:, 0] for among in self.among]
-        clouds = zip(self.points, chosen, strict=True)
+        counted = [torch.nonzero(among)[:, 0] for among in self.among]
+        clouds = zip(self.points, counted, strict=True)
         return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
 
 
-def heights_above_touches(felt: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
+def heights_above_touches(features: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
     """Compute the heights of queries above the tangent planes of the touched points nearest to them.
 
     Parameters
     ----------
-    felt
+    features
         (..., `TOUCH_FEATURES`) features of the queries.
     reach
         (...) distance at which a height's weight is 1/e, radii.
@@ -135,10 +135,10 @@ def heights_above_touches(felt: Tensor, reach: Tensor, *, finger: float, below: 
     -------
     Heights (...), radii, and their weights (...): exp(-(distance / reach)⁴), zeros where nothing was touched.
     """
-    offset, normal, height = felt[..., :3], felt[..., 3:6], felt[..., 6]
+    offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
     across = offset.square().sum(dim=-1) - height.square()
-    beyond = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
-    return height, torch.exp(-((across / reach**2 + beyond.square()) ** 2)) * normal.any(dim=-1)
+    along = (height - finger).clamp(min=0) / reach + height.clamp(max=0) / below
+    return height, torch.exp(-((across / reach**2 + along.square()) ** 2)) * normal.any(dim=-1)
 
 
 def chart_normals(vertices: Tensor) -> Tensor:
@@ -162,7 +162,7 @@ def chart_normals(vertices: Tensor) -> Tensor:
 
 
 def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:
-    """Sort the touch charts of a batch by item.
+    """Group the touch charts of a batch by item.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) ->
     where = torch.stack([item, place]).to(vertices.device)
 
     def placed(charts: Tensor) -> Tensor:
-        """(T, S, ...) among those of all items, zeros elsewhere: (B, P, ...)."""
+        """Pad (T, S, ...) values per item with zeros: (B, P, ...)."""
         padded = charts.new_zeros(len(counts), max(counts), *charts.shape[1:])
         return padded.index_put((where[0], where[1]), charts).flatten(1, 2)
 

@@ -64,8 +64,8 @@ def masked_depth_loss(predicted: Tensor, depth: Tensor, mask: Tensor, *, width: 
     """
     _check(predicted, depth, mask)
     error = torch.where(mask, predicted - visible_depth(depth, gel).to(predicted.dtype), 0) / width  # (B, H, W)
-    each = error.square().sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
-    return each.mean()
+    touch_errors = error.square().sum(dim=(1, 2)) / mask.sum(dim=(1, 2)).clamp(min=1)
+    return touch_errors.mean()
 
 
 def projected_chamfer_loss(
@@ -95,7 +95,7 @@ def projected_chamfer_loss(
     """
     _check(predicted, depth, mask)
     true = visible_depth(depth, gel).to(predicted.dtype)
-    total = (predicted * 0).sum()  # keeps the graph where no mask holds a pixel
+    total = (predicted * 0).sum()  # keeps the graph if every mask is empty
     for item in range(len(predicted)):
         row, col = mask[item].nonzero(as_tuple=True)
         if len(row):
@@ -118,7 +118,8 @@ def _check(predicted: Tensor, depth: Tensor, mask: Tensor) -> None:
     if mask.dtype != torch.bool or not (predicted.is_floating_point() and depth.is_floating_point()):
         raise ValueError(f"predicted is {predicted.dtype}, depth {depth.dtype}, mask {mask.dtype}; they must be floating, floating, bool")
     check_full_precision("predicted depth", predicted)
-    if bad := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
+    if count := int((~torch.isfinite(predicted)).flatten(1).any(dim=1).sum()):
         raise InvalidInput(
-            f"predicted depth holds infinity or NaN in {bad} of {len(predicted)} touches: the network has diverged; lower the learning rate"
+            f"predicted depth holds infinity or NaN in {count} of {len(predicted)} touches: the network has diverged; lower the learning "
+            "rate"
         )

@@ -11,7 +11,7 @@ from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_
 LEVELS = 4
 """Poolings on the way down, and deconvolutions on the way up."""
 MIN_SIDE = 2**LEVELS
-"""Pixels per side below which nothing is left after the last pooling."""
+"""Fewest pixels per side: with fewer, nothing is left after the last pooling."""
 
 
 class UNet(nn.Module):
@@ -39,8 +39,8 @@ class UNet(nn.Module):
         )
         self.pool = nn.MaxPool2d(2)
         up = list(zip(widths[:0:-1], widths[-2::-1], strict=True))  # (16, 8), (8, 4), (4, 2), (2, 1) times width
-        self.up = nn.ModuleList(nn.ConvTranspose2d(below, here, 2, stride=2) for below, here in up)
-        self.merge = nn.ModuleList(_convolution(below, here, 2) for below, here in up)
+        self.up = nn.ModuleList(nn.ConvTranspose2d(below, above, 2, stride=2) for below, above in up)
+        self.merge = nn.ModuleList(_convolution(below, above, 2) for below, above in up)
         self.head = nn.Conv2d(width, 1, 1)
 
     def forward(self, images: Tensor) -> Tensor:

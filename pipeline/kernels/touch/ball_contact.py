@@ -1,4 +1,4 @@
-"""The contact of a ball with a gel: its circle in a photograph, and the impression that makes it.
+"""The contact of a ball with a gel: its circle in a photograph, and the impression behind it.
 
 Valid range: balls larger than their contacts.
 """
@@ -16,9 +16,9 @@ from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 RING = 3.0
-"""Contact radii around a contact that are fitted and compared."""
+"""Radius of the region around a contact that is fitted and compared, in contact radii."""
 HALVINGS = 14
-"""Of the interval in which a ball's depth is sought: to a ten-thousandth."""
+"""Halvings of the interval in which a ball's depth is searched: accurate to a ten-thousandth."""
 
 Box = tuple[float, float, float, float]
 
@@ -42,7 +42,7 @@ class Photograph:
 
 
 def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDArray[np.float64]:
-    """Compute the impression of a ball whose contact with the gel, as the sensor's membrane or elastic gel leaves it, is a given circle.
+    """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def distance_from(sensor: Sensor, contact: Circle) -> NDArray[np.float64]:
 
 
 def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
-    """Compute the part of the gel in which contacts lie: least x and y, greatest x and y, m, to 10 µm; none of it beyond the rim."""
+    """Compute the box around contacts: least x and y, greatest x and y, m, to 10 µm, clipped at the gel's rim."""
     x, y = pixel_centres(sensor)
     at = np.array([(x[0] + circle.x * sensor.pitch[1], y[0] + circle.y * sensor.pitch[0]) for circle in contacts])
     reach = sensor.pitch[1] * np.array([[circle.radius] for circle in contacts])
     rim = np.array([sensor.width, sensor.height]) / 2
-    least, greatest = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
-    left, top, right, bottom = np.round([*least, *greatest], 5).tolist()
+    low, high = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
+    left, top, right, bottom = np.round([*low, *high], 5).tolist()
     return left, top, right, bottom

@@ -10,22 +10,22 @@ from numpy.typing import NDArray
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.elastic_contact import press_elastic
-from pipeline.kernels.touch.gel_membrane import drawn_in
+from pipeline.kernels.touch.gel_membrane import membrane_indentation
 from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 FLAT = 1e-7
-"""m: pixels that are drawn in less, and lie less deep in the shade, keep the untouched colours."""
+"""m: pixels whose indentation and depth in the shade are smaller keep the untouched colours."""
 MM = 1e3
 
 
-def deformed(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute how deep the gel is drawn in: the impression D' (rows, cols), m, with the sensor's membrane or elastic gel if it has one."""
+def gel_indentation(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
+    """Compute the indentation of the gel, (rows, cols) m, from the impression D' and the sensor's membrane or elastic gel if it has one."""
     if sensor.gel is not None:
         return press_elastic(pressed, sensor, sensor.gel).indentation
     if sensor.membrane == 0 or not pressed.any():
         return pressed
-    return drawn_in(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
+    return membrane_indentation(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
 
 
 def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
@@ -42,7 +42,7 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
     -------
     (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
     """
-    return indentation_change(deformed(pressed, sensor), sensor, calibration)
+    return indentation_change(gel_indentation(pressed, sensor), sensor, calibration)
 
 
 def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
@@ -63,7 +63,7 @@ def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: C
 
 
 def fitted_positions(sensor: Sensor, within: tuple[float, float, float, float] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the positions of pixels at which coefficients are taken: those nearest to them in the part that was fitted.
+    """Compute the positions at which the coefficients of pixels are evaluated: the nearest ones in the fitted part of the gel.
 
     Parameters
     ----------
@@ -148,9 +148,9 @@ def _shade(
             terms[0, col], terms[1, col] = slope_x / size, slope_y / size
         number = 2
         for degree in range(2, slopes + 1):  # each term is one of the degree before times nx, the last times ny
-            before = number - degree
+            previous = number - degree
             for k in range(degree + 1):
-                factor, source = (terms[0], terms[before + k]) if k < degree else (terms[1], terms[number - 1])
+                factor, source = (terms[0], terms[previous + k]) if k < degree else (terms[1], terms[number - 1])
                 into = terms[number + k]
                 for col in range(first, last + 1):
                     into[col] = factor[col] * source[col]
@@ -170,8 +170,8 @@ def _shade(
                         factor_y = factor_y * y[row] + shading[channel, term, (i + j) * (i + j + 1) // 2 + j]
                     for n in range(len(value)):
                         value[n] = value[n] * across[n] + factor_y
-                own = terms[term, first : last + 1]
+                term_values = terms[term, first : last + 1]
                 for n in range(len(value)):
-                    total[n] += own[n] * value[n]
+                    total[n] += term_values[n] * value[n]
             for n in range(len(total)):
                 change[row, first + n, channel] += total[n]

@@ -49,14 +49,14 @@ def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direct
 def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray[np.float64]) -> None:
     """From line 0, which is nearest to the lamp: the line before lies `shift` pixels aside, and its rays fall by `drop` per line."""
     lines, length = image.shape
-    whole = math.floor(shift)
-    share = shift - whole
+    offset = math.floor(shift)
+    share = shift - offset
     edge, padded = np.zeros(length), np.zeros(length + 4)
     for line in range(lines):
         row, out = image[line], shade[line]
         for i in range(length):
             out[i] = max(edge[i] - row[i], 0.0)
             padded[i + 2] = max(edge[i], row[i])
-        near, far = padded[whole + 2 : whole + 2 + length], padded[whole + 3 : whole + 3 + length]
+        near, far = padded[offset + 2 : offset + 2 + length], padded[offset + 3 : offset + 3 + length]
         for i in range(length):
             edge[i] = max(near[i] + share * (far[i] - near[i]) - drop, 0.0)

@@ -23,29 +23,29 @@ from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""
 THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-"""Of an elastic gel, that are tried, in contact radii; the last is nearly a half-space."""
+"""Thicknesses of an elastic gel that are tried, in contact radii; the last is nearly a half-space."""
 MODULUS = 2e5
-"""Pa, of an elastic gel whose forces nobody measured: its shape does not depend on it."""
+"""Pa, of an elastic gel whose forces were not measured: its shape does not depend on it."""
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
 """Degrees of the polynomial in the position that are tried."""
 GAIN = 0.02
-"""Share of the least error that a later choice must gain to be taken."""
+"""Share of the least error by which a later choice must improve to be preferred."""
 USUAL_DEGREE = 2
-"""With which the gel is chosen where the degree is not given: the best one hardly depends on it."""
+"""Degree with which the gel is chosen if no degree is given: the best gel hardly depends on it."""
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 """Shadows that are tried: degrees, and height over length."""
 
 
 @dataclass(frozen=True)
 class ColourFitOptions:
-    """What is fitted.
+    """Options of a fit.
 
     Attributes
     ----------
     normal_degree, position_degree
         Degrees of the polynomials; None for the one in the position that predicts best.
     shadows
-        How many are sought.
+        Number of shadows to fit.
     elastic
         Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
     poisson
@@ -63,13 +63,13 @@ class ColourFitOptions:
 
 
 FIT_FOR_DEPTH = ColourFitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
-"""For a sensor whose photographs a network shall read: colours are those of contacts, where the ball's slopes are known, and of the elastic
-gels the one that predicts the rings around them best is taken. A membrane leaves a step at walls, which no network can read."""
+"""Options for a sensor whose photographs a network reads. The colours are those of contacts, where the ball's slopes are known; the elastic
+gel is the one that best predicts the rings around them. A membrane leaves a step at walls, which no network can read."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColourFit:
-    """Hold what was fitted.
+    """Hold the result of a fit.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class ColourFit:
     position_degree
         Of the polynomial in the position.
     at_end
-        Fitted values that lie at the end of the range that was searched, in words.
+        A sentence for each fitted value at the end of the searched range.
     """
 
     sensor: Sensor
@@ -139,27 +139,29 @@ def fit_colours(
         samples = sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
         return [replace(sample, contact_weight=options.contact_weight) for sample in samples]
 
-    given = options.position_degree
-    usual = USUAL_DEGREE if given is None else given
+    position_degree = options.position_degree
+    usual = USUAL_DEGREE if position_degree is None else position_degree
     gels = _gels(options)
     candidates = [gel.of(sensor, radius) for gel in gels]
-    chosen = _first_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
-    fitted = candidates[chosen]
-    samples = sampled(fitted, POSITION_DEGREES[-1] if given is None else given)
+    best = _simplest_good([left_out_error(sampled(candidate, usual)) for candidate in candidates])
+    fitted = candidates[best]
+    samples = sampled(fitted, POSITION_DEGREES[-1] if position_degree is None else position_degree)
     terms = len(powers(options.normal_degree))  # without a constant, and with the depth
-    if given is None:
-        parts = {degree: _of_degree(samples, degree, terms) for degree in POSITION_DEGREES}
-        given = POSITION_DEGREES[_first_good([left_out_error(part) for part in parts.values()])]
-        samples = parts[given]
+    if position_degree is None:
+        samples_by_degree = {degree: _up_to_degree(samples, degree, terms) for degree in POSITION_DEGREES}
+        position_degree = POSITION_DEGREES[
+            _simplest_good([left_out_error(degree_samples) for degree_samples in samples_by_degree.values()])
+        ]
+        samples = samples_by_degree[position_degree]
     samples, shadows = _with_shadows(samples, fitted, options.shadows)
     mean: Levels = tuple(untouched.mean(axis=(0, 1)).tolist())
-    at_end = _at_end(gels[chosen], given if options.position_degree is None else None)
-    calibration = _calibration(samples, shadows, (terms, len(powers(given))), (mean,), within)
-    return ColourFit(fitted, calibration, given, tuple(at_end))
+    at_end = _at_end(gels[best], position_degree if options.position_degree is None else None)
+    calibration = _calibration(samples, shadows, (terms, len(powers(position_degree))), (mean,), within)
+    return ColourFit(fitted, calibration, position_degree, tuple(at_end))
 
 
-def _first_good(errors: Sequence[float]) -> int:
-    """Find the first of some choices, the simplest, that errs by no more than `GAIN` over the least."""
+def _simplest_good(errors: Sequence[float]) -> int:
+    """Find the first choice, the simplest, whose error is at most `GAIN` above the least."""
     return next(number for number, error in enumerate(errors) if error <= (1 + GAIN) * min(errors))
 
 
@@ -171,7 +173,7 @@ def _gels(options: ColourFitOptions) -> list[_GelShape]:
 
 
 def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
-    """Say which choices lie at the end of what is tried; `degree` is None where it was given."""
+    """Describe the choices at the end of the tried range; `degree` is None if the user gave it."""
     if not gel.elastic and gel.size == MEMBRANES[-1]:
         yield f"the membrane is as wide as the widest that is tried, {gel.size:g} contact radii: is the ball's radius right?"
     if gel.elastic and gel.size in (THICKNESSES[0], THICKNESSES[-1]):
@@ -180,10 +182,10 @@ def _at_end(gel: _GelShape, degree: int | None) -> Iterator[str]:
         yield f"the degree in the position is the highest that is tried, {degree}: --position-degree {degree + 1} may be better"
 
 
-def _of_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
+def _up_to_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sample]:
     """Keep the features up to some degree in the position, of samples with `terms` of normal and depth."""
-    every, places = samples[0].features.shape[1] // terms, len(powers(degree))
-    columns = (every * np.arange(terms)[:, None] + np.arange(places)).ravel()
+    stored_terms, kept_terms = samples[0].features.shape[1] // terms, len(powers(degree))
+    columns = (stored_terms * np.arange(terms)[:, None] + np.arange(kept_terms)).ravel()
     return [sample.with_features(sample.features[:, columns]) for sample in samples]
 
 

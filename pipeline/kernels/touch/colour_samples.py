@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.ball_contact import RING, Box, Photograph, ball_impression, distance_from
-from pipeline.kernels.touch.calibrated_shading import MM, deformed, fitted_positions, powers
+from pipeline.kernels.touch.calibrated_shading import MM, fitted_positions, gel_indentation, powers
 from pipeline.kernels.touch.sensor import Sensor
 
 CONTACT_WEIGHT = 3.0
@@ -29,7 +29,7 @@ class Sample:
     Attributes
     ----------
     bump
-        (rows, cols) float64, m: how deep the gel is drawn in, of the whole image.
+        (rows, cols) float64, m: the gel's indentation in the whole image.
     at
         Rows and columns of the pixels.
     distance
@@ -111,7 +111,7 @@ def sample_photographs(
         row, col = np.nonzero(distance < RING)
         share = distance[row, col]
         row, col = stride * row, stride * col
-        bump = deformed(ball_impression(sensor, photograph.contact, ball_radius), sensor)
+        bump = gel_indentation(ball_impression(sensor, photograph.contact, ball_radius), sensor)
         slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
         size = np.sqrt(1 + slope_x**2 + slope_y**2)
         normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]] + [MM * bump[row, col]]

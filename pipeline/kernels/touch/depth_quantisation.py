@@ -35,22 +35,24 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
     rounded = np.empty(depth.shape, np.float32)
-    near, far = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
+    gel_steps, far_steps = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
     gel = gel_top(sensor)
     beyond = np.float32(gel)
     beyond = beyond if beyond >= gel else np.nextafter(beyond, np.float32(np.inf))
-    _round(np.ascontiguousarray(depth).reshape(-1), gel, beyond, near, far, rounded.reshape(-1))
+    _round(np.ascontiguousarray(depth).reshape(-1), gel, beyond, gel_steps, far_steps, rounded.reshape(-1))
     return rounded
 
 
 @compiled
-def _round(depth: NDArray[np.float64], gel: float, beyond: np.float32, near: float, far: float, rounded: NDArray[np.float32]) -> None:
+def _round(
+    depth: NDArray[np.float64], gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: NDArray[np.float32]
+) -> None:
     """Round to multiples of 1/near below `gel` and of 1/far beyond; 0 for not at all. Both are powers of two: scaling loses nothing.
 
     `beyond` is the least float32 that is not below `gel`.
     """
     for i in range(len(depth)):
-        steps = near if depth[i] < gel else far
+        steps = gel_steps if depth[i] < gel else far_steps
         rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps
-        if depth[i] >= gel > rounded[i]:  # what does not press into the gel does not after rounding
+        if depth[i] >= gel > rounded[i]:  # a surface outside the gel stays outside
             rounded[i] = beyond

@@ -18,12 +18,12 @@ from pipeline.kernels.touch.elastic_layer import influence, layer_factor
 from pipeline.kernels.touch.sensor import Gel, Sensor
 
 Array = NDArray[np.float64]
-MOST_CELLS = 160
-"""Cells along the longer side of an image, of which more pixels share one: contact is solved on them."""
+MAX_CELLS = 160
+"""Most cells along the longer side of an image, on which contact is solved; with more pixels, several share a cell."""
 TOLERANCE = 1e-4
-"""Of the deepest impression: how far the gel's surface may be from the object's in the contact. The force errs by as much."""
-MOST_STEPS = 300
-"""Ten times what any press has needed."""
+"""Largest gap between gel and object in the contact, as a share of the deepest impression. The force errs by as much."""
+MAX_STEPS = 300
+"""Ten times the most that any press has needed."""
 
 
 class ElasticContact(NamedTuple):
@@ -60,15 +60,15 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     InvalidInput
         The gel is thinner than the cells on which its contact is solved.
     ArithmeticError
-        The contact has not settled after `MOST_STEPS`.
+        The contact has not settled after `MAX_STEPS`.
 
     Notes
     -----
     Pressure p >= 0 minimises p·Gp/2 - p·D' over the cells with D' > 0, where G is `influence`: the gel's surface Gp is nowhere above the
     object, and meets it where p > 0. So the force, the derivative of a minimum by the depth, grows with the depth. Where images have more
-    than `MOST_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
+    than `MAX_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
     """
-    factor = -(-max(sensor.shape) // MOST_CELLS)
+    factor = -(-max(sensor.shape) // MAX_CELLS)
     coarse = _cell_means(pressed, factor)
     if not coarse.any():
         return ElasticContact(np.zeros(sensor.shape), np.zeros(sensor.shape))
@@ -78,12 +78,14 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
             f"the elastic gel of sensor {sensor.name!r} is {thickness} m thick, its contact is solved on cells of {max(pitch):.3g} m: "
             "give the sensor more pixels, or the gel its thickness in metres"
         )
-    whole = _whole_grid(coarse.shape, pitch, gel.poisson, thickness)
+    displacement = _grid_displacement(coarse.shape, pitch, gel.poisson, thickness)
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
-    part = coarse[window]
+    pressed_window = coarse[window]
     unit_pressure = np.zeros_like(coarse)  # of a gel whose plane-strain modulus is 1 Pa
-    unit_pressure[window] = _solve(part, whole.part(part.shape), _Stiffness(part.shape, pitch, gel.poisson, thickness))
-    indentation, pressure = whole(unit_pressure), unit_pressure
+    unit_pressure[window] = _solve(
+        pressed_window, displacement.restricted(pressed_window.shape), _Stiffness(pressed_window.shape, pitch, gel.poisson, thickness)
+    )
+    indentation, pressure = displacement(unit_pressure), unit_pressure
     if factor > 1:
         indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(unit_pressure, pressed > 0, factor)
     surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
@@ -91,7 +93,7 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
 
 
 def _cell_means(pressed: Array, factor: int) -> Array:
-    """Average squares of pixels; what a square lacks at the rim is 0: nothing is known to press there."""
+    """Average squares of pixels; beyond the rim, where nothing is known to press, the impression is 0."""
     if factor == 1:
         return pressed
     rows, cols = (-(-count // factor) for count in pressed.shape)
@@ -115,35 +117,35 @@ class _Displacement:
         self.spectrum = fft.rfft2(wrapped)
 
     def __call__(self, pressure: Array) -> Array:
-        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: no line of zeros is transformed, and none that is cut
+        lines = fft.rfft(pressure, self.padded[1])  # axis by axis: lines of zeros and lines that are cut off need no transform
         waves = fft.fft(lines, self.padded[0], axis=0)
         waves *= self.spectrum
         lines = fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
         return np.ascontiguousarray(fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
 
-    def part(self, shape: tuple[int, ...]) -> _Displacement:
-        """Return that of a smaller grid."""
+    def restricted(self, shape: tuple[int, ...]) -> _Displacement:
+        """Return the displacements on a smaller grid."""
         return self if shape == self.shape else _Displacement(self.kernel[: shape[0], : shape[1]])
 
 
 @lru_cache(maxsize=8)
-def _whole_grid(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> _Displacement:
+def _grid_displacement(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> _Displacement:
     return _Displacement(influence(shape, pitch, poisson, thickness))
 
 
 class _Stiffness:
-    """Roughly the inverse of `_Displacement`, as if the grid were repeated: what preconditions the solver, in single precision."""
+    """The approximate inverse of `_Displacement` on a periodic grid, which preconditions the solver; in single precision."""
 
     def __init__(self, shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> None:
         rows, cols = self.padded = fft.next_fast_len(shape[0]), fft.next_fast_len(shape[1], real=True)
         waves = [2 * np.pi * frequencies for frequencies in (fft.fftfreq(rows, pitch[0]), fft.rfftfreq(cols, pitch[1]))]
         wave = np.hypot(waves[0][:, None], waves[1][None])
-        wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a lone contact is no infinite one
+        wave[0, 0] = np.pi / max(shape[0] * pitch[0], shape[1] * pitch[1])  # a single contact is not infinite
         self.spectrum = (wave / (2 * layer_factor(wave * thickness, poisson))).astype(np.float32)
 
     def __call__(self, displacement: Array) -> Array:
-        found = fft.irfft2(fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
-        return np.asarray(found[: displacement.shape[0], : displacement.shape[1]], np.float64)
+        pressure = fft.irfft2(fft.rfft2(displacement.astype(np.float32), self.padded) * self.spectrum, self.padded)
+        return np.asarray(pressure[: displacement.shape[0], : displacement.shape[1]], np.float64)
 
 
 def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -> Array:
@@ -158,25 +160,25 @@ def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -
     surface = displacement(pressure)
     pressure *= (scale := (pressed * pressure).sum() / (surface * pressure).sum())
     surface *= scale
-    allowed, direction, gap, steepness = TOLERANCE * pressed.max(), np.zeros_like(pressed), np.zeros_like(pressed), 0.0
-    for _ in range(MOST_STEPS):
-        last, gap = gap, surface - pressed
+    tolerance, direction, gap, steepness = TOLERANCE * pressed.max(), np.zeros_like(pressed), np.zeros_like(pressed), 0.0
+    for _ in range(MAX_STEPS):
+        previous_gap, gap = gap, surface - pressed
         through = below & (pressure == 0) & (gap < 0)
         contact = (pressure > 0) | through
-        if np.sqrt(np.square(gap[contact]).mean()) < allowed and not (gap[through] < -allowed).any():
+        if np.sqrt(np.square(gap[contact]).mean()) < tolerance and not (gap[through] < -tolerance).any():
             return pressure
         step = np.where(contact, stiffness(np.where(contact, gap, 0)), 0)
-        turn = max(0.0, float((step * (gap - last)).sum()) / steepness) if steepness else 0.0
+        turn = max(0.0, float((step * (gap - previous_gap)).sum()) / steepness) if steepness else 0.0
         direction = np.where(contact, step + turn * direction, 0)
-        moved = displacement(direction)
-        length = (gap * direction).sum() / (moved * direction).sum()
+        change = displacement(direction)
+        length = (gap * direction).sum() / (change * direction).sum()
         pressure = pressure - length * direction
-        if through.any() or (pressure < 0).any():  # another contact: directions begin again
+        if through.any() or (pressure < 0).any():  # the contact has changed: restart the directions
             np.maximum(pressure, 0, out=pressure)
             surface, steepness = displacement(pressure), 0.0
         else:
-            surface, steepness = surface - length * moved, float((step * gap).sum())
-    raise ArithmeticError(f"the contact of {int(below.sum())} cells has not settled after {MOST_STEPS} steps")
+            surface, steepness = surface - length * change, float((step * gap).sum())
+    raise ArithmeticError(f"the contact of {int(below.sum())} cells has not settled after {MAX_STEPS} steps")
 
 
 def _spread(pressure: Array, pressed: NDArray[np.bool_], factor: int) -> Array:
@@ -216,10 +218,10 @@ def _refine_rows(coarse: Array, factor: int, starts: NDArray[np.int64], weights:
     rows, cols = coarse.shape
     padded = np.empty((rows + 4, cols))
     padded[2 : rows + 2] = coarse
-    for beyond in (1, 2):
+    for margin in (1, 2):
         for col in range(cols):
-            padded[2 - beyond, col] = coarse[0, col] + beyond * (coarse[0, col] - coarse[min(1, rows - 1), col])
-            padded[rows + 1 + beyond, col] = coarse[rows - 1, col] + beyond * (coarse[rows - 1, col] - coarse[max(rows - 2, 0), col])
+            padded[2 - margin, col] = coarse[0, col] + margin * (coarse[0, col] - coarse[min(1, rows - 1), col])
+            padded[rows + 1 + margin, col] = coarse[rows - 1, col] + margin * (coarse[rows - 1, col] - coarse[max(rows - 2, 0), col])
     fine = np.empty((rows * factor, cols))
     for row in range(rows):
         for k in range(factor):

@@ -1,4 +1,4 @@
-"""How a soft layer yields to pressure: displacements of its surface under pressure on one cell of a grid.
+"""The displacements of a soft layer's surface under pressure on one cell of a grid.
 
 Valid range: linear elasticity, small slopes; cells no larger than the layer is thick. Where it is much thicker than the grid is wide, the
 layer is a half-space.
@@ -61,7 +61,7 @@ def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float
 
 
 def layer_factor(wave: NDArray[np.floating], poisson: float) -> Array:
-    """Compute how much less than a half-space a bonded layer yields to a wave of pressure.
+    """Compute the displacement of a bonded layer under a wave of pressure, relative to that of a half-space.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def layer_factor(wave: NDArray[np.floating], poisson: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _bond(poisson: float) -> CubicSpline:
-    """Compute what the rigid base takes from a half-space's 1/r, by distance in thicknesses: the integral of (factor - 1) J0(a r)."""
+    """Compute the correction of a half-space's 1/r for the rigid base, by distance in thicknesses: the integral of (factor - 1) J0(a r)."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     wave, weights = (nodes + 1) * WAVES / 2, weights * WAVES / 2
     distance = np.linspace(0, REACH, int(REACH * KNOTS_PER_THICKNESS) + 1)

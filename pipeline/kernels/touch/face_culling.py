@@ -85,14 +85,14 @@ def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[n
     prism_centre = np.array([0.0, 0.0, sensor.range / 2])[:, None]
     centre = rotation.T @ (faces.centre - origin[:, None])  # (3, F)
     reach = np.abs(rotation.T) @ faces.half + prism_half
-    near = np.flatnonzero(_all_axes(np.abs(centre - prism_centre) <= reach))
-    offset = faces.corners[:, :, near] - origin[:, None, None]
+    candidates = np.flatnonzero(_all_axes(np.abs(centre - prism_centre) <= reach))
+    offset = faces.corners[:, :, candidates] - origin[:, None, None]
     local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
     a, b, c = local[:, 0], local[:, 1], local[:, 2]  # (3, n): three numbers are compared faster by name than reduced along an axis
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
 
 
-def _all_axes(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether it holds along all axes, (3, N) to (N,)."""
-    return np.asarray(inside[0] & inside[1] & inside[2])
+def _all_axes(holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
+    return np.asarray(holds[0] & holds[1] & holds[2])

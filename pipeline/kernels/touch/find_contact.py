@@ -18,23 +18,23 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.ball_contact import Circle
 
 SMALLEST = 8.0
-"""Pixels: radius of a contact that is looked for at least."""
+"""Smallest radius of a contact that is searched for, pixels."""
 LEAST_CHANGE = 6.0
-"""Levels by which a contact differs from the untouched image at least, where it differs most."""
+"""Least change from the untouched image, levels, where a contact differs most."""
 LEAST_SEEN = 0.4
 """Share of a contact's rim that must lie in the image."""
 LEAST_FILLED = 0.4
-"""Share of a contact that must differ by a third of where it differs most: of a contact at the rim less may be a wrong circle."""
+"""Share of a contact that must differ by a third of its largest change; with less, at the rim, the circle may be wrong."""
 MARGIN = 20
-"""Pixels around the place where colours change, in which they fade."""
+"""Pixels around a region of changed colours, in which the change fades."""
 ANGLES, PER_PIXEL = 180, 4
-"""Directions in which the rim is sought, and samples per pixel of radius."""
+"""Directions in which the rim is searched, and samples per pixel of radius."""
 FADES = (0.3, 0.15)
-"""Radii by which the rim is moved at most, in turns that seek where the strength of the change falls most."""
+"""Largest shifts of the rim, in radii, of the rounds that search where the strength of the change falls most."""
 REFINED = 0.05
-"""Radii by which the rim is moved at most where colours jump most: where it is blurred, they jump most in the middle."""
+"""Largest shift of the rim, in radii, of the round that searches where colours jump most: in the middle of a blurred rim."""
 RIM = 2.0
-"""Pixels by which a point of the rim lies beside the circle at most, and on either side of it those that are compared."""
+"""Largest distance of a point of the rim from the circle, pixels; and pixels on either side of it that are compared."""
 
 Round = tuple[float, float, float]
 
@@ -76,13 +76,13 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     reach = int(region.equivalent_diameter_area + 2 * SMALLEST)
     x, y = _by_symmetry(change, region)
     circle = _checked((x, y, _fading(strength, x, y, reach)))
-    for moved in FADES:
-        circle = _checked(_by_rim(strength[..., None], circle, moved))
+    for largest_shift in FADES:
+        circle = _checked(_by_rim(strength[..., None], circle, largest_shift))
     x, y, _ = circle
     x, y, radius = _checked(_by_rim(change, (x, y, _fading(size, x, y, reach)), REFINED))
     for other in others:
-        apart = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
-        if apart > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
+        distance = np.hypot(other.coords[:, 1] - x, other.coords[:, 0] - y).min()
+        if distance > radius + SMALLEST and other.area > np.pi * SMALLEST**2 and other.intensity_max > strength.max() / 2:
             row, col = other.centroid
             raise InvalidInput(
                 f"it shows a contact at ({x:.0f}, {y:.0f}) and a second one at ({col:.0f}, {row:.0f}); photograph one ball at a time, or "
@@ -123,25 +123,25 @@ def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> fl
     return float(brightest + np.gradient(mean)[brightest:].argmin())
 
 
-def _by_rim(values: NDArray[np.float64], start: Round, moved: float) -> Round:
-    """Fit a circle to the points within `moved` radii of `start`, one in each direction, where strength falls or colours jump most."""
+def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> Round:
+    """Fit a circle to the points within `largest_shift` radii of `start`, one per direction, where strength falls or colours jump most."""
     x, y, radius = start
-    across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + moved) + RIM) + 2
+    across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + largest_shift) + RIM) + 2
     rays = _polar(values, x, y, reach, PER_PIXEL)
     fall = rays[:, :-across] - rays[:, across:]
     jump = fall[..., 0] if fall.shape[2] == 1 else np.abs(fall).mean(axis=2)
     radii = RIM + np.arange(jump.shape[1]) / PER_PIXEL
-    near = np.abs(radii - radius) <= moved * radius
-    seen = np.isfinite(jump[:, near]).all(axis=1)
-    if seen.mean() < LEAST_SEEN:
+    in_range = np.abs(radii - radius) <= largest_shift * radius
+    visible = np.isfinite(jump[:, in_range]).all(axis=1)
+    if visible.mean() < LEAST_SEEN:
         raise InvalidInput(
-            f"the image shows {100 * seen.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius; "
+            f"the image shows {100 * visible.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius; "
             f"{100 * LEAST_SEEN:.0f} % are needed"
         )
-    angles = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[seen]
-    at = radii[near][jump[seen][:, near].argmax(axis=1)]
+    angles = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[visible]
+    at = radii[in_range][jump[visible][:, in_range].argmax(axis=1)]
     points = np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=1)
-    aside = max(RIM, moved * radius / 2) if values.shape[2] == 1 else RIM
+    aside = max(RIM, largest_shift * radius / 2) if values.shape[2] == 1 else RIM
     circle, _ = ransac(points, CircleModel, min_samples=3, residual_threshold=aside, max_trials=200, rng=0)
     if not circle:
         raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")

@@ -17,7 +17,7 @@ ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "middle", "right")
 
 
 def fitted_range(calibration: Calibration) -> list[str]:
-    """Name the slopes, depths and positions in which colours were fitted, in lines."""
+    """List the ranges of slopes, depths and positions in which colours were fitted, as lines of text."""
     slopes = f"fitted: slopes up to {slope_degrees(calibration):.0f} degrees"
     if calibration.within is None:
         return [f"{slopes}; the file does not say where contacts were (`within`): colours elsewhere are extrapolated, calibrate again"]
@@ -30,7 +30,7 @@ def fitted_range(calibration: Calibration) -> list[str]:
 
 
 def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequence[Circle]) -> list[str]:
-    """Say which photographs a calibration lacks.
+    """List the photographs that a calibration lacks.
 
     Parameters
     ----------

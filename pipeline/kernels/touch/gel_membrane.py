@@ -1,4 +1,4 @@
-"""The gel around a contact: a membrane that the contact draws in, less with distance."""
+"""The gel around a contact: a membrane that the contact pulls in, less with distance."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pipeline.kernels.compiled import compiled
 
 PASSES = 2
-"""Of the exponential filter along each axis: two are nearly round."""
+"""Passes of the exponential filter along each axis: with two its response is nearly round."""
 
 
-def drawn_in(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
-    """Compute the depth to which a contact draws in the gel around it.
+def membrane_indentation(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
+    """Compute the indentation of the membrane in and around a contact.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def shade(
             slopes_y[i] = (lower[i] - upper[i]) / rise * rows / aspect
         for channel in range(3):
             to_y = lamps[channel, 1] - (row + 0.5) / rows * aspect
-            for i in range(len(heights)):  # slices from 0 on: the compiler makes vectors of it
+            for i in range(len(heights)):  # slices from 0 on: the compiler vectorises this loop
                 to_x, to_z = lamps[channel, 0] - (first + i + 0.5) / cols, lamps[channel, 2] - heights[i]
                 steepness = slopes_x[i] * slopes_x[i] + slopes_y[i] * slopes_y[i] + 1.0  # |n|²
                 squared = to_x * to_x + to_y * to_y + to_z * to_z

@@ -50,7 +50,7 @@ class Calibration(_Entry):
         Field(
             exclude_if=lambda depth: depth is None,
             description="levels per mm that the gel is pressed in, by colour and term of the position: what is nearer to the camera is lit "
-            "otherwise; by default none",
+            "differently; by default none",
         ),
     ] = None
     background: Annotated[
@@ -59,7 +59,7 @@ class Calibration(_Entry):
     ]
     shadows: Annotated[tuple[Shadow, ...], Field(description="that lamps cast behind bumps of the gel")] = ()
     steepest: Annotated[
-        float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: a steeper one has its colours, none are guessed")
+        float, Field(gt=0, le=1, description="sine of the steepest slope that was fitted: steeper ones get its colours, none are guessed")
     ] = 1.0
     deepest: Annotated[
         float,

@@ -1,4 +1,4 @@
-"""Patches of an object as reliefs: what a gel meets that is pressed onto the object from outside."""
+"""Patches of an object as reliefs: what a gel meets when it is pressed onto the object from outside."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 
 ATTEMPTS = 20
-"""Points that are tried before an object counts as one without a patch: rays pass thin parts between two pixels."""
+"""Points that are tried before an object counts as having no patch: rays may pass thin parts between two pixels."""
 
 
 def random_patch(
@@ -55,15 +55,15 @@ def random_patch(
     """
     ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
-    outside = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
+    distance = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
     for _ in range(ATTEMPTS):
         size = draw_mostly_small(scale, rng)
-        sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * outside}
-        pose = _facing(points, normals, outside, ranges.tilt, rng)
-        seen = ray_depth(faces, pose, sensor.model_copy(update=sides))
+        sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * distance}
+        pose = _facing(points, normals, distance, ranges.tilt, rng)
+        distances = ray_depth(faces, pose, sensor.model_copy(update=sides))
         depth = rng.uniform(*ranges.depth)
-        if np.isfinite(seen).any():
-            return Press("patch", press_relief(-size * seen, sensor, depth))
+        if np.isfinite(distances).any():
+            return Press("patch", press_relief(-size * distances, sensor, depth))
     raise InvalidInput(f"no ray of {ATTEMPTS} sensors meets the object; it is thinner than a pixel")
 
 
@@ -71,13 +71,13 @@ def _facing(
     points: NDArray[np.floating], normals: NDArray[np.floating], distance: float, tilt: float, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Draw the pose (4, 4) of a sensor that faces a point of a surface from a distance, tilted by up to an angle, turned at random."""
-    chosen = int(rng.integers(len(points)))
-    away = -np.asarray(normals[chosen], np.float64)
+    index = int(rng.integers(len(points)))
+    away = -np.asarray(normals[index], np.float64)
     aside = np.cross(away, rng.normal(size=3))
     aside /= np.linalg.norm(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
     z = away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away)
     z /= np.linalg.norm(z)
     pose = np.eye(4)
     pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)
-    pose[:3, 3] = np.asarray(points[chosen], np.float64) - distance * z
+    pose[:3, 3] = np.asarray(points[index], np.float64) - distance * z
     return pose

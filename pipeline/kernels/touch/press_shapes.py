@@ -85,20 +85,20 @@ def press_relief(relief: Array, sensor: Sensor, depth: float) -> Array:
     thickness = float(np.broadcast_to(gel_surface(sensor), sensor.shape)[deepest])
     if not 0 < depth < thickness:
         raise InvalidInput(f"depth is {depth} m; a press into sensor {sensor.name!r} is more than 0 and less than the gel, {thickness} m")
-    met = gel_surface(sensor) - (above - above[deepest] + depth)
-    return np.where(met > sensor.range, np.inf, np.maximum(met, 0.0))
+    distance = gel_surface(sensor) - (above - above[deepest] + depth)
+    return np.where(distance > sensor.range, np.inf, np.maximum(distance, 0.0))
 
 
 def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges | None = None, shapes: Sequence[str] | None = None) -> Press:
-    """Draw a press: a shape at a random place, turned and perhaps tilted, as deep as drawn.
+    """Draw a press: a shape of random size, place, turn, tilt and depth.
 
     Parameters
     ----------
     sensor
         Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
     rng
-        Draws everything; equal states give equal presses, for other pixel counts the same press in other pixels, but for one that lies
-        between the pixels at the rim: then another is drawn.
+        Draws everything. Equal states give equal presses, also with other pixel counts, except for a shape that lies between the pixels at
+        the rim: another is drawn in its place.
     ranges
         By default those of `PressRanges`.
     shapes
@@ -130,7 +130,7 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     x, y = np.meshgrid(*pixel_centres(sensor))
     x, y = x - middle[0], y - middle[1]
     u, v = turn[1] * x + turn[0] * y, turn[1] * y - turn[0] * x
-    relief = SHAPES[name](u, v, Drawn(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
+    relief = SHAPES[name](u, v, ShapeDraw(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
     if not (relief > -np.inf).any():  # at the rim, between the pixels
         return random_press(sensor, rng, ranges, names)
     return Press(name, press_relief(relief, sensor, depth))
@@ -147,97 +147,97 @@ def draw_direction(rng: np.random.Generator) -> tuple[float, float]:
     return float(sine), float(cosine)
 
 
-class Drawn(NamedTuple):
-    """What has been drawn for a shape: its radius and its depth in the gel, m; and what draws the rest."""
+class ShapeDraw(NamedTuple):
+    """The drawn radius and depth in the gel of a shape, m, and the generator of its other properties."""
 
     size: float
     depth: float
     rng: np.random.Generator
 
 
-def _ball(x: Array, y: Array, drawn: Drawn) -> Array:
-    return _dome(drawn.size, x**2 + y**2)
+def _ball(x: Array, y: Array, draw: ShapeDraw) -> Array:
+    return _dome(draw.size, x**2 + y**2)
 
 
-def _ellipsoid(x: Array, y: Array, drawn: Drawn) -> Array:
-    flatter, longer = drawn.rng.uniform(0.4, 1.0, 2)
-    return np.asarray(flatter * _dome(drawn.size, x**2 + (y / longer) ** 2))
+def _ellipsoid(x: Array, y: Array, draw: ShapeDraw) -> Array:
+    flatter, longer = draw.rng.uniform(0.4, 1.0, 2)
+    return np.asarray(flatter * _dome(draw.size, x**2 + (y / longer) ** 2))
 
 
-def _cone(x: Array, y: Array, drawn: Drawn) -> Array:
+def _cone(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a cone, blunt at the tip: of radius `size` at most."""
-    radius, slope = np.hypot(x, y), drawn.rng.uniform(0.2, 1.2)
-    blunt = drawn.rng.uniform(0.02, 0.4) * drawn.size
-    return np.where(radius < drawn.size, slope * (blunt - np.hypot(radius, blunt)), -np.inf)
+    radius, slope = np.hypot(x, y), draw.rng.uniform(0.2, 1.2)
+    blunt = draw.rng.uniform(0.02, 0.4) * draw.size
+    return np.where(radius < draw.size, slope * (blunt - np.hypot(radius, blunt)), -np.inf)
 
 
-def _cylinder(x: Array, y: Array, drawn: Drawn) -> Array:
+def _cylinder(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a cylinder that lies on the gel, of any length."""
-    half = drawn.rng.uniform(0.5, 4.0) * drawn.size
-    return np.where(np.abs(x) < half, _dome(drawn.size, y**2), -np.inf)
+    half = draw.rng.uniform(0.5, 4.0) * draw.size
+    return np.where(np.abs(x) < half, _dome(draw.size, y**2), -np.inf)
 
 
-def _prism(x: Array, y: Array, drawn: Drawn) -> Array:
+def _prism(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a prism of 3 to 6 sides that stands on its flat end."""
-    return -drawn.rng.uniform(*WALLS) * np.maximum(_outside(x, y, drawn), 0)
+    return -draw.rng.uniform(*WALLS) * np.maximum(_outside(x, y, draw), 0)
 
 
-def _pyramid(x: Array, y: Array, drawn: Drawn) -> Array:
+def _pyramid(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a pyramid whose tip is cut off."""
-    flat = drawn.rng.uniform(0.1, 0.6) * drawn.size
-    return -drawn.rng.uniform(0.15, 1.0) * np.maximum(_outside(x, y, drawn) + drawn.size - flat, 0)
+    flat = draw.rng.uniform(0.1, 0.6) * draw.size
+    return -draw.rng.uniform(0.15, 1.0) * np.maximum(_outside(x, y, draw) + draw.size - flat, 0)
 
 
-def _post(x: Array, y: Array, drawn: Drawn) -> Array:
+def _post(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a cylinder that stands on its flat end."""
-    return -drawn.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * drawn.size, 0)
+    return -draw.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - 0.7 * draw.size, 0)
 
 
-def _edge(x: Array, y: Array, drawn: Drawn) -> Array:
+def _edge(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a ridge with two flanks, and rounded."""
-    left, right = drawn.rng.uniform(0.15, 1.5, 2)
-    blunt, half = drawn.rng.uniform(0.01, 0.2) * drawn.size, drawn.rng.uniform(0.5, 4.0) * drawn.size
+    left, right = draw.rng.uniform(0.15, 1.5, 2)
+    blunt, half = draw.rng.uniform(0.01, 0.2) * draw.size, draw.rng.uniform(0.5, 4.0) * draw.size
     return np.where(np.abs(x) < half, -np.where(y < 0, left, right) * (np.hypot(y, blunt) - blunt), -np.inf)
 
 
-def _ring(x: Array, y: Array, drawn: Drawn) -> Array:
+def _ring(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a torus that lies on the gel."""
-    thick = drawn.rng.uniform(0.1, 0.45) * drawn.size
-    return _dome(thick, (np.hypot(x, y) - drawn.size) ** 2)
+    thick = draw.rng.uniform(0.1, 0.45) * draw.size
+    return _dome(thick, (np.hypot(x, y) - draw.size) ** 2)
 
 
-def _bumps(x: Array, y: Array, drawn: Drawn) -> Array:
-    """Make some round bumps beside each other."""
-    count = int(drawn.rng.integers(2, 9))
+def _bumps(x: Array, y: Array, draw: ShapeDraw) -> Array:
+    """Make several round bumps beside each other."""
+    count = int(draw.rng.integers(2, 9))
     tops = [
-        (drawn.rng.uniform(-1, 1, 2) * drawn.size, drawn.rng.uniform(0.1, 0.45) * drawn.size, drawn.rng.uniform(0, 0.7) * drawn.depth)
+        (draw.rng.uniform(-1, 1, 2) * draw.size, draw.rng.uniform(0.1, 0.45) * draw.size, draw.rng.uniform(0, 0.7) * draw.depth)
         for _ in range(count)
     ]
     domes = [_dome(radius, (x - at[0]) ** 2 + (y - at[1]) ** 2) - radius - lower for at, radius, lower in tops]
     return np.asarray(np.max(domes, axis=0))
 
 
-def _stairs(x: Array, y: Array, drawn: Drawn) -> Array:
+def _stairs(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a flight of stairs, with upright walls around it."""
-    tread, rise = drawn.rng.uniform(0.2, 0.8) * drawn.size, drawn.rng.uniform(0.2, 0.7) * drawn.depth
-    along = np.abs(x) / tread if drawn.rng.random() < 0.3 else (x + drawn.size) / tread  # a pyramid of steps, or one way
-    wall = drawn.rng.uniform(*WALLS)
+    tread, rise = draw.rng.uniform(0.2, 0.8) * draw.size, draw.rng.uniform(0.2, 0.7) * draw.depth
+    along = np.abs(x) / tread if draw.rng.random() < 0.3 else (x + draw.size) / tread  # a pyramid of steps, or one way
+    wall = draw.rng.uniform(*WALLS)
     steps, share = np.floor(along), along - np.floor(along)
     smooth = np.minimum(share * tread * wall / rise, 1.0)  # each step falls along a wall, from the tread before
     heights = -rise * np.maximum(steps - 1 + smooth, 0.0)
-    return np.asarray(heights - wall * np.maximum(np.maximum(np.abs(x), np.abs(y)) - drawn.size, 0))
+    return np.asarray(heights - wall * np.maximum(np.maximum(np.abs(x), np.abs(y)) - draw.size, 0))
 
 
-def _relief(x: Array, y: Array, drawn: Drawn) -> Array:
+def _relief(x: Array, y: Array, draw: ShapeDraw) -> Array:
     """Make a rough plate: waves of several lengths and directions, as deep as the press; round, with upright walls."""
     heights = np.zeros_like(x)
     for _ in range(12):
-        length, phase, (sine, cosine) = drawn.rng.uniform(0.25, 1.2) * drawn.size, drawn.rng.random(), draw_direction(drawn.rng)
+        length, phase, (sine, cosine) = draw.rng.uniform(0.25, 1.2) * draw.size, draw.rng.random(), draw_direction(draw.rng)
         turns = (cosine * x + sine * y) / length + phase
         share = 2 * (turns - np.floor(turns)) - 1
         heights += 4 * share * (1 - np.abs(share))  # nearly a sine, in fewer steps and with the same bits everywhere
-    amplitude = drawn.rng.uniform(0.05, 0.5) * drawn.depth / math.sqrt(6)  # of a standard deviation of 1
-    return amplitude * heights - drawn.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - drawn.size, 0)
+    amplitude = draw.rng.uniform(0.05, 0.5) * draw.depth / math.sqrt(6)  # of a standard deviation of 1
+    return amplitude * heights - draw.rng.uniform(*WALLS) * np.maximum(np.hypot(x, y) - draw.size, 0)
 
 
 def _dome(radius: float, squared: Array) -> Array:
@@ -246,16 +246,16 @@ def _dome(radius: float, squared: Array) -> Array:
     return np.where(inside > 0, np.sqrt(np.maximum(inside, 0)), -np.inf)
 
 
-def _outside(x: Array, y: Array, drawn: Drawn) -> Array:
-    """How far points lie beyond the sides of a polygon of 3 to 6 corners, m; negative inside: `-size` in the middle at the least."""
-    count = int(drawn.rng.integers(3, 7))
-    sines, cosines = sin_cos(2 * math.pi / count * (np.arange(count) + drawn.rng.uniform(-0.25, 0.25, count)))
-    reach = drawn.size * drawn.rng.uniform(0.6, 1.0, count)
-    sides = [cosine * x + sine * y - far for sine, cosine, far in zip(sines, cosines, reach, strict=True)]
+def _outside(x: Array, y: Array, draw: ShapeDraw) -> Array:
+    """Compute the distance of points beyond the sides of a polygon of 3 to 6 corners, m; negative inside, at least `-size`."""
+    count = int(draw.rng.integers(3, 7))
+    sines, cosines = sin_cos(2 * math.pi / count * (np.arange(count) + draw.rng.uniform(-0.25, 0.25, count)))
+    reach = draw.size * draw.rng.uniform(0.6, 1.0, count)
+    sides = [cosine * x + sine * y - offset for sine, cosine, offset in zip(sines, cosines, reach, strict=True)]
     return np.asarray(np.max(sides, axis=0))
 
 
-SHAPES: Mapping[str, Callable[[Array, Array, Drawn], Array]] = {
+SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {
     "ball": _ball,
     "ellipsoid": _ellipsoid,
     "cone": _cone,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.calibrated_shading import deformed
+from pipeline.kernels.touch.calibrated_shading import gel_indentation
 from pipeline.kernels.touch.elastic_contact import press_elastic
 from pipeline.kernels.touch.gel_surface import impression
 from pipeline.kernels.touch.sensor import Sensor
@@ -39,7 +39,7 @@ def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
     depth
         (rows, cols) D of the object in m from the sensor plane, float32 or float64, +inf where nothing is met.
     sensor
-        Gives the gel: an elastic one, or one with a membrane; one with neither is drawn in nowhere but under the object.
+        Gives the gel: elastic, or with a membrane. A gel with neither is indented only under the object.
 
     Returns
     -------
@@ -58,7 +58,7 @@ def gel_under(pressed: NDArray[np.float64], sensor: Sensor) -> PressedGel:
     if sensor.gel is not None:
         indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
         return PressedGel(indentation, pressure > 0, pressure)
-    indentation = deformed(pressed, sensor)
+    indentation = gel_indentation(pressed, sensor)
     return PressedGel(indentation, (pressed > 0) & (indentation <= pressed))
 
 
@@ -68,7 +68,7 @@ def normal_force(pressure: NDArray[np.float64], sensor: Sensor) -> float:
 
 
 def scaled_gel(sensor: Sensor, factor: float) -> Sensor:
-    """Give a sensor a membrane that is wider by a factor, or an elastic gel that is so much thicker."""
+    """Multiply the width of a sensor's membrane, or the thickness of its elastic gel, by a factor."""
     if sensor.gel is None:
         return sensor.model_copy(update={"membrane": sensor.membrane * factor})
     return sensor.model_copy(update={"gel": sensor.gel.model_copy(update={"thickness": sensor.layer_thickness * factor})})

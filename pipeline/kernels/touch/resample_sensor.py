@@ -13,7 +13,7 @@ from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor
 
 
 def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
-    """Give a sensor other numbers of pixels; its gel, optics and noise per pixel stay, and so does the view of its background.
+    """Change a sensor's number of pixels; its gel, its optics, its noise per pixel and the view of its background stay.
 
     Parameters
     ----------
@@ -45,6 +45,6 @@ def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
 
 
 def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
-    """Give a sensor square pixels, a number of them along its longer side; otherwise as `resample`."""
+    """Give a sensor square pixels, `pixels` of them along its longer side; otherwise as `resample`."""
     pitch = max(sensor.width, sensor.height) / pixels
     return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))

@@ -43,7 +43,7 @@ class Surface(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _is_one(self) -> Surface:
+    def _has_one_form(self) -> Surface:
         if (self.radius is None) == (self.heights is None):
             raise ValueError("give either a radius or heights")
         if self.radius is None and self.along != "both":
@@ -96,7 +96,7 @@ class Sensor(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _is_whole(self) -> Sensor:
+    def _is_consistent(self) -> Sensor:
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
         if self.calibrated is not None:
@@ -118,7 +118,7 @@ class Sensor(BaseModel):
     def _check_calibration(self, calibrated: Calibration) -> None:
         if self.diffuse != 1:
             raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
-        if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # mm, say
+        if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # such as mm
             raise ValueError(
                 f"calibrated.within {list(calibrated.within)} lies far beyond the gel, whose rim is {self.width / 2:g} m and "
                 f"{self.height / 2:g} m from its middle; state it in metres from there"
@@ -178,7 +178,7 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def masked_points(depth: np.ndarray, mask: NDArray[np.bool_], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the points that some pixels of a depth map see.
+    """Compute the points that the pixels of a mask see.
 
     Parameters
     ----------

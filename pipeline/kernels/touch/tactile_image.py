@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import deformed, indentation_change, polynomial_background
+from pipeline.kernels.touch.calibrated_shading import gel_indentation, indentation_change, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface, impression
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
 from pipeline.kernels.touch.optics import Calibration, Lights
@@ -49,7 +49,7 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
     instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
     values change, none by more than 1.
     """
-    return image_of_gel(deformed(impression(depth, sensor), sensor), sensor, rng)
+    return image_of_gel(gel_indentation(impression(depth, sensor), sensor), sensor, rng)
 
 
 def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
@@ -67,7 +67,7 @@ def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.rando
     (rows, cols, 3) uint8, red, green, blue.
     """
     if sensor.calibrated is None:
-        image: NDArray[Any] = _lit(indentation, sensor)
+        image: NDArray[Any] = _lamp_image(indentation, sensor)
     else:
         image = background(sensor, sensor.calibrated) + indentation_change(indentation, sensor, sensor.calibrated)
     if rng is not None and sensor.noise != "none":
@@ -125,20 +125,20 @@ def _decoded(photograph: bytes) -> NDArray[np.float64]:
     return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
 
 
-def _lit(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
-    """Shade the impression by equations 2 to 5; elsewhere keep the untouched image."""
-    rest, image = _at_rest(sensor)
+def _lamp_image(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
+    """Shade the indented pixels by equations 2 to 5; elsewhere keep the untouched image."""
+    rest, image = _resting_surface(sensor)
     image = image.copy()
     _shade(rest + bump / sensor.width if rest.any() else bump / sensor.width, rest, sensor, image)
     return image
 
 
 @lru_cache(maxsize=8)
-def _at_rest(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     """Compute the surface at rest, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
     rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
     image = np.zeros((*sensor.shape, 3), np.uint8)
-    _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # nothing is as it was: all is shaded
+    _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # NaN equals no height: every pixel is shaded
     return rest, image
 
 

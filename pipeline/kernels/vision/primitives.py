@@ -119,9 +119,9 @@ def _primitive(
 
 def _opaque(colors: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Return the colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
-    shown = (colors / 255).astype(np.float32)
-    shown[:, 3] = 1
-    return shown
+    opaque = (colors / 255).astype(np.float32)
+    opaque[:, 3] = 1
+    return opaque
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -64,7 +64,7 @@ class NamedCamera(Camera):
         return (self.resolution, self.resolution) if self.size is None else (self.size[1], self.size[0])
 
     def with_resolution(self, resolution: int) -> Camera:
-        """Return the camera with another number of pixels per side; one whose size is stated stays as it is."""
+        """Return the camera with another number of pixels per side; a camera with a `size` stays as it is."""
         return super().with_resolution(resolution) if self.size is None else self
 
 
@@ -84,7 +84,7 @@ class Scene(BaseModel):
     Attributes
     ----------
     cameras
-        One or more, with images of one size. Networks are shown the first one's.
+        One or more, with images of one size. Networks see the first camera's images.
     depth
         Whether depth images are stored.
     lamp, ambient, background
@@ -103,11 +103,11 @@ class Scene(BaseModel):
 
     @property
     def camera(self) -> NamedCamera:
-        """The first camera, whose images networks are shown."""
+        """The first camera, whose images networks see."""
         return self.cameras[0]
 
     def square_camera(self, resolution: int) -> Camera:
-        """Place a camera of square images where the first one is, to be turned and zoomed; its field of view is the shorter side's."""
+        """Make a camera of square images at the first camera's pose; its field of view is the shorter side's."""
         first = self.camera
         x, y = (resolution / min(first.shape) * length for length in first.focal)
         centre = (resolution / 2, resolution / 2)

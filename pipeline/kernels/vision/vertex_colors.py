@@ -1,4 +1,4 @@
-"""The colours that an image shows of a surface."""
+"""The colours of a surface in an image."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 
 STEEPEST = 0.1
-"""Cosine between a normal and the way to the camera, below which a vertex is on the rim, and its pixel may show the background."""
+"""Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
 OFFSET = 1e-3
 """Distance of a ray's start from the surface over the surface's extent."""
 ALIKE = 6
@@ -55,28 +55,28 @@ def seen_colors(
     """
     rows, cols = shown.shape
     eye = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
-    way = eye - vertices
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    to_camera = eye - vertices
+    to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
     places = project_points(matrix, vertices)
-    inside = ((places >= 0) & (places < [cols, rows])).all(axis=1)  # NaN behind the camera is not
-    seen = inside & ((vertex_normals(vertices, faces) * way).sum(axis=1) > STEEPEST)
+    in_image = ((places >= 0) & (places < [cols, rows])).all(axis=1)  # NaN behind the camera is not
+    seen = in_image & ((vertex_normals(vertices, faces) * to_camera).sum(axis=1) > STEEPEST)
     col, row = places[seen].astype(np.int64).T
     seen[seen] = shown[row, col]
-    seen[seen] = _free(vertices, faces, vertices[seen], way[seen])
+    seen[seen] = _are_unoccluded(vertices, faces, vertices[seen], to_camera[seen])
     colors = np.zeros((len(vertices), 3), np.uint8)
     col, row = places[seen].astype(np.int64).T
     colors[seen] = image[row, col]
     return colors, seen
 
 
-def _free(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], points: NDArray[np.float64], ways: NDArray[np.float64]
+def _are_unoccluded(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64], points: NDArray[np.float64], directions: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Tell which rays from points of the mesh, in these directions, hit nothing of it; Embree traces in float32."""
+    """Find the points of the mesh from which rays in given directions do not hit it; Embree traces in float32."""
     centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
     scene = rtcore_scene.EmbreeScene()
     mesh = TriangleMesh(scene, ((vertices - centre) / extent).astype(np.float32), faces.astype(np.int32))
-    origins = ((points - centre) / extent + OFFSET * ways).astype(np.float32)
-    hit = scene.run(origins, ways.astype(np.float32), query="OCCLUDED")  # 0 where something is hit
+    origins = ((points - centre) / extent + OFFSET * directions).astype(np.float32)
+    is_free = scene.run(origins, directions.astype(np.float32), query="OCCLUDED")  # 0 where something is hit
     del mesh  # lives as long as the scene
-    return np.asarray(hit, bool)
+    return np.asarray(is_free, bool)

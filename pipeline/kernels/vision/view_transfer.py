@@ -1,4 +1,4 @@
-"""Images as another camera would have taken them from the same place, and the training camera carried to that place.
+"""Images as another camera would have taken them from the same position, and the training camera moved to that position.
 
 Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
 
@@ -17,7 +17,7 @@ from skimage.transform import warp
 from pipeline.kernels.geometry.transforms import compose, length, solve_3x3, unit_vectors
 
 UNCHANGED = 1e-3
-"""Pixels by which an image is moved at most without being resampled."""
+"""Largest shift, pixels, at which an image is not resampled."""
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
 
@@ -79,7 +79,7 @@ def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -
 
 
 def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Turn the training camera in the place of a real one, so that it shows the target as in training.
+    """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     Parameters
     ----------
@@ -99,17 +99,17 @@ def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], tar
     the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
-    before, now = (camera_direction(matrix, target) for matrix in (training, real))
+    training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
     turned = compose(compose(rotation, _level_axes(training, target).T), _level_axes(real, target))
-    seen = training @ np.append(target, 1.0)
-    pixel, zoom = seen[:2] / seen[2], now.distance / before.distance
+    homogeneous = training @ np.append(target, 1.0)
+    pixel, zoom = homogeneous[:2] / homogeneous[2], real_direction.distance / training_direction.distance
     zoomed = np.array([[zoom, 0, (1 - zoom) * pixel[0]], [0, zoom, (1 - zoom) * pixel[1]], [0, 0, 1.0]])
     turned_matrix = compose(compose(zoomed, intrinsic), turned)
     return np.column_stack([turned_matrix, -turned_matrix @ optical_centre(real)])
 
 
 def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's place."""
+    """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's position."""
     azimuth = camera_direction(matrix, target).azimuth
     forward = unit_vectors(target - optical_centre(matrix))
     level = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -148,8 +148,8 @@ def transfer_view(
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T
-    moved = to_image @ corners
-    if image.shape[:2] == tuple(shape) and (moved[2] > 0).all() and np.abs(moved[:2] / moved[2] - corners[:2]).max() < UNCHANGED:
+    mapped = to_image @ corners
+    if image.shape[:2] == tuple(shape) and (mapped[2] > 0).all() and np.abs(mapped[:2] / mapped[2] - corners[:2]).max() < UNCHANGED:
         return image, 1.0
     shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # to pixel centres at ½ from those at whole numbers
     mapping = np.linalg.inv(shift) @ to_image @ shift
@@ -157,8 +157,8 @@ def transfer_view(
     smooth = gaussian_filter(image.astype(np.float64), ((shrinking - 1) / 2,) * 2, axes=(0, 1)) if shrinking > 1 else image
     cover = warp(np.ones(image.shape[:2]), mapping, output_shape=shape, order=1)[..., None]
     moved_image = warp(smooth.astype(np.float64), mapping, output_shape=shape, order=1)
-    made = moved_image + (1 - cover) * np.array(fill, np.float64)
-    return np.clip(np.rint(made), 0, 255).astype(np.uint8), float(cover.mean())
+    filled = moved_image + (1 - cover) * np.array(fill, np.float64)
+    return np.clip(np.rint(filled), 0, 255).astype(np.uint8), float(cover.mean())
 
 
 def _scale(homography: NDArray[np.float64], pixel: tuple[float, float]) -> float:

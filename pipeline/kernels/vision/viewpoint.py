@@ -1,4 +1,4 @@
-"""The viewpoints of 3D-R2N2's renderings, and the cameras that they mean.
+"""The viewpoints of 3D-R2N2's renderings, and their cameras.
 
 The renderings are Blender's, of ShapeNetCore meshes as their files have them: y up, about the origin, in units of the file.
 """
@@ -26,11 +26,11 @@ class Viewpoint:
     azimuth, elevation
         Degrees; azimuth 0 is +x, 90 is +z, elevation 90 straight above.
     in_plane
-        Rotation about the viewing direction, degrees: 0 in all the renderings there are.
+        Rotation about the viewing direction, degrees: 0 in all renderings.
     distance
         Over `FARTHEST`.
     field_of_view
-        Degrees; written, and never used.
+        Degrees; stored in the file, and not used.
     """
 
     azimuth: float
@@ -60,7 +60,7 @@ def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float6
     right = np.array([np.sin(a), 0.0, -np.cos(a)])
     up = np.cross(backward, right)
     frame = np.stack([right, -up, -backward])  # columns, rows and depth
-    to_camera = np.column_stack([frame, [0.0, 0.0, FARTHEST * viewpoint.distance]])  # the camera is straight behind the origin
+    to_camera = np.column_stack([frame, [0.0, 0.0, FARTHEST * viewpoint.distance]])  # the origin is straight ahead of the camera
     focal = FOCAL / SENSOR * resolution
     intrinsic = np.array([[focal, 0, resolution / 2], [0, focal, resolution / 2], [0, 0, 1]])
     return np.asarray(intrinsic @ to_camera, np.float64)

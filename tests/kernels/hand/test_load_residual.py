@@ -10,7 +10,7 @@ from pipeline.kernels.hand.load_residual import (
     CONTACT_RADIUS,
     EDGES,
     LEVER,
-    MOST_FORCE,
+    MAX_FORCE,
     NO_LOAD,
     RESIDUAL_STEP,
     Load,
@@ -35,7 +35,7 @@ def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> f
         for sign in (1, -1):
             twist = sign * 2 / 3 * friction * CONTACT_RADIUS * normal
             columns.append([*normal, *(np.cross(point, normal) + twist) / LEVER])
-    left = [2 * lsq_linear(np.array(columns).T, sign * np.eye(6)[axis], (0, MOST_FORCE)).cost for axis in range(3) for sign in (1, -1)]
+    left = [2 * lsq_linear(np.array(columns).T, sign * np.eye(6)[axis], (0, MAX_FORCE)).cost for axis in range(3) for sign in (1, -1)]
     return float(np.sqrt(np.mean(left)))
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, deformed, polynomial_background, powers
+from pipeline.kernels.touch.calibrated_shading import calibrated_change, gel_indentation, polynomial_background, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.gel_membrane import drawn_in
+from pipeline.kernels.touch.gel_membrane import membrane_indentation
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -109,7 +109,7 @@ def test_membrane_is_round_keeps_the_volume_and_has_the_asked_width() -> None:
     """Of a point: what is drawn in around it sums to it, spreads alike in all directions, with the asked standard deviation."""
     point = np.zeros((121, 141))
     point[60, 70] = 1.0
-    around = drawn_in(point, (5.0, 7.0))
+    around = membrane_indentation(point, (5.0, 7.0))
     around[60, 70] = 0.25 * sum(around[60 + i, 70 + j] for i, j in ((0, 1), (1, 0), (0, -1), (-1, 0)))  # the point's own is its depth
     rows, cols = np.indices(point.shape)
     assert around.sum() == pytest.approx(1, rel=0.01)
@@ -118,7 +118,7 @@ def test_membrane_is_round_keeps_the_volume_and_has_the_asked_width() -> None:
     distance = np.hypot((rows - 60) / 5, (cols - 70) / 7)
     ring = around[(distance > 1.95) & (distance < 2.05)]
     assert ring.max() < 2 * ring.min()
-    assert (drawn_in(point, (5.0, 7.0)) >= point).all()
+    assert (membrane_indentation(point, (5.0, 7.0)) >= point).all()
 
 
 def test_a_wall_casts_a_shadow_as_long_as_its_height_over_the_slope() -> None:
@@ -155,7 +155,7 @@ def test_noise_is_drawn_with_its_standard_deviation_and_only_where_asked() -> No
 
 def test_a_contact_keeps_its_depth_and_draws_the_gel_around_it_in() -> None:
     pressed = bump()
-    surface = deformed(pressed, SMALL)
+    surface = gel_indentation(pressed, SMALL)
     assert surface.max() == pressed.max()
     assert (surface[pressed == 0] > 0).any()
-    assert deformed(pressed, SMALL.model_copy(update={"membrane": 0.0})) is pressed
+    assert gel_indentation(pressed, SMALL.model_copy(update={"membrane": 0.0})) is pressed

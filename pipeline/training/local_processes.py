@@ -1,4 +1,4 @@
-"""Processes of this machine that are started here; a module of its own, which they import by its name and others need not."""
+"""The processes that a training starts on this machine; a separate module, which only they import."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from lightning_fabric.strategies.ddp import DDPStrategy
 from pipeline.training.processes import SILENCE
 
 
-class OwnProcesses(DDPStrategy):
-    """Processes that meet by a file in the folder that `no_process_left` gives them: torch's port would be open to the network."""
+class LocalProcesses(DDPStrategy):
+    """Processes that meet by a file in the folder of `end_children_on_interrupt`: torch's port would be open to the network."""
 
     def __init__(self) -> None:
         super().__init__(start_method="spawn", timeout=SILENCE)
