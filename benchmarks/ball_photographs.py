@@ -40,15 +40,15 @@ class BallSet:
 
 def gelsight_balls() -> BallSet:
     """Read the 48 photographs of a GelSight in Taxim's package, RGB, with their contacts as annotated there."""
-    found = importlib.util.find_spec("taxim")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("taxim")
+    if spec is None or spec.origin is None:
         raise SystemExit("the package taxim is not installed: run `make test-sensors`, which installs it into an environment of its own")
-    data = np.load(Path(found.origin).parent / "calib" / "gelsight" / "dataPack.npz")
+    data = np.load(Path(spec.origin).parent / "calib" / "gelsight" / "dataPack.npz")
     images, untouched = (np.ascontiguousarray(data[name][..., ::-1]) for name in ("imgs", "f0"))  # BGR
-    places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
-    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
-    named = enumerate(zip(images, contacts, strict=True))
-    return BallSet([Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in named], untouched, 0.002, len(images))
+    annotations = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
+    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in annotations]
+    pairs = enumerate(zip(images, contacts, strict=True))
+    return BallSet([Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in pairs], untouched, 0.002, len(images))
 
 
 def mini_balls(real: Path, diameter: str) -> BallSet:
@@ -87,8 +87,8 @@ def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[
         pressed = ball_impression(sensor, photograph.contact, float(np.exp(log_radius)))
         return float(np.abs(calibrated_change(pressed, sensor, sensor.calibrated)[contact] - change).mean())
 
-    found = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
-    return float(np.exp(found.x))
+    result = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
+    return float(np.exp(result.x))
 
 
 def write_gelsight_balls(folder: Path) -> None:
@@ -99,9 +99,9 @@ def write_gelsight_balls(folder: Path) -> None:
     with (folder / CIRCLES).open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(["name", "x", "y", "radius"])
-        for one in balls.photographs[::2]:
-            Image.fromarray(one.image).save(folder / one.name)
-            rows.writerow([one.name, one.contact.x, one.contact.y, one.contact.radius])
+        for photograph in balls.photographs[::2]:
+            Image.fromarray(photograph.image).save(folder / photograph.name)
+            rows.writerow([photograph.name, photograph.contact.x, photograph.contact.y, photograph.contact.radius])
 
 
 if __name__ == "__main__":

@@ -30,9 +30,9 @@ def measure(data: Path, turns: int) -> Table:
         for name, rule in RULES.items():
             start = time.process_time()
             fits = fit_charts(clouds, SENSOR.width, [torch.Generator().manual_seed(i) for i in range(turns)], options=rule)
-            seconds, off = (time.process_time() - start) / turns, fits.residual * 1e6
+            seconds, rms = (time.process_time() - start) / turns, fits.residual * 1e6
             steps, stopped = np.median(fits.iterations), 100 * np.mean(fits.stop_rule == StopRule.threshold)
-            table.add(f"{kind}, {name}", three_digits(seconds), steps, f"{np.median(off):.0f} / {off.max():.0f}", f"{stopped:.0f}")
+            table.add(f"{kind}, {name}", three_digits(seconds), steps, f"{np.median(rms):.0f} / {rms.max():.0f}", f"{stopped:.0f}")
     return table
 
 

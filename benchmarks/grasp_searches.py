@@ -31,7 +31,7 @@ REACHED = 0.02
 
 def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ()) -> Table:
     """Search with every settings for grasps of every object; an object that fails is counted and left out."""
-    shown = Table("Searches for grasps", ["objects", "with all held", "% held", "touches", "attempts", "s per object", "covered, %"])
+    table = Table("Searches for grasps", ["objects", "with all held", "% held", "touches", "attempts", "s per object", "covered, %"])
     surfaces = DataDirectory(data).collection(SURFACES)
     names = [name for name in object_ids or surfaces if surfaces.failure(name) is None]
     for search in searches:
@@ -51,7 +51,7 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
         share = np.mean([covered(surfaces.view(name)["points"], row) for name, row in rows.items()])
         touches = np.mean([row["touch_success"].sum(axis=1) for row in rows.values()])
         attempts = np.mean([row["attempts"] for row in rows.values()])
-        shown.add(
+        table.add(
             search,
             f"{len(rows)} of {len(names)}",
             int(held.all(axis=1).sum()),
@@ -61,7 +61,7 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
             f"{seconds:.2f}",
             f"{100 * share:.0f}",
         )
-    return shown
+    return table
 
 
 def covered(points: np.ndarray, row: Row) -> float:
@@ -76,9 +76,9 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("searches", nargs="+", help="settings of simulate-grasps, joined by commas")
     parser.add_argument("--objects", nargs="+", default=[], help="by default all")
-    chosen = parser.parse_args()
-    shown = measure(chosen.data, chosen.searches, chosen.objects)
-    print(shown.markdown(f"Commit {commit()}, {machine()}; processor seconds; covered: within {1e2 * REACHED:g} cm of a contact."))
+    arguments = parser.parse_args()
+    table = measure(arguments.data, arguments.searches, arguments.objects)
+    print(table.markdown(f"Commit {commit()}, {machine()}; processor seconds; covered: within {1e2 * REACHED:g} cm of a contact."))
 
 
 if __name__ == "__main__":

@@ -50,10 +50,10 @@ class Seen:
 def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
-    stated = grasps.first.attributes["settings"]
-    prepared = prepare_hand(GraspSettings(hand=stated["hand"], sensor=stated.get("sensor")))
-    hand, worn = prepared.hand, prepared.sensors
-    found: dict[str, list[Seen]] = {}
+    settings = grasps.first.attributes["settings"]
+    prepared = prepare_hand(GraspSettings(hand=settings["hand"], sensor=settings.get("sensor")))
+    hand, sensors = prepared.hand, prepared.sensors
+    examined: dict[str, list[Seen]] = {}
     with Simulation(hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
@@ -69,12 +69,12 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                 later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
                 after = [
                     touch_success(ray_depth(faces, at, sensor), sensor)
-                    for at, sensor in zip(sensor_poses(hand, pose, later), worn, strict=True)
+                    for at, sensor in zip(sensor_poses(hand, pose, later), sensors, strict=True)
                 ]
-                found.setdefault(object_id, []).append(
+                examined.setdefault(object_id, []).append(
                     Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )
-    return found
+    return examined
 
 
 def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
@@ -104,13 +104,13 @@ def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.
 
 def main() -> None:
     """Print the figures."""
-    seen = [grasp for found in examine(Path(sys.argv[1])).values() for grasp in found]
+    examined = [grasp for of_object in examine(Path(sys.argv[1])).values() for grasp in of_object]
     table = Table("Stored grasps", ["grasps", "≤ 1 mm inside, %", "mm inside: median / 99 % / most", "most as recorded, mm"])
     for name, closed in (("watertight", True), ("other", False)):
-        mm = 1e3 * np.array([[grasp.depth, grasp.recorded] for grasp in seen if grasp.watertight == closed]).reshape(-1, 2)
+        mm = 1e3 * np.array([[grasp.depth, grasp.recorded] for grasp in examined if grasp.watertight == closed]).reshape(-1, 2)
         if len(mm):
             table.add(name, len(mm), f"{100 * np.mean(mm[:, 0] <= 1):.1f}", quantiles(mm[:, 0]), f"{mm[:, 1].max():.3f}")
-    changed = np.array([grasp.changed for grasp in seen])
+    changed = np.array([grasp.changed for grasp in examined])
     shares = f"{100 * changed.mean():.2f} % of touches, {100 * changed.any(axis=1).mean():.2f} % of grasps"
     print(table.markdown(f"{MORE_STEPS} more steps change {shares}."))
 

@@ -55,14 +55,14 @@ def measure(data: Path, turns: int) -> Table:
     times = side_by_side({name: each(sampler, meshes) for name, sampler in samplers.items()}, turns)
     for name, sampler in samplers.items():
         judged = [_judge(mesh, sampler(mesh)) for mesh in meshes]
-        off = quantiles(np.concatenate([errors for errors, _, _ in judged]))
+        deviations = quantiles(np.concatenate([errors for errors, _, _ in judged]))
         shares = [three_digits(100 * float(np.mean([row[k] for row in judged]))) for k in (1, 2)]
-        table.add(name, times[name], times[name].over(times[OURS]), off, *shares)
+        table.add(name, times[name], times[name].over(times[OURS]), deviations, *shares)
     surfaces = DataDirectory(data).collection(SURFACES)
-    every = {name: read_mesh(surfaces.view(name)) for name in surfaces if surfaces.view(name)["ok"]}
-    ours = side_by_side({name: alone(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in every.items()}, turns)
+    meshes_by_name = {name: read_mesh(surfaces.view(name)) for name in surfaces if surfaces.view(name)["ok"]}
+    ours = side_by_side({name: alone(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in meshes_by_name.items()}, turns)
     worst = max(ours, key=lambda name: ours[name].least)
-    middle = median(taken.least for taken in ours.values())
+    middle = median(measured.least for measured in ours.values())
     note = f"Ours, of all {len(ours)} objects: median {three_digits(middle)} ms, worst {three_digits(ours[worst].least)} ms ({worst})."
     table.notes = [*table.notes, note]
     return table

@@ -68,13 +68,13 @@ def alone(call: Callable[[], object]) -> Round:
 
 def side_by_side(rounds: Mapping[K, Round], count: int) -> dict[K, Times]:
     """Time every way in turn, `count` times, after one turn to warm up."""
-    taken: dict[K, list[float]] = {name: [] for name in rounds}
+    samples: dict[K, list[float]] = {name: [] for name in rounds}
     for turn in range(count + 1):
         for name, once in rounds.items():
             milliseconds = once()
             if turn:
-                taken[name].append(milliseconds)
-    return {name: Times(min(times), median(times)) for name, times in taken.items()}
+                samples[name].append(milliseconds)
+    return {name: Times(min(times), median(times)) for name, times in samples.items()}
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -25,11 +25,11 @@ def measure(data: Path, turns: int) -> Table:
         links = [(renderer.add(mesh, Label.HAND), frames[link]) for link, mesh in hand.visual_meshes]
         handles = [renderer.add(case.mesh, Label.OBJECT) for case in cases]
         scenes = {"unoccluded image": [], "occluded image": links}
-        draw = {name: lambda handle, rest=rest: renderer.render([(handle, np.eye(4)), *rest]) for name, rest in scenes.items()}
+        draw = {name: lambda handle, posed=posed: renderer.render([(handle, np.eye(4)), *posed]) for name, posed in scenes.items()}
         times = side_by_side({name: each(call, handles) for name, call in draw.items()}, turns)
     resolution = load_scene("supplement").camera.resolution
     note = f"Mean of {len(cases)} objects, {resolution} × {resolution} pixels, processor milliseconds; least / median."
     table = Table("Vision: one image with its segmentation", ["ms per image"], [note])
-    for name, taken in times.items():
-        table.add(name, taken)
+    for name, measured in times.items():
+        table.add(name, measured)
     return table

@@ -85,6 +85,6 @@ def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndar
     return vertices, faces.astype(np.int64)
 
 
-def as_object(given: TouchObject | Source) -> TouchObject:
+def as_object(source: TouchObject | Source) -> TouchObject:
     """Take an object as it is, and load what is none yet."""
-    return given if isinstance(given, TouchObject) else load_object(given)
+    return source if isinstance(source, TouchObject) else load_object(source)

@@ -89,7 +89,7 @@ def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale:
 
 def mean_scores(scores: list[Scores]) -> Scores:
     """Average scores, each over the presses that have it."""
-    columns = np.array([[getattr(one, field.name) for field in fields(Scores)] for one in scores])
-    there = ~np.isnan(columns)
-    sums = np.where(there, columns, 0).sum(axis=0)
-    return Scores(*np.where(there.any(axis=0), sums / np.maximum(there.sum(axis=0), 1), np.nan).tolist())
+    columns = np.array([[getattr(press_scores, field.name) for field in fields(Scores)] for press_scores in scores])
+    defined = ~np.isnan(columns)
+    sums = np.where(defined, columns, 0).sum(axis=0)
+    return Scores(*np.where(defined.any(axis=0), sums / np.maximum(defined.sum(axis=0), 1), np.nan).tolist())

@@ -32,8 +32,8 @@ for panel, commands in PANELS.items():
         app.command(rich_help_panel=panel)(failures_as_words(KEPT if command in CONTINUED else AGAIN)(command))
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"vt-pipeline {version('vt-pipeline')}")
         raise typer.Exit
 

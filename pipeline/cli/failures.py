@@ -58,8 +58,8 @@ def failures_as_words(then: str = KEPT) -> Iterator[None]:
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
-            kept = ". What is finished is kept" if then == KEPT else ""
-            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{kept}")
+            note = ". What is finished is kept" if then == KEPT else ""
+            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{note}")
 
 
 @contextmanager

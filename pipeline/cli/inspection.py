@@ -61,8 +61,8 @@ def reshard(
     """
     from pipeline.store.reshard import reshard as split
 
-    written = sum(1 for _ in split(DataDirectory(data), shards))
-    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(written, 'group')} written")
+    count = sum(1 for _ in split(DataDirectory(data), shards))
+    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(count, 'group')} written")
 
 
 def collect_garbage(
@@ -102,17 +102,17 @@ def validate(
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None
-    found = problems_below(place(data), strict=strict)
-    if found:
-        found |= report_problems(place(data))
-    for path, lines in found.items():
+    problems = problems_below(place(data), strict=strict)
+    if problems:
+        problems |= report_problems(place(data))
+    for path, lines in problems.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
             print_line(f"  {line}")
-    if not found:
+    if not problems:
         fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
-    if any(found.values()) or not equal:
+    if any(problems.values()) or not equal:
         raise typer.Exit(1)
 
 
@@ -142,9 +142,9 @@ def summary(
     directory = place(data)
     print_line(str(directory.resolve()))
     show_tables(console, touch_tables(tally(directory), sensors_of(directory), paper=has_paper_sizes(directory)))
-    lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
-    if lacking:
-        print_line(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
+    missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
+    if missing:
+        print_line(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
         return
     for path in contact_sheets(directory, most):
         print_line(f"contact sheet: {path}")

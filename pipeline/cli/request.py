@@ -108,11 +108,11 @@ def make_request(
     """Turn what the shared options say into a request."""
     where = place(data or default_place(manifest, objects) / preset)
     if folder := on_disk(where):
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not there.is_dir():
-            fail(f"--data {where}: {there} is a file; name a folder")
-        if there != folder and not os.access(there, os.W_OK):
-            fail(f"--data {where} cannot be made: {there} may not be written to; name another folder")
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            fail(f"--data {where}: {existing} is a file; name a folder")
+        if existing != folder and not os.access(existing, os.W_OK):
+            fail(f"--data {where} cannot be made: {existing} may not be written to; name another folder")
     objects = objects and objects.expanduser()
     settings = resolve(stage.name, preset, assignments or ())
     check_assignments(preset, assignments or (), stage.name)

@@ -129,17 +129,17 @@ def run_plan(plan: Plan[Any]) -> None:
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = run_together(plan, console)
-        what = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
+        text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
         without_input = sum(unit.failure is not None and not plan.is_own(unit.failure) for unit in plan.units)
-        left = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
-        left += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
+        note = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
+        note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
-            left = (
+            note = (
                 "; not published, because the others were made with other settings, inputs or code: run without --object, or, to look at "
                 f"{request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
             )
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
-        print_line(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
+        print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
             for line in plan.stage.remarks(plan.settings, plan.output.shard):
                 print_line(line)

@@ -137,8 +137,8 @@ def facts_of(data: Place, frames: GraspFrames) -> Facts:
 
 def _licences(directory: DataDirectory, names: Sequence[str]) -> dict[str, int]:
     surfaces = directory.collection(SURFACES)
-    known = surfaces.shards and surfaces.first.has("licence")
-    counts = Counter(str(surfaces.view(name)["licence"]) if known else "" for name in names)
+    recorded = surfaces.shards and surfaces.first.has("licence")
+    counts = Counter(str(surfaces.view(name)["licence"]) if recorded else "" for name in names)
     return {licence or "not recorded": count for licence, count in counts.most_common()}
 
 
@@ -172,8 +172,8 @@ def card(facts: Facts, about: About, *, picture: bool) -> str:
         about.description.strip() or f"Grasps of the objects of manifest {_line(facts.name)}.",
     ]
     if picture:
-        what = "Objects without and with the hand, a second view, touched places, tactile images, depth maps"
-        parts.append(f"![{what}]({PICTURE})")
+        alt_text = "Objects without and with the hand, a second view, touched places, tactile images, depth maps"
+        parts.append(f"![{alt_text}]({PICTURE})")
     failed = f"; {facts.failed} more failed and are left out" if facts.failed else ""
     splits = [[HUB_SPLITS[split], facts.objects[split], count] for split, count in facts.grasps.items()]
     parts += [

@@ -151,8 +151,8 @@ def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
 def _write_object(grasped: GraspedObject, folder: Path) -> None:
     """Write an object's mesh and convex parts, and its volume as the mass of a density of 1."""
     (folder / "mesh").mkdir(parents=True)
-    whole = trimesh.Trimesh(grasped.own(grasped.mesh.vertices), grasped.mesh.faces, process=False)
-    whole.export(folder / "mesh" / "simplified.obj")
+    mesh = trimesh.Trimesh(grasped.own(grasped.mesh.vertices), grasped.mesh.faces, process=False)
+    mesh.export(folder / "mesh" / "simplified.obj")
     meshes = folder / "urdf" / "meshes"
     meshes.mkdir(parents=True)
     volume = 0.0

@@ -98,6 +98,6 @@ class GraspFrames:
 
 def png(image: NDArray[np.uint8]) -> bytes:
     """Write an image as PNG: lossless."""
-    written = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(written, "PNG")
-    return written.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
+    return buffer.getvalue()

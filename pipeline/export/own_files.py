@@ -50,11 +50,11 @@ def own_path(kind: Kind, name: str) -> Path:
 
 def find_files(settings: Iterable[Mapping[str, Any]]) -> dict[str, Path]:
     """Find the files of the user's own that stages with these settings read, by their paths below the folder that holds all of them."""
-    found = {path.resolve() for one in settings for kind, name in own_names(one) for path in _files(kind, name, one)}
-    if not found:
+    paths = {path.resolve() for values in settings for kind, name in own_names(values) for path in _files(kind, name, values)}
+    if not paths:
         return {}
-    root = os.path.commonpath([path.parent for path in found])
-    names = {path.relative_to(root).as_posix(): path for path in sorted(found)}
+    root = os.path.commonpath([path.parent for path in paths])
+    names = {path.relative_to(root).as_posix(): path for path in sorted(paths)}
     for name, path in names.items():
         try:
             check_file_name(name)
@@ -109,12 +109,12 @@ def place_files(recipe: Recipe, folder: Path) -> None:
     """
     digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in recipe.texts.items()} | recipe.files
     faults = []
-    for name, wanted in digests.items():
+    for name, expected in digests.items():
         if not os.path.lexists(folder / name):
             if name in recipe.files:
-                faults.append(f"{folder / name} is missing, its SHA-256 is {wanted}")
-        elif (found := hashlib.sha256(read_file(folder / name, MAX_BYTES)).hexdigest()) != wanted:
-            faults.append(f"{folder / name} has SHA-256 {found}, the recipe says {wanted}")
+                faults.append(f"{folder / name} is missing, its SHA-256 is {expected}")
+        elif (actual := hashlib.sha256(read_file(folder / name, MAX_BYTES)).hexdigest()) != expected:
+            faults.append(f"{folder / name} has SHA-256 {actual}, the recipe says {expected}")
     if faults:
         where = f"they can be had at {recipe.files_url}" if recipe.files_url else "ask who published the recipe for them"
         raise InvalidInput(

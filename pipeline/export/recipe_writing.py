@@ -74,22 +74,22 @@ def recipe_of(
     """
     directory = DataDirectory(data)
     made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-    there = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
-    made = {name: collection for name in there if (collection := directory.collection(made_by[name])).shards}
-    if DATASET[0] not in made:
+    stage_names = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
+    by_stage = {name: collection for name in stage_names if (collection := directory.collection(made_by[name])).shards}
+    if DATASET[0] not in by_stage:
         raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
-    first = made[DATASET[0]].first.record
-    named = manifest or first.options.get("--manifest", first.manifest)
-    described = load_manifest(named).with_units(first.options.get("--units"), first.options.get("--up"))
-    folder = objects or (Path(first.options["--objects"]) if "--objects" in first.options else None)
+    first_record = by_stage[DATASET[0]].first.record
+    named = manifest or first_record.options.get("--manifest", first_record.manifest)
+    described = load_manifest(named).with_units(first_record.options.get("--units"), first_record.options.get("--up"))
+    folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
     items = described.objects(folder and folder.expanduser())
     shards = directory.check_shard_count(None)
-    for name, collection in made.items():
+    for name, collection in by_stage.items():
         _check_current(_request_like(collection.first.record, name, items, data))
-    own = find_files(collection.first.record.settings for collection in made.values())
-    names = {path: name for name, path in own.items()}
-    texts, files = read_files(own)
-    collections = list(made.values())
+    description_files = find_files(collection.first.record.settings for collection in by_stage.values())
+    names = {path: name for name, path in description_files.items()}
+    texts, files = read_files(description_files)
+    collections = list(by_stage.values())
     records = [shard.record for collection in collections for shard in collection.shards]
     digits = 64 if whole else SHORT
     rows = [
@@ -98,11 +98,11 @@ def recipe_of(
     ]
     return Recipe(
         manifest=_portable(described, folder),
-        preset=first.preset,
-        seed=first.seed,
+        preset=first_record.preset,
+        seed=first_record.seed,
         shards=shards,
-        stages={name: _stage_recipe(name, collection, shards, names) for name, collection in made.items()},
-        versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first.versions},
+        stages={name: _stage_recipe(name, collection, shards, names) for name, collection in by_stage.items()},
+        versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first_record.versions},
         processors=tuple(sorted({kind for collection in collections for kind in collection.processors()})),
         texts=texts,
         files=files,
@@ -157,11 +157,11 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
 
 def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
     """Name the user's own description files as the recipe does."""
-    new = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
+    recipe_names = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
     portable = dict(settings)
     for setting in DESCRIBED.keys() & settings.keys():
         value = settings[setting]
-        portable[setting] = [new.get(name, name) for name in value] if isinstance(value, list) else new.get(value, value)
+        portable[setting] = [recipe_names.get(name, name) for name in value] if isinstance(value, list) else recipe_names.get(value, value)
     return portable
 
 

@@ -77,20 +77,20 @@ def demo(folder: Path, console: Console) -> Demo:
         No weights ship with this version, or the folder holds another dataset.
     """
     models, data = shipped_models(), folder / "data"
-    if others := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
-        raise StageError(f"{data} holds another dataset, of {min(others)} and so on; name another folder")
+    if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
+        raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
     item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
     simulate(item, data, console)
-    mesh, turntable, seen = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
+    mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
-    made = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    prediction = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
     seconds = time.perf_counter() - began
     rows = ObjectRows(data, ["occluded", "points"], None)
-    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(seen)
-    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(made), turntable)
-    assert made.closed is not None
-    apart = cloud_distances(made.closed.vertices, rows.read("points", OBJECT)).mean_distance
-    return Demo(mesh, turntable, seen, made, apart, seconds)
+    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(prediction), turntable)
+    assert prediction.closed is not None
+    mean_distance = cloud_distances(prediction.closed.vertices, rows.read("points", OBJECT)).mean_distance
+    return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
 
 
 def simulate(item: Object, data: Path, console: Console) -> None:
@@ -103,25 +103,25 @@ def simulate(item: Object, data: Path, console: Console) -> None:
                 run(plan, console)
 
 
-def reconstructed_mesh(made: Prediction) -> Mesh:
+def reconstructed_mesh(prediction: Prediction) -> Mesh:
     """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
-    assert made.closed is not None
-    closed = made.closed
+    assert prediction.closed is not None
+    closed = prediction.closed
     colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
     look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
     faces = closed.faces.astype(np.int32)
     return Mesh(closed.vertices, faces, replace(look, vertex_color=np.insert(colors, 3, 255, axis=1)))
 
 
-def draw_turntable(truth: Mesh, made: Mesh, path: Path) -> None:
+def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
     """Draw an object and its reconstruction side by side, once around, as an animated WebP."""
     scene = load_scene("supplement")
     with Renderer(scene, PIXELS) as renderer:
-        cameras, turns = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
-        for mesh in (truth, made):
+        cameras, views = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
+        for mesh in (truth, reconstruction):
             with renderer.added(mesh, Label.OBJECT) as handle:
-                turns.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
-        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*turns, strict=True)]
+                views.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
+        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*views, strict=True)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
 
 

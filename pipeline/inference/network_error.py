@@ -28,14 +28,17 @@ def error_note(reader: ObservationReader) -> str:
         The card of a network that ships cannot be read.
     """
     models, model = reader.models, reader.model
-    used = (model.configuration, model.image, model.touch)
-    alone = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
-    name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), alone)
+    model_inputs = (model.configuration, model.image, model.touch)
+    default_name = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
+    name = next(
+        (row for row, (configuration, row_inputs) in ROWS.items() if (configuration, row_inputs.image, row_inputs.touch) == model_inputs),
+        default_name,
+    )
     if note := _by_evaluation(reader, name):
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
-    if card and (of_all := card.errors.get(name, {}).get("all")):
-        mm, objects = _apart(of_all.mean), of_all.objects
+    if card and (overall := card.errors.get(name, {}).get("all")):
+        mm, objects = _apart(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
     return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
 
@@ -50,14 +53,14 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         figures = read_figures(directory.whole_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
-    found = retrieved_by(reader.model.image, reader.model.touch)
-    if name not in figures or (baseline := figures.get(found)) is None:
+    baseline_name = retrieved_by(reader.model.image, reader.model.touch)
+    if name not in figures or (baseline := figures.get(baseline_name)) is None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
     nearer = "" if ours < theirs else "warning: worse than looking up: "
     return (
         f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
-        f"the {LABELS[found.removeprefix(LOOKED_UP)]} in its place: {theirs:.1f} mm"
+        f"the {LABELS[baseline_name.removeprefix(LOOKED_UP)]} in its place: {theirs:.1f} mm"
     )
 
 

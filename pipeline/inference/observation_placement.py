@@ -90,8 +90,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
             real = moved_projection(observation.projection, to_network)
             camera = carried_camera(training, real, centre)
             fill, photograph = _background(observation.camera, model)
-            image, shown = transfer_view(photograph, real, camera, model.resolution, fill)
-            remarks += [*_view_remarks(training, real, centre, shown), *_mask_remarks(observation, box, model)]
+            image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
+            remarks += [*_view_remarks(training, real, centre, shown_share), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
     placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
@@ -125,10 +125,10 @@ def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
     """Make the turn (4, 4) by an angle about the vertical through a point."""
-    turn = np.eye(4)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    turn[:3, 3] = centre - turn[:3, :3] @ centre
-    return turn
+    rotation = np.eye(4)
+    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    rotation[:3, 3] = centre - rotation[:3, :3] @ centre
+    return rotation
 
 
 def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,8 +140,8 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
     shrinks = image.shape[0] > sensor.rows
-    made = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
-    return np.asarray(np.rint(made), np.uint8)
+    resized = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
+    return np.asarray(np.rint(resized), np.uint8)
 
 
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
@@ -152,10 +152,10 @@ def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, 
         return (red, green, blue), camera.image
     if camera.mask is None:
         return model.background, camera.image
-    kept = camera.mask
+    mask = camera.mask
     if camera.hand_mask is not None:
-        kept = kept | camera.hand_mask if model.config.image == "occluded" else kept & ~camera.hand_mask
-    return model.background, np.where(kept[..., None], camera.image, np.array(model.background, np.uint8))
+        mask = mask | camera.hand_mask if model.config.image == "occluded" else mask & ~camera.hand_mask
+    return model.background, np.where(mask[..., None], camera.image, np.array(model.background, np.uint8))
 
 
 # ---- what is said
@@ -188,15 +188,16 @@ def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
         )
 
 
-def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], shown: float) -> Iterator[str]:
-    now, before = (camera_direction(matrix, centre) for matrix in (real, training))
-    apart = abs(float(np.degrees(now.elevation - before.elevation)))
+def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], share: float) -> Iterator[str]:
+    view, training_view = (camera_direction(matrix, centre) for matrix in (real, training))
+    difference = abs(float(np.degrees(view.elevation - training_view.elevation)))
     yield (
-        f"{'warning: ' if apart > FAR_VIEW else ''}camera {now.distance:.3g} m from the object and {degrees(now.elevation)}° above "
-        f"its horizon; in training {before.distance:.3g} m and {degrees(before.elevation)}°: the views differ by {apart:.1f}°"
+        f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance:.3g} m from the object and {degrees(view.elevation)}° above "
+        f"its horizon; in training {training_view.distance:.3g} m and {degrees(training_view.elevation)}°: "
+        f"the views differ by {difference:.1f}°"
     )
-    if shown < LITTLE:
-        yield f"warning: the photograph shows {shown:.0%} of what the training camera would; the rest is background"
+    if share < LITTLE:
+        yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
 
 
 def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInputs) -> Iterator[str]:
@@ -234,7 +235,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
         yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
     if observation.untouched is None:
         yield f"untouched image: that of the model's sensor, {sensor.name}"
-    if turned := [observation.name_of(number) for number, away in enumerate(facing_away(observation, box)) if away]:
+    if turned := [observation.name_of(number) for number, is_away in enumerate(facing_away(observation, box)) if is_away]:
         yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
 
 

@@ -45,16 +45,16 @@ def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
     """Yield the photographs of a folder, and then each that appears; a file that cannot be read yet is tried again. It does not end."""
     if not folder.is_dir():
         raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
-    done: set[Path] = set()
+    read_paths: set[Path] = set()
     while True:
         for path in image_files(folder.iterdir(), leave_out):
-            if path in done:
+            if path in read_paths:
                 continue
             try:
                 image = read_image(path)
             except InvalidInput:  # half written
                 continue
-            done.add(path)
+            read_paths.add(path)
             yield path.stem, image
         time.sleep(POLL_SECONDS)
 
@@ -77,8 +77,8 @@ def camera_frames(number: int) -> Iterator[Named]:
             raise InvalidInput(f"OpenCV opens no camera {number}; is another program using it, or its number another one?")
         count = 0
         while True:
-            there, frame = capture.read()
-            if not there:
+            received, frame = capture.read()
+            if not received:
                 return
             yield f"{count:06d}", np.ascontiguousarray(frame[:, :, ::-1])  # BGR
             count += 1

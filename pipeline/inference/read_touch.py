@@ -149,8 +149,8 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
         "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
     }
     files = []
-    for what, pixels in pictures.items():
-        files.append(folder / f"{name}-{what}.png")
+    for label, pixels in pictures.items():
+        files.append(folder / f"{name}-{label}.png")
         with io.BytesIO() as content:
             Image.fromarray(pixels).save(content, "PNG")
             write_at_once(files[-1], content.getvalue(), durable=False)

@@ -47,8 +47,10 @@ def train_sensor_network(
     if settings is None:
         settings = TouchTrainingSettings()
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
-    seen = resample_longer_side(sensor, PIXELS)
-    training, watched = (random_presses(seen, count, own, gel=GEL) for count, own in ((presses, 2 * seed), (WATCHED, 2 * seed + 1)))
+    network_sensor = resample_longer_side(sensor, PIXELS)
+    training, watched = (
+        random_presses(network_sensor, count, press_seed, gel=GEL) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+    )
     with tempfile.TemporaryDirectory() as folder:
         network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
     return LocalTouchModel(network, training.sensor, training.untouched), facts

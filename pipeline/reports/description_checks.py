@@ -84,7 +84,7 @@ def is_observation(name: str) -> bool:
 
 
 def _path_of(name: str) -> Path:
-    shipped = {known: kind for kind in ENTRIES for known in shipped_files(kind)}
+    shipped = {file_name: kind for kind in ENTRIES for file_name in shipped_files(kind)}
     path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
@@ -98,8 +98,8 @@ def _kind_of(path: Path) -> str:
         raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
-        known = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
-        raise InvalidInput(f"{path} has no entries of a description file: {known}")
+        hints = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file: {hints}")
     return max(matches, key=lambda kind: matches[kind])
 
 
@@ -137,8 +137,8 @@ def _camera_line(camera: NamedCamera) -> str:
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))
     inside = np.all((pixels >= 0) & (pixels < [columns, rows]), axis=1)  # NaN, behind the camera, is not
-    away = np.linalg.norm(np.subtract(camera.position, POSITION))
-    summary = f"{camera.name}: {columns} x {rows} pixels, {away:.2f} m from the object's middle"
+    distance = np.linalg.norm(np.subtract(camera.position, POSITION))
+    summary = f"{camera.name}: {columns} x {rows} pixels, {distance:.2f} m from the object's middle"
     if not inside[0]:
         return f"fault: {summary}, which it does not see; turn it"
     return summary + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")

@@ -31,11 +31,11 @@ def examine() -> Iterator[Check]:
     yield Check(f"Python {version}", (3, 11) <= sys.version_info < (3, 14), "use Python 3.11, 3.12 or 3.13")
     attempts: list[tuple[str, Callable[[], str], str]]
     attempts = [(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .") for name in MODULES]
-    for what, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:
+    for subject, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:
         try:
-            yield Check(f"{what}: {action()}", True)
+            yield Check(f"{subject}: {action()}", True)
         except Exception as error:  # whatever a broken installation raises
-            yield Check(f"{what}: {type(error).__name__}: {error}", False, remedy)
+            yield Check(f"{subject}: {type(error).__name__}: {error}", False, remedy)
     yield Check(f"torch device: {_device()}", True)
 
 

@@ -77,9 +77,9 @@ def _positions(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _quaternions(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(T, 4) x, y, z, w, each on the side of the one before."""
-    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
-    signs = np.cumprod(np.concatenate([[1.0], np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0)]))
-    rounded = np.round(signs[:, None] * turns / TURN_STEP) * TURN_STEP
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    signs = np.cumprod(np.concatenate([[1.0], np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0)]))
+    rounded = np.round(signs[:, None] * quaternions / TURN_STEP) * TURN_STEP
     return np.asarray(rounded / np.linalg.norm(rounded, axis=1, keepdims=True))
 
 

@@ -51,24 +51,24 @@ def trial_grasps(path: Path) -> list[str]:
     radius = SHARE * opening(prepared.hand) / 2
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
     ball = Mesh.bare(POSITION + radius * sphere.vertices, np.asarray(sphere.faces))
-    thing = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
+    prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
     with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
         physics.load(ball)
-        search = GraspSearch(prepared, thing, physics, settings, TouchPlanner(prepared, thing, settings))
+        search = GraspSearch(prepared, prepared_ball, physics, settings, TouchPlanner(prepared, prepared_ball, settings))
         grasps = []
         for number in range(ATTEMPTS):
             grasps.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
             meter.advance()
     touches = [int(grasp.touched.sum()) for grasp in grasps if grasp is not None and grasp.sound]
     reasons = Counter(NO_ROOM if grasp is None else grasp.fault for grasp in grasps if grasp is None or grasp.fault)
-    tried = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
+    summary = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
     if touches:
-        tried += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
-    lines = [tried, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
+        summary += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
+    lines = [summary, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
     if not touches:
         worst = str(reasons.most_common(1)[0][0])
-        way = next(way for reason, way in REMEDIES.items() if worst.startswith(reason))
-        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {way}")
+        remedy = next(remedy for reason, remedy in REMEDIES.items() if worst.startswith(reason))
+        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {remedy}")
     elif not any(touches):
         on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
         lines.append(f"trial: {NEARER}" if on_palm else f"fault: no sensor touches the ball; {PALM}")

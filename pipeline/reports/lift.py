@@ -62,17 +62,17 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
     if "squeeze_angles" not in set(grasps):
         return []
     mesh, points = read_mesh(surface), surface["points"].astype(np.float64)
-    made = []
+    results = []
     for grasp in read_grasps(grasps, surface, sensors):
         test.load(mesh, points)
-        made.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
-    return made
+        results.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
+    return results
 
 
 def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
     """Put the closing before the motion, as far as its numbers are finite."""
-    known = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
-    count = int(known.argmin()) if not known.all() else len(motion.poses)
+    finite = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
+    count = int(finite.argmin()) if not finite.all() else len(motion.poses)
     poses = motion.poses[:count]
     share = np.linspace(0, 1, CLOSING_FRAMES)[:-1, None]
     closing = (1 - share) * grasp.pregrasp + share * grasp.joint_angles
@@ -83,11 +83,13 @@ def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
     rule = GRASP_TESTS["lift"]
     held = motion.moved <= rule.moved
     seconds = motion.interval * (count - 1)
-    way = f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"
+    description = (
+        f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"
+    )
     return Lift(
         times=np.concatenate([CLOSING_SECONDS * share[:, 0], CLOSING_SECONDS + motion.interval * np.arange(count)]),
         joint_angles=np.concatenate([closing, motion.joint_angles[:count]]),
         object_motion=np.concatenate([still, moved]),
         held=held,
-        note=f"It {'stays' if held else 'slips'}: it {way} in {seconds:.2f} s.",
+        note=f"It {'stays' if held else 'slips'}: it {description} in {seconds:.2f} s.",
     )

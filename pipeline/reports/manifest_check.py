@@ -128,28 +128,28 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     """
     manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
     objects = manifest.objects(meshes.root)
-    read, faults = list[CheckedObject](), list[str]()
+    checked, faults = list[CheckedObject](), list[str]()
     with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
         for item in objects:
             try:
-                read.append(read_object(item, "--units" if meshes.units else "manifest"))
+                checked.append(read_object(item, "--units" if meshes.units else "manifest"))
             except (InvalidInput, OSError) as error:
                 faults.append(f"fault: {item.object_id}: {error}")
             meter.advance()
-    read.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
+    checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
     sources = {item.object_id: item.source for item in objects}
-    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(read, DRAWN)}, picture)
+    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
         f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
         *_categories(objects),
         *manifest.remarks(meshes.root),
-        *_tables(read),
+        *_tables(checked),
         *_first(faults),
-        *_first([doubt for item in read if (doubt := item.doubt)]),
-        *missing_remarks({item.name: abbreviate(item.missing) for item in read if item.missing}),
+        *_first([doubt for item in checked if (doubt := item.doubt)]),
+        *missing_remarks({item.name: abbreviate(item.missing) for item in checked if item.missing}),
         *SampleSurfaces().notes(SurfaceSettings(), objects),
-        *_scaled([item.in_file for item in read if item.unit == SCALED]),
+        *_scaled([item.in_file for item in checked if item.unit == SCALED]),
         f"picture: {picture}",
     ]
 
@@ -187,30 +187,30 @@ def _unit(file: Path, metres: float | None, stated_by: str) -> str:
     """Name the unit of a file, and who states it."""
     if metres is None:
         return SCALED
-    stated = stated_units(file)[0]
-    if stated == metres:
+    stated_metres = stated_units(file)[0]
+    if stated_metres == metres:
         return f"{_sign(metres)}, its file"
-    return f"{_sign(metres)}, {stated_by}" + (f" (its file: {_sign(stated)})" if stated else "")
+    return f"{_sign(metres)}, {stated_by}" + (f" (its file: {_sign(stated_metres)})" if stated_metres else "")
 
 
 def _sign(metres: float) -> str:
     return next((sign for sign, value in METRES.items() if value == metres), f"{metres:g} m")
 
 
-def _tables(read: Sequence[CheckedObject]) -> Iterator[str]:
+def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
     """List the objects by size; where there are too many, the sizes' quantiles, and objects of unusual sizes or without their textures."""
-    if len(read) > LISTED:
-        places = [round(share * (len(read) - 1)) for share in QUANTILES.values()]
+    if len(checked) > LISTED:
+        places = [round(share * (len(checked) - 1)) for share in QUANTILES.values()]
         rows = [
-            Row([label, read[place].diagonal, read[place].in_file, read[place].faces, read[place].name])
+            Row([label, checked[place].diagonal, checked[place].in_file, checked[place].faces, checked[place].name])
             for label, place in zip(QUANTILES, places, strict=True)
         ]
         yield from table_lines(Table("", ("by size", "diagonal, m", "in its file", "faces", "object"), rows, ("", ".3g", ".3g", "", "")))
-        read = [item for item in read if item.doubt or item.missing]
-    if read:
-        yield from table_lines(Table("", COLUMNS, [item.row for item in read[:LISTED]]))
-    if len(read) > LISTED:
-        yield f"and {len(read) - LISTED} more"
+        checked = [item for item in checked if item.doubt or item.missing]
+    if checked:
+        yield from table_lines(Table("", COLUMNS, [item.row for item in checked[:LISTED]]))
+    if len(checked) > LISTED:
+        yield f"and {len(checked) - LISTED} more"
 
 
 def _first(lines: Sequence[str]) -> list[str]:
@@ -234,14 +234,14 @@ def _categories(objects: Sequence[Object]) -> list[str]:
     return _first([f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories])
 
 
-def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
-    """Draw how many objects of each category are in each split, and the meshes of those that are `shown`, by caption, as a PNG.
+def _draw(objects: Sequence[Object], drawn_sources: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
+    """Draw how many objects of each category are in each split, and the meshes of `drawn_sources`, by caption, as a PNG.
 
     Where there are many categories, the largest are drawn.
     """
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
-    bars, rows = 1 + 0.3 * len(categories), ceil(len(shown) / PER_ROW)
+    bars, rows = 1 + 0.3 * len(categories), ceil(len(drawn_sources) / PER_ROW)
     figure = Figure((8, bars + 1.9 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, PER_ROW, height_ratios=[bars, *[1.9] * rows])
     axes, left, places = figure.add_subplot(grid[0, :]), np.zeros(len(categories)), np.arange(len(categories))
@@ -253,7 +253,7 @@ def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], pic
     axes.legend()
     scene = load_scene("supplement")
     with Renderer(scene, PIXELS) as renderer:
-        for number, (caption, source) in enumerate(shown.items()):
+        for number, (caption, source) in enumerate(drawn_sources.items()):
             mesh, _, _ = normalised_mesh(source, SurfaceSettings())
             small = figure.add_subplot(grid[1 + number // PER_ROW, number % PER_ROW])
             small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))

@@ -100,7 +100,9 @@ class ObjectPages:
             size=size_note(rows["surfaces"]),
             grasps=grasps,
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
-            predictions=[{"value": made.name, "label": made.label, "best": made is best(predictions)} for made in predictions],
+            predictions=[
+                {"value": prediction.name, "label": prediction.label, "best": prediction is best(predictions)} for prediction in predictions
+            ],
             errors=errors_table(predictions) if predictions else None,
             closing=CLOSING_SECONDS if played else None,
             before=before,
@@ -160,13 +162,13 @@ class ObjectPages:
         if "vision" not in rows:
             return []
         vision = rows["vision"]
-        shown = {"camera image": vision["unoccluded"][0]}
+        images = {"camera image": vision["unoccluded"][0]}
         masks = vision["segmentation"][:1, 0]
         if "occluded" in list(vision):
-            shown["with the hand"] = vision["occluded"][number, 0]
+            images["with the hand"] = vision["occluded"][number, 0]
             masks = vision["segmentation"][[0, 1 + number], 0]
         pictures = []
-        for caption, image in shown.items():
+        for caption, image in images.items():
             part, note = enlarged(image, masks > 0)
             height, width = part.shape[:2]
             pictures.append(
@@ -198,9 +200,9 @@ def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
 
 
 def _webp(image: NDArray[np.uint8]) -> bytes:
-    written = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(written, "WEBP", quality=85)
-    return written.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "WEBP", quality=85)
+    return buffer.getvalue()
 
 
 def _inline(image: NDArray[np.uint8]) -> str:

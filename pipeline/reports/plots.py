@@ -44,16 +44,16 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
     InvalidInput
         Matplotlib does not write that format.
     """
-    known = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:] not in known:
-        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(known)}")
+    supported = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in supported:
+        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(supported)}")
     for text in figure.findobj(Text):
         if text.get_text():  # not the labels of ticks, which are written when the figure is drawn
             text.set_text(visible(text.get_text()))
             text.set_parse_math(False)
-    written = io.BytesIO()
-    figure.savefig(written, format=path.suffix[1:], **options)
-    write_at_once(path, written.getvalue())
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=path.suffix[1:], **options)
+    write_at_once(path, buffer.getvalue())
 
 
 @contextmanager
@@ -133,8 +133,8 @@ def draw_errors(
                 error, at = series[place], places.index(place) + shift
                 if np.isfinite([error.low, error.high]).all():
                     axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
-            shown = [(places.index(place) + shift, error.mean) for place, error in series.items()]
-            axes.plot(*zip(*shown, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
+            points = [(places.index(place) + shift, error.mean) for place, error in series.items()]
+            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
         ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
         if len(ends):
             axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
@@ -150,10 +150,10 @@ def _color(number: int) -> tuple[float, ...]:
 
 def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
     """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
-    chosen = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
-    figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
-    panels = figure.subplots(len(chosen), 3, squeeze=False)
-    for row, (photograph, model) in zip(panels, chosen, strict=True):
+    pairs = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
+    figure = Figure((9, 3 * len(pairs)), dpi=72, layout="constrained")
+    panels = figure.subplots(len(pairs), 3, squeeze=False)
+    for row, (photograph, model) in zip(panels, pairs, strict=True):
         difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
         part = _around(photograph)
         panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}

@@ -60,8 +60,8 @@ def versions_tables(origins: dict[str, Provenance]) -> list[Table]:
 
 def commands(directory: DataDirectory, origins: dict[str, Provenance]) -> list[str]:
     """Write the commands that make it again, one per artifact and folder but the points of sweeps: `run` would replace the model."""
-    made = outside_sweeps(origins).values()
-    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in made if origin.stage in STAGES]
+    listed = outside_sweeps(origins).values()
+    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in listed if origin.stage in STAGES]
 
 
 def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:

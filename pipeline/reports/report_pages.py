@@ -51,7 +51,7 @@ class Pages(Stored):
 
     def every_file(self) -> dict[str, str]:
         """Collect the SHA-256 of every file, by its path below the report's folder."""
-        return {name: written for card in self.objects.values() for name, written in card.files.items()} | self.files
+        return {name: sha256 for card in self.objects.values() for name, sha256 in card.files.items()} | self.files
 
 
 def read_pages(report: Place) -> Pages:

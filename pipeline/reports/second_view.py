@@ -100,14 +100,14 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
     """
     camera = scene.square_camera(resolution)
     handle, mesh = grasp.object_mesh
-    whole: PosedMesh = (handle, np.eye(4))
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
+    posed_object: PosedMesh = (handle, np.eye(4))
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     corners = grasp.squares.reshape(-1, 3)
     grip = np.vstack([*(transform_points(pose, hand.vertices) for _, hand, pose in grasp.hand), corners])
     views = [_zoomed(view, grip) for view in _around(camera, grip)]
     near = max(
         views,
-        key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [whole, *held]) * _across(view, grasp.palm),
+        key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [posed_object, *posed_hand]) * _across(view, grasp.palm),
     )
     return near, _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
 
@@ -120,13 +120,13 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
     Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
     """
     near, far = grasp_cameras(renderer, scene, resolution, grasp)
-    whole: PosedMesh = (grasp.object_mesh[0], np.eye(4))
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
+    posed_object: PosedMesh = (grasp.object_mesh[0], np.eye(4))
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     with ExitStack() as added:
         marks: list[PosedMesh] = [(added.enter_context(renderer.added(patch, Label.HAND)), np.eye(4)) for patch in grasp.patches]
-        views_of = (([whole, *held], near), ([whole, *marks], far))
-        close, apart = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
-    return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
+        views_of = (([posed_object, *posed_hand], near), ([posed_object, *marks], far))
+        close_image, far_image = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
+    return _outlined(close_image, near, grasp.squares, grasp.colors), _outlined(far_image, far, grasp.squares, grasp.colors)
 
 
 def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
@@ -139,8 +139,8 @@ def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: Grasp
     if (squeeze := grasp.squeeze) is None:
         return None
     near, _ = grasp_cameras(renderer, scene, resolution, grasp)
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
-    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *held], near, lamp_beside(scene, near)).rgb
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
+    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *posed_hand], near, lamp_beside(scene, near)).rgb
     before, after = grasp.squares.mean(axis=1), squeeze.squares.mean(axis=1)
     arrows = np.stack([before, before + EXAGGERATED * (after - before)], axis=1)
     return _outlined(image, near, squeeze.squares, grasp.colors, arrows)
@@ -181,16 +181,16 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
     """Place cameras on all sides of `points`, except near the given one."""
-    first = np.array(camera.position) - _box(points)[0]
+    front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
-    return [_towards(camera, points, away) for away in sides if away @ first < np.cos(MIN_TURN) * np.linalg.norm(first)]
+    return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]
 
 
-def _towards(camera: Camera, points: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
-    """Move the camera into the unit direction `away` from the middle of `points`, at its own distance but clear of them."""
+def _towards(camera: Camera, points: NDArray[np.float64], direction: NDArray[np.float64]) -> Camera:
+    """Move the camera to the unit `direction` from the middle of `points`, at its own distance but clear of them."""
     target, size = _box(points)
     distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(size))
-    return look_at(camera, _vector(target + distance * away), _vector(target))
+    return look_at(camera, _vector(target + distance * direction), _vector(target))
 
 
 def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -59,8 +59,8 @@ def draw(sensor: Sensor, path: Path) -> None:
     section, plan, *images = figure.subplots(1, 5)
     _section(section, sensor, ball)
     _plan(plan, sensor)
-    shown = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
-    for axes, (title, image) in zip(images, shown.items(), strict=True):
+    panels = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
+    for axes, (title, image) in zip(images, panels.items(), strict=True):
         axes.imshow(image)
         axes.set(title=title, xticks=[], yticks=[])
     save_figure(figure, path)

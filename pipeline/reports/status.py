@@ -140,8 +140,8 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     except StoreError as error:
         stale = str(error)
     files = files_below(directory.folder_path(name))
-    if gone := sorted(record.files.keys() - files.keys()):
-        raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {made_by(name, record)} again")
+    if missing := sorted(record.files.keys() - files.keys()):
+        raise StoreError(f"{directory.folder_record(name)}: {missing[0]} is missing; run {made_by(name, record)} again")
     return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, stale)
 
 

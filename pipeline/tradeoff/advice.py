@@ -109,9 +109,11 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
     plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product, choices
     for trade in trades:
         options = choices(trade, workload)
-        least = min((one.bound for one in options if one.bound > 0), default=1.0)  # stands for a bound of 0, that of the reference
+        # stands for a bound of 0, that of the reference
+        floor = min((option.bound for option in options if option.bound > 0), default=1.0)
         longer = [
-            (t + one.seconds, e + math.log(one.bound or least), (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)
+            (t + option.seconds, e + math.log(option.bound or floor), (*selected, option))
+            for (t, e, selected), option in itertools.product(plans, options)
         ]
         plans = []
         for plan in sorted(longer, key=lambda plan: plan[:2]):
@@ -136,15 +138,17 @@ def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Lim
     if all(limit.of(trade) is None for trade in trades):
         units = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
         raise InvalidInput(f"no error is measured so; there are {units}")
-    chosen = []
+    selected = []
     for trade in trades:
-        options, most = choices(trade, workload), limit.of(trade)
-        fits = [one for one in options if (most is None and not one.point.changes) or (most is not None and one.bound <= most)]
-        if not fits:
-            best = min(one.bound for one in options)
+        options, bound = choices(trade, workload), limit.of(trade)
+        fitting = [
+            option for option in options if (bound is None and not option.point.changes) or (bound is not None and option.bound <= bound)
+        ]
+        if not fitting:
+            best = min(option.bound for option in options)
             raise InvalidInput(
-                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {most:g}; allow a larger error, or "
+                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {bound:g}; allow a larger error, or "
                 "measure more accurate settings: `vt-pipeline tradeoff` with another --preset or --set"
             )
-        chosen.append(min(fits, key=lambda one: (one.seconds, one.bound)))
-    return chosen
+        selected.append(min(fitting, key=lambda option: (option.seconds, option.bound)))
+    return selected

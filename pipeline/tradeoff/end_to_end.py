@@ -96,9 +96,9 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
     metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
     facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(variants)}
     measured = setup.begin(folder, END_TO_END, _key(setup), **facts)
-    known = {point.label for point in measured.points}
+    measured_labels = {point.label for point in measured.points}
     for label, variant in variants.items():
-        if label in known:
+        if label in measured_labels:
             continue
         data = folder / file_name(label)
         if label != OWN:  # what the variant does not change is there already
@@ -133,8 +133,8 @@ def _key(setup: Setup) -> str:
 
 def _seconds(setup: Setup) -> float:
     """Foresee the seconds of a variant on one core."""
-    often = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
-    return sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+    repeats = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
+    return sum(repeats.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
 
 
 def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:

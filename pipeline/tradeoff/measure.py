@@ -106,9 +106,9 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     waiting = [stage]
     while waiting:
         loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
-        found = {makers[output] for output in names_read(loaded, settings)} - needed
-        needed |= found
-        waiting += found
+        direct = {makers[output] for output in names_read(loaded, settings)} - needed
+        needed |= direct
+        waiting += direct
     return [name for name in makers.values() if name in needed]
 
 
@@ -145,21 +145,21 @@ def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
     -------
     The settings of each, and its point without figures.
     """
-    own, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
-    listed = [own, *presets.values()]
+    user_settings, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
+    listed = [user_settings, *presets.values()]
     for changes in _declared(stage).candidates:
         with suppress(PipelineError):  # one that does not fit the user's other settings: more grasps than its attempts yield
             listed.append(setup.settings(stage, changes))
-    found: dict[str, tuple[Settings, Point]] = {}
+    points: dict[str, tuple[Settings, Point]] = {}
     for settings in listed:
-        if any(settings.results() == other.results() for other, _ in found.values()):
+        if any(settings.results() == earlier.results() for earlier, _ in points.values()):
             continue
         named = tuple(name for name, preset in presets.items() if preset.results() == settings.results())
-        mine, theirs = own.results(), settings.results()
+        mine, theirs = user_settings.results(), settings.results()
         changes = {name: value for name, value in theirs.items() if mine[name] != value}
         label = ", ".join(named or (f"{name}={value}" for name, value in changes.items())) or "your settings"
-        found[label] = settings, Point(label=label, changes=changes, presets=named, times={}, kilobytes=0, errors={})
-    return found
+        points[label] = settings, Point(label=label, changes=changes, presets=named, times={}, kilobytes=0, errors={})
+    return points
 
 
 def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
@@ -211,8 +211,8 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
-    known = {point.label for point in measured.points}
-    missing = {label: entry for label, entry in listed.items() if label not in known}
+    measured_labels = {point.label for point in measured.points}
+    missing = {label: entry for label, entry in listed.items() if label not in measured_labels}
     if not missing:
         return measured
     for name in (before := stages_before(stage, setup)):
@@ -223,7 +223,7 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         reference = linked_copy(inputs, outputs, folder / "reference")
         setup.make(stage, setup.settings(stage, trade.reference), reference, console)
     for label, (settings, point) in missing.items():
-        if len(measured.points) > len(known) and time.monotonic() > deadline:
+        if len(measured.points) > len(measured_labels) and time.monotonic() > deadline:
             break
         data = linked_copy(inputs, outputs, folder / file_name(label))
         setup.make(stage, settings, data, console)

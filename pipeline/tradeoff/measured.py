@@ -92,8 +92,8 @@ class Point(BaseModel):
         if len(values) < 2:
             return np.inf
         spread = float(values.std(ddof=1)) * np.sqrt(1 / len(values) + 1 / objects)
-        least = 300 / (trials * min(len(values), objects)) if trials else 0.0
-        return max(float(values.mean() + student.ppf(SURE, len(values) - 1) * spread), least)
+        smallest = 300 / (trials * min(len(values), objects)) if trials else 0.0
+        return max(float(values.mean() + student.ppf(SURE, len(values) - 1) * spread), smallest)
 
 
 class MeasuredTrade(BaseModel):

@@ -24,14 +24,14 @@ def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]
     """
     if len(objects) <= count:
         return list(objects)
-    chosen: set[str] = set()
+    selected: set[str] = set()
     for split in sorted({item.split for item in objects}):
         rng = numpy_rng(seed, "tradeoff-sample", split)
-        own = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
-        share = max(1, round(count * len(own) / len(objects)))
-        ends = np.linspace(0, len(own), share + 1).astype(int)  # one out of each of as many equal parts
-        chosen |= {own[int(rng.integers(first, last))].object_id for first, last in pairwise(ends)}
-    return [item for item in objects if item.object_id in chosen]
+        members = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
+        share = max(1, round(count * len(members) / len(objects)))
+        ends = np.linspace(0, len(members), share + 1).astype(int)  # one out of each of as many equal parts
+        selected |= {members[int(rng.integers(start, stop))].object_id for start, stop in pairwise(ends)}
+    return [item for item in objects if item.object_id in selected]
 
 
 def affordable(objects: Sequence[Object], seed: int, seconds: float, cost: Callable[[Sequence[Object]], float]) -> list[Object]:

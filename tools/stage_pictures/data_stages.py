@@ -47,8 +47,8 @@ def draw_surfaces(shown: Shown, path: Path) -> None:
     def cut(axes: Any) -> None:
         across, offset = cutting_plane(points)
         near = np.abs(points[:, across] - offset) < SLAB
-        seen = [axis for axis in range(3) if axis != across]
-        axes.scatter(*points[near][:, seen].T, s=4, color="C0")
+        in_plane = [axis for axis in range(3) if axis != across]
+        axes.scatter(*points[near][:, in_plane].T, s=4, color="C0")
         outline(axes, shown.mesh(), across, offset, "0.6")
         frame_cut(axes)
 
@@ -62,12 +62,12 @@ def draw_distances(shown: Shown, path: Path) -> None:
     row = shown.source.directory.collection(ARTIFACTS["distances"]).view(shown.object_id)
     points, distance = row["query_points"].astype(np.float64), row["signed_distance"]
     across, offset = cutting_plane(shown.rows["surfaces"]["points"])
-    seen = [axis for axis in range(3) if axis != across]
+    in_plane = [axis for axis in range(3) if axis != across]
 
     def cut(axes: Any) -> None:
         near = np.abs(points[:, across] - offset) < 2 * SLAB
         colors = distance[near] / CLIPPED
-        axes.scatter(*points[near][:, seen].T, s=4, c=np.sign(colors) * np.sqrt(np.abs(colors)), cmap="RdBu", vmin=-1, vmax=1)
+        axes.scatter(*points[near][:, in_plane].T, s=4, c=np.sign(colors) * np.sqrt(np.abs(colors)), cmap="RdBu", vmin=-1, vmax=1)
         outline(axes, shown.mesh(), across, offset, "black")
         frame_cut(axes)
 
@@ -99,7 +99,7 @@ def draw_touch(shown: Shown, path: Path) -> None:
     maps = [depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)]
     panels = [
         *zip(names, tactile_images, strict=True),
-        *((f"D ≥ {1e3 * depth.min():.1f} mm", one) for depth, one in zip(depths, maps, strict=True)),
+        *((f"D ≥ {1e3 * depth.min():.1f} mm", depth_map) for depth, depth_map in zip(depths, maps, strict=True)),
     ]
     draw_row(panels, path, columns=len(names))
 
@@ -111,13 +111,13 @@ def draw_presses(shown: Shown, path: Path) -> None:
     shapes, images, indentations, contacts = (row[name] for name in names)
     clear = [(abs(float(contacts[n].mean()) - CLEAR_CONTACT), n) for n in range(len(shapes))]
     best = [min(item for item in clear if shapes[item[1]] == code)[1] for code in np.unique(shapes)]
-    chosen = sorted(best, key=lambda n: clear[n])[:PRESSES]
+    selected = sorted(best, key=lambda n: clear[n])[:PRESSES]
     maps = []
-    for n in chosen:
+    for n in selected:
         grey = 60 + 195 * np.maximum(indentations[n], 0)[..., None] / indentations[n].max() * np.ones(3)
         maps.append(np.where(contacts[n][..., None], grey * CONTACT_COLOR, grey).astype(np.uint8))
-    titles = [f"{PRESSED[shapes[n]]}, {1e3 * indentations[n].max():.1f} mm" for n in chosen]
-    draw_row([*zip(titles, images[chosen], strict=True), *(("", one) for one in maps)], path, columns=len(chosen))
+    titles = [f"{PRESSED[shapes[n]]}, {1e3 * indentations[n].max():.1f} mm" for n in selected]
+    draw_row([*zip(titles, images[selected], strict=True), *(("", picture) for picture in maps)], path, columns=len(selected))
 
 
 def draw_renderings(directory: DataDirectory, path: Path) -> None:

@@ -35,13 +35,13 @@ def draw_unet(shown: Shown, path: Path) -> None:
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
     tactile_image, depth = shown.rows["touch"]["tactile_image"][shown.grasp, finger], depths[finger]
     sensor, (predicted, mask) = model.sensor, (maps[0] for maps in model.maps(tactile_image[None]))
-    apart = np.where(mask & in_gel(depth, sensor), np.abs(predicted - depth), 0)
-    error = matplotlib.colormaps["magma"](np.clip(apart / 0.5e-3, 0, 1))[..., :3]
+    difference = np.where(mask & in_gel(depth, sensor), np.abs(predicted - depth), 0)
+    error = matplotlib.colormaps["magma"](np.clip(difference / 0.5e-3, 0, 1))[..., :3]
     panels: Panels = [
         ("tactile image", tactile_image),
         ("true depth", depth_colors(depth, sensor)),
         ("predicted, where it touched", depth_colors(np.where(mask, predicted, np.inf), sensor)),
-        (f"error, mean {1e3 * apart[apart > 0].mean():.2f} mm", np.round(255 * error).astype(np.uint8)),
+        (f"error, mean {1e3 * difference[difference > 0].mean():.2f} mm", np.round(255 * error).astype(np.uint8)),
     ]
     draw_row(panels, path)
 
@@ -69,12 +69,12 @@ def reading_panels(model: LocalTouchModel, image: np.ndarray, indentation: np.nd
     def grey(depth: np.ndarray) -> np.ndarray:
         return np.clip(60 + 195 * np.maximum(depth, 0) / deepest, 0, 255)[..., None] * np.ones(3)
 
-    read, shown = grey(reading.indentation[0]), matplotlib.colormaps["magma"](np.clip(error / 0.2, 0, 1))
+    read_grey, error_colors = grey(reading.indentation[0]), matplotlib.colormaps["magma"](np.clip(error / 0.2, 0, 1))
     return [
         ("tactile image", image),
         (f"true indentation, {1e3 * deepest:.2f} mm", grey(indentation).astype(np.uint8)),
-        ("read; orange: contact", np.where(reading.contact[0][..., None], read * CONTACT_COLOR, read).astype(np.uint8)),
-        (f"error, mean {error.mean():.3f} mm", np.round(255 * shown[..., :3]).astype(np.uint8)),
+        ("read; orange: contact", np.where(reading.contact[0][..., None], read_grey * CONTACT_COLOR, read_grey).astype(np.uint8)),
+        (f"error, mean {error.mean():.3f} mm", np.round(255 * error_colors[..., :3]).astype(np.uint8)),
     ]
 
 
@@ -98,25 +98,25 @@ def _local_points(*drawn: Any) -> Callable[[Any], None]:
 def draw_deformation(shown: Shown, path: Path) -> None:
     """Draw the vision charts after each pass, then with the touch charts."""
     network, observation = shown.networks["gcn"]
-    made = []
+    reconstructions = []
     config = network.network.config
     for passes in range(config.passes + 1):
         network.network.config = config.model_copy(update={"passes": passes})  # the same weights in each pass
-        made.append(network.reconstruct([observation])[0])
+        reconstructions.append(network.reconstruct([observation])[0])
     panels: Panels = [("what is seen", observation.image)] if observation.image is not None else []
-    for passes, one in enumerate(made):
+    for passes, reconstruction in enumerate(reconstructions):
         title = f"after pass {passes}" if passes else "sphere of charts"
-        panels.append((title, shown.pictured(colored_charts(network.network.charts, one.vertices[: one.vision]))))
-    grey = int((made[-1].faces < made[-1].vision).all(axis=1).sum())
-    panels.append(("with touch charts", shown.pictured(two_coloured(made[-1].vertices, made[-1].faces, grey))))
+        panels.append((title, shown.pictured(colored_charts(network.network.charts, reconstruction.vertices[: reconstruction.vision]))))
+    grey = int((reconstructions[-1].faces < reconstructions[-1].vision).all(axis=1).sum())
+    panels.append(("with touch charts", shown.pictured(two_coloured(reconstructions[-1].vertices, reconstructions[-1].faces, grey))))
     draw_row([*panels, ("object", shown.pictured(shown.mesh()))], path)
 
 
 def draw_implicit(shown: Shown, path: Path) -> None:
     """Draw the predicted closed mesh, and a cut through it and the object."""
     network, observation = shown.networks["implicit"]
-    made = network.reconstruct([observation])[0]
-    predicted = two_coloured(made.vertices, made.faces, len(made.faces))
+    reconstruction = network.reconstruct([observation])[0]
+    predicted = two_coloured(reconstruction.vertices, reconstruction.faces, len(reconstruction.faces))
 
     def cut(axes: Any) -> None:
         plane = cutting_plane(shown.rows["surfaces"]["points"])

@@ -80,9 +80,9 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
 
     The network is the one of those trained that is given most; of implicit networks, where none was trained, the one that ships.
     """
-    found = {}
-    every = len(source.rows(object_id)["grasps"]["hand_pose"])
-    grasps = [(grasp + step) % every for step in range(every)]
+    networks = {}
+    count = len(source.rows(object_id)["grasps"]["hand_pose"])
+    grasps = [(grasp + step) % count for step in range(count)]
     for family in FAMILIES:
         trained = [name for name in source.directory.folders() if name.startswith(f"models/{family}/")]
         if trained:
@@ -93,5 +93,5 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
         else:
             continue
         rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)
-        found[family] = network, stored_observation(rows, object_id, grasps, network.config)
-    return found
+        networks[family] = network, stored_observation(rows, object_id, grasps, network.config)
+    return networks

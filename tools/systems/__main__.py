@@ -54,7 +54,7 @@ class Row:
     def cells(self) -> list[str]:
         """Write the line's cells."""
         minutes = ["failed" if spent is None else f"{spent:.1f}" for spent in self.minutes]
-        return [self.system, self.python, self.user, *minutes, " ".join(one[:8] for one in self.digests.values()) or "–"]
+        return [self.system, self.python, self.user, *minutes, " ".join(digest[:8] for digest in self.digests.values()) or "–"]
 
 
 def try_commands(row: Row, commands: list[str], run: Run, log_file: Path, as_root: Run | None = None) -> None:
@@ -97,8 +97,10 @@ def clone_into(folder: Path) -> Path:
 def run_here(command: str, log: IO[str], folder: Path) -> int:
     """Run a shell command in a folder of this machine, with nothing of the environment but how registries are reached."""
     environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ} | network_variables()
-    done = subprocess.run(command, shell=True, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
-    return done.returncode
+    process = subprocess.run(
+        command, shell=True, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False
+    )
+    return process.returncode
 
 
 def try_debian(name: str, user: str, arguments: argparse.Namespace) -> Row:
@@ -126,12 +128,12 @@ def try_python(name: str, arguments: argparse.Namespace) -> Row:
     """Run the commands on this system with another Python: one on the path, of pyenv, or of uv."""
     row = Row("this machine", "root" if os.geteuid() == 0 else "not root")
     clone = clone_into(arguments.folder / name)
-    version, (first, *others) = name.removeprefix("python-"), arguments.commands
+    version, (first_command, *other_commands) = name.removeprefix("python-"), arguments.commands
     of_pyenv = sorted(Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python"))
     python = next(map(str, of_pyenv), None) or shutil.which(f"python{version}")  # pyenv's programs on the path run chosen versions alone
     create = f"{shlex.quote(python)} -m venv .venv" if python else f"uv venv --quiet --seed --python {version} .venv"
     run = partial(run_here, folder=clone)
-    try_commands(row, [f"{create} && {first}", *others], run, arguments.folder / f"{name}.log")
+    try_commands(row, [f"{create} && {first_command}", *other_commands], run, arguments.folder / f"{name}.log")
     examine(row, run, clone)
     return row
 
@@ -160,12 +162,12 @@ def try_wheel(arguments: argparse.Namespace) -> Row:
     venv, source = f"{shlex.quote(sys.executable)} -m venv .venv", shlex.quote(str(clone))
     pip = ".venv/bin/python -m pip --quiet --disable-pip-version-check"
     install = f"{venv} && {pip} wheel --no-deps -w . {source} && {pip} install -c {source}/constraints.txt *.whl"
-    used = [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.COMMANDS]
-    used += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
-    used += [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.LATER]
-    used += [f"test -s {name}" for name in wheel.WRITTEN]
+    commands = [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.COMMANDS]
+    commands += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
+    commands += [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.LATER]
+    commands += [f"test -s {name}" for name in wheel.WRITTEN]
     run = partial(run_here, folder=folder)
-    steps = [install, " && ".join(used)]
+    steps = [install, " && ".join(commands)]
     try_commands(row, steps if len(arguments.commands) > 1 else [" && ".join(steps)], run, arguments.folder / "wheel.log")
     row.minutes += [None] * (len(arguments.commands) - 2)
     examine(row, run, folder)
