@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.cases import touched_objects
-from benchmarks.timing import Table, alone, side_by_side
+from benchmarks.timing import Table, side_by_side, single_call
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.metrics.chamfer import chamfer
 
@@ -41,7 +41,8 @@ def measure(data: Path, turns: int) -> Table:
     first, second = (torch.tensor(sample_exterior(mesh, POINTS, rng)[0], dtype=torch.float32) for _ in range(2))
     pairs = [(first, second), (first, second + torch.tensor([0.05, 0.0, 0.0]))]
     times = [
-        side_by_side({name: alone(lambda w=method, a=a, b=b: _step(w, a, b)) for name, method in methods.items()}, turns) for a, b in pairs
+        side_by_side({name: single_call(lambda w=method, a=a, b=b: _step(w, a, b)) for name, method in methods.items()}, turns)
+        for a, b in pairs
     ]
     for name, method in methods.items():
         error = max(abs(float(method(a, b)) / float(all_pairs(a.double(), b.double())) - 1) for a, b in pairs)

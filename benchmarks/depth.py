@@ -56,7 +56,7 @@ def measure(data: Path, turns: int) -> Table:
     )
     rng = np.random.default_rng(0)
     large = [wavy_ball(number, rng) for number in SUBDIVISIONS]
-    methods = _ways(table, [*cases, *large], sensor)
+    methods = _depth_methods(table, [*cases, *large], sensor)
     cells: dict[str, list[object]] = {name: [] for name in methods}
     for group, start in ((cases, 0), *(([ball], len(cases) + number) for number, ball in enumerate(large))):
         depth_rounds = {
@@ -97,7 +97,7 @@ def wavy_ball(subdivisions: int, rng: np.random.Generator) -> Case:
     return Case("ball", mesh, np.stack([press(mesh.triangles, rng) for _ in range(POSES)]))
 
 
-def _ways(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
+def _depth_methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
     """Make every way to a depth map: for each case, a function of the pose."""
     faces = [box_faces(case.mesh.triangles) for case in cases]
     methods: dict[str, list[DepthOf]] = {
@@ -163,10 +163,10 @@ def rasterised_depth(context: OpenGLContext, mesh: Mesh, sensor: Sensor, eye: fl
 def _errors(cases: Sequence[Case], depth_of: list[DepthOf], true_depth_of: list[DepthOf], sensor: Sensor) -> tuple[str, str, str]:
     pairs = [(depth_of[i](pose), true_depth_of[i](pose)) for i, case in enumerate(cases) for pose in case.poses]
     levels = np.concatenate([np.abs(tactile_image(a, sensor).astype(int) - tactile_image(b, sensor)).ravel() for a, b in pairs])
-    return (*_off(pairs, sensor), f"{levels.mean():.3f} / {levels.max()}")
+    return (*_format_differences(pairs, sensor), f"{levels.mean():.3f} / {levels.max()}")
 
 
-def _off(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:
+def _format_differences(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:
     """Format depth differences in the gel, and the share of pixels that are in the gel in one map only."""
     in_both = [(a < sensor.w) & (b < sensor.w) for a, b in pairs]
     differences = UM * np.concatenate([np.abs(a[met] - b[met]) for (a, b), met in zip(pairs, in_both, strict=True)])

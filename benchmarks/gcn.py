@@ -27,7 +27,7 @@ TWIN_BATCH = 2
 """Items of the twin's step, which is scaled to `BATCH`: all of them would take minutes."""
 SENSORS = 4
 Forward = Callable[..., Tensor]
-Given = dict[str, Any]
+StepInputs = dict[str, Any]
 
 
 def measure(data: Path, turns: int) -> Table:
@@ -48,7 +48,7 @@ def measure(data: Path, turns: int) -> Table:
     return table
 
 
-def batch(items: int, grasps: int) -> Given:
+def batch(items: int, grasps: int) -> StepInputs:
     """Make the inputs of a step: random images, and touch charts strewn about the object."""
     generator = torch.Generator().manual_seed(0)
     charts = items * grasps * SENSORS

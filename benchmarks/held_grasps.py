@@ -29,31 +29,31 @@ from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
-Found = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
+HoldResults = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
 """By test and engine: of every grasp, object by object, whether it holds; and processor seconds per grasp."""
 
 
-def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> Found:
+def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> HoldResults:
     """Test every stored grasp, several objects at once."""
     grasps = DataDirectory(data).collection(GRASPS)
     usable = [name for name in grasps if grasps.failure(name) is None]
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         objects = list(pool.map(partial(measure_object, data, tests, engines), usable))
-    results: Found = {}
+    results: HoldResults = {}
     for key in objects[0]:
         held = np.concatenate([of_object[key][0] for of_object in objects])
         results[key] = held, sum(of_object[key][1] * len(of_object[key][0]) for of_object in objects) / len(held)
     return results
 
 
-def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> Found:
+def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> HoldResults:
     """Test the stored grasps of one object."""
     surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
     stored = read_grasps(grasps.view(object_id), surface, sensors)
-    results: Found = {}
+    results: HoldResults = {}
     for name in tests:
         for engine in engines:
             with open_test(GRASP_TESTS[name], engine, hand, sensors) as test:
@@ -64,7 +64,7 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     return results
 
 
-def table(results: Found, engines: Sequence[Engine]) -> Table:
+def table(results: HoldResults, engines: Sequence[Engine]) -> Table:
     """Tabulate shares of grasps."""
     shares = Table("Held grasps", ["grasps", *(f"{engine}: share, s per grasp" for engine in engines), "agree"])
     for name in dict.fromkeys(test for test, _ in results):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from benchmarks.timing import Table, each, quantiles, side_by_side
+from benchmarks.timing import Table, over_items, quantiles, side_by_side
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel
@@ -38,7 +38,7 @@ def measure(data: Path, turns: int) -> Table:
         "elastic half-space: surface and pressure": lambda depth: press_gel(depth, deep),
         "elastic gel of 4 mm: tactile image": lambda depth: tactile_image(depth, layer),
     }
-    times = side_by_side({name: each(call, depths) for name, call in calls.items()}, turns)
+    times = side_by_side({name: over_items(call, depths) for name, call in calls.items()}, turns)
     note = f"{PRESSES} random presses of a GelSight with {SIZE} pixels. Processor milliseconds of one core; ratios of the least means."
     table = Table(
         "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "a press, ms: median / 99 % / most"], [note]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.ball_photographs import BallSet, gelsight_balls, mini_balls, recovered_radius
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
-from benchmarks.timing import Table, alone, side_by_side
+from benchmarks.timing import Table, side_by_side, single_call
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import render_contact
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
@@ -162,7 +162,7 @@ def _render(taxim: Any, shadow: bool, heights: NDArray[np.float32]) -> NDArray[n
 
 def least_ms(call: Callable[[], object], turns: int = 9) -> float:
     """Measure the least processor milliseconds of a call."""
-    return side_by_side({"": alone(call)}, turns)[""].least
+    return side_by_side({"": single_call(call)}, turns)[""].least
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import zarr
 from zarr.storage import LocalStore
 
-from benchmarks.timing import Table, each, side_by_side, three_digits
+from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import group_spec
 from schemas.touch import TOUCH
@@ -101,7 +101,7 @@ def compare(table: Table, formats: dict[str, Format], arrays: Arrays, turns: int
             lambda name: _read(*formats[name], folders[name], MAPS, GRASP),
         )
         write_times, read_times, grasp_times = (
-            side_by_side({name: each(operation, [name]) for name in formats}, turns) for operation in operations
+            side_by_side({name: over_items(operation, [name]) for name in formats}, turns) for operation in operations
         )
         sizes = {name: [path.stat().st_size for path in folder.rglob("*") if path.is_file()] for name, folder in folders.items()}
         for name in formats:

@@ -37,7 +37,7 @@ POINTS = 200_000
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ExaminedGrasp:
     """A stored grasp: how deep it is, measured and as recorded, m; which sensors touch, and for which 500 steps change that."""
 
     depth: float
@@ -47,13 +47,13 @@ class Seen:
     watertight: bool
 
 
-def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
+def examine(data: Path, points: int = POINTS) -> dict[str, list[ExaminedGrasp]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
     settings = grasps.first.attributes["settings"]
     prepared = prepare_hand(GraspSettings(hand=settings["hand"], sensor=settings.get("sensor")))
     hand, sensors = prepared.hand, prepared.sensors
-    examined: dict[str, list[Seen]] = {}
+    examined: dict[str, list[ExaminedGrasp]] = {}
     with Simulation(hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
@@ -72,7 +72,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                     for at, sensor in zip(sensor_poses(hand, pose, later), sensors, strict=True)
                 ]
                 examined.setdefault(object_id, []).append(
-                    Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
+                    ExaminedGrasp(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )
     return examined
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.cases import touched_objects
-from benchmarks.timing import Table, alone, each, quantiles, side_by_side, three_digits
+from benchmarks.timing import Table, over_items, quantiles, side_by_side, single_call, three_digits
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest, sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
@@ -52,7 +52,7 @@ def measure(data: Path, turns: int) -> Table:
         **{f"voxel carving, {n}³": lambda mesh, n=n: _carved(mesh, n) for n in VOXELS},
     }
     meshes = [case.mesh for case in cases]
-    times = side_by_side({name: each(sampler, meshes) for name, sampler in samplers.items()}, turns)
+    times = side_by_side({name: over_items(sampler, meshes) for name, sampler in samplers.items()}, turns)
     for name, sampler in samplers.items():
         judged = [_judge(mesh, sampler(mesh)) for mesh in meshes]
         deviations = quantiles(np.concatenate([errors for errors, _, _ in judged]))
@@ -60,7 +60,7 @@ def measure(data: Path, turns: int) -> Table:
         table.add(name, times[name], times[name].over(times[OURS]), deviations, *shares)
     surfaces = DataDirectory(data).collection(SURFACES)
     meshes_by_name = {name: read_mesh(surfaces.view(name)) for name in surfaces if surfaces.view(name)["ok"]}
-    ours = side_by_side({name: alone(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in meshes_by_name.items()}, turns)
+    ours = side_by_side({name: single_call(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in meshes_by_name.items()}, turns)
     worst = max(ours, key=lambda name: ours[name].least)
     middle = median(measured.least for measured in ours.values())
     note = f"Ours, of all {len(ours)} objects: median {three_digits(middle)} ms, worst {three_digits(ours[worst].least)} ms ({worst})."

@@ -49,7 +49,7 @@ def quantiles(values: Any) -> str:
     return " / ".join(three_digits(float(np.quantile(values, q))) for q in (0.5, 0.99, 1))
 
 
-def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
+def over_items(call: Callable[[T], object], items: Sequence[T]) -> Round:
     """Make a round that calls with every item, and returns the mean milliseconds of one call."""
 
     def once() -> float:
@@ -61,9 +61,9 @@ def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
     return once
 
 
-def alone(call: Callable[[], object]) -> Round:
+def single_call(call: Callable[[], object]) -> Round:
     """Make a round of one call without arguments."""
-    return each(lambda _: call(), [None])
+    return over_items(lambda _: call(), [None])
 
 
 def side_by_side(rounds: Mapping[K, Round], count: int) -> dict[K, Times]:

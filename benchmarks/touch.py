@@ -74,7 +74,9 @@ def measure(data: Path, turns: int) -> Table:
         rounds |= {name: _taxim_round(taxim, cases, *variant) for name, variant in zip(taxim_names, variants, strict=True)}
     times = side_by_side(rounds, turns)
     errors = {
-        OURS: np.concatenate([_off(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)])
+        OURS: np.concatenate(
+            [_mesh_distances(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)]
+        )
     }
     with table.peer(*SIZES):
         for name, (measured, distances) in tacto(cases, small, turns).items():
@@ -139,13 +141,13 @@ def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[
         measured = {}
         for name, (width, height) in SIZES.items():
             points = [np.load(Path(folder) / f"{number}-{width}-{height}.npy") for number in range(len(cases))]
-            distances = np.concatenate([_off(case, cloud) for case, cloud in zip(cases, points, strict=True)])
+            distances = np.concatenate([_mesh_distances(case, cloud) for case, cloud in zip(cases, points, strict=True)])
             ms = np.load(Path(folder) / f"ms-{width}-{height}.npy").tolist()
             measured[name] = Times(min(ms), median(ms)), distances
         return measured
 
 
-def _off(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mesh_distances(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute distances from the mesh, µm."""
     squared = igl.point_mesh_squared_distance(points, case.mesh.vertices, case.mesh.faces.astype(np.int64))[0]
     return np.asarray(1e6 * np.sqrt(squared))

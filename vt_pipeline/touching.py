@@ -26,7 +26,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 
-WORTH_A_PROCESS = 32
+MIN_TOUCHES_PER_PROCESS = 32
 """Touches that a process is started for at least."""
 
 
@@ -196,7 +196,7 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
             depth[number], image[number] = single.depth, single.image
 
     cores = len(os.sched_getaffinity(0)) if workers is None else workers
-    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
+    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // MIN_TOUCHES_PER_PROCESS)) if workers is None else cores)
     return Touches(sensor, checked, depth, image)
 
 

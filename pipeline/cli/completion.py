@@ -20,17 +20,17 @@ from stages.registry import STAGES, load_settings_type
 
 def complete_stage(incomplete: str) -> list[str]:
     """Complete the name of a stage."""
-    return _beginning(incomplete, STAGES)
+    return _with_prefix(incomplete, STAGES)
 
 
 def complete_preset(incomplete: str) -> list[str]:
     """Complete the name of a preset."""
-    return _beginning(incomplete, load_presets())
+    return _with_prefix(incomplete, load_presets())
 
 
 def complete_described(*kinds: Kind) -> Callable[[str], list[str]]:
     """Make a function that completes the name of a shipped file of these kinds; the shell completes paths."""
-    return lambda incomplete: _beginning(incomplete, [name for kind in kinds for name in shipped_files(kind)])
+    return lambda incomplete: _with_prefix(incomplete, [name for kind in kinds for name in shipped_files(kind)])
 
 
 def complete_object(context: typer.Context, incomplete: str) -> list[str]:
@@ -39,14 +39,14 @@ def complete_object(context: typer.Context, incomplete: str) -> list[str]:
         objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
     except (PipelineError, OSError):
         return []
-    return _beginning(incomplete, (item.object_id for item in objects))
+    return _with_prefix(incomplete, (item.object_id for item in objects))
 
 
 def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
     """Complete the name of an object of the data directory."""
     data = context.params.get("data")
     try:
-        return _beginning(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
+        return _with_prefix(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
     except (PipelineError, OSError):
         return []
 
@@ -60,7 +60,7 @@ def complete_setting(incomplete: str) -> list[str]:
     if equals:
         stage, _, name = before.partition(".")
         fields = load_settings_type(stage).model_fields if stage in STAGES else {}
-        return [f"{before}={value}" for value in _beginning(text, _values(name, fields[name]) if name in fields else ())]
+        return [f"{before}={value}" for value in _with_prefix(text, _values(name, fields[name]) if name in fields else ())]
     stages = [name for name in STAGES if f"{name}.".startswith(incomplete) or incomplete.startswith(f"{name}.")]
     if len(stages) != 1:
         return [f"{name}." for name in stages]
@@ -80,5 +80,5 @@ def _values(name: str, field: FieldInfo) -> list[str]:
     return [choice if isinstance(choice, str) else json.dumps(choice) for choice in choices]
 
 
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+def _with_prefix(incomplete: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]

@@ -18,11 +18,11 @@ from pipeline.console import errors
 from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
-KEPT = "what is finished is kept, run the same command to continue"
-AGAIN = "run the same command again"
+CONTINUE_HINT = "what is finished is kept, run the same command to continue"
+REPEAT_HINT = "run the same command again"
 """What to do after a command was stopped: one that makes many things keeps those it made, others begin again."""
 
-AGAIN_SECONDS = 0.5
+RAISE_AGAIN_SECONDS = 0.5
 """After which Ctrl-C is raised again where it was swallowed."""
 
 
@@ -37,13 +37,13 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 
 
 @contextmanager
-def failures_as_words(then: str = KEPT) -> Iterator[None]:
+def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
     """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command.
 
     Parameters
     ----------
     then
-        What to do after it was stopped: `KEPT` or `AGAIN`.
+        What to do after it was stopped: `CONTINUE_HINT` or `REPEAT_HINT`.
     """
     with _stoppable(then) as stopped:
         try:
@@ -58,7 +58,7 @@ def failures_as_words(then: str = KEPT) -> Iterator[None]:
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
-            note = ". What is finished is kept" if then == KEPT else ""
+            note = ". What is finished is kept" if then == CONTINUE_HINT else ""
             fail(f"this is a bug in vt-pipeline; please report it with the traceback above{note}")
 
 
@@ -75,8 +75,8 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
         if number != signal.SIGALRM:
             stopped[:] = [_Terminated if number == signal.SIGTERM else KeyboardInterrupt]
         if os.getpid() == process:  # a forked one is ended by this one
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
-        if not _is_on_its_way(sys.exception()):
+            signal.setitimer(signal.ITIMER_REAL, RAISE_AGAIN_SECONDS)
+        if not _is_interrupting(sys.exception()):
             raise stopped[0]
 
     def hide(unraisable: sys.UnraisableHookArgs) -> None:
@@ -100,7 +100,7 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
             signal.signal(number, handler)
 
 
-def _is_on_its_way(error: BaseException | None) -> bool:
+def _is_interrupting(error: BaseException | None) -> bool:
     """Tell whether Ctrl-C, or an error that came of it, is being handled: then what was opened is being closed."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__

@@ -122,7 +122,7 @@ def doctor() -> None:
 
     healthy = True
     for check in examine():
-        console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.what)}")
+        console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.subject)}")
         if not check.ok:
             print_line(f"        {check.remedy}")
             healthy = False

@@ -163,7 +163,7 @@ def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = P
 
     result = show(folder, console)
     closed = result.prediction.closed
-    print_line(f"{result.seen}: the one image, with the hand in it; {result.prediction.touched.sum()} fingers touched")
+    print_line(f"{result.image}: the one image, with the hand in it; {result.prediction.touched.sum()} fingers touched")
     print_line(f"{result.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {result.seconds:.0f} s")
     print_line(f"{result.turntable}: the object, and its reconstruction, {1e3 * result.distance:.1f} mm from it on average")
 

@@ -14,7 +14,7 @@ from pipeline.cli.failures import fail
 from pipeline.console import pluralise, print_line
 
 if TYPE_CHECKING:
-    from pipeline.inference.photograph_stream import Named
+    from pipeline.inference.photograph_stream import NamedPhotograph
 
 MM, MM2 = 1e3, 1e6
 
@@ -48,7 +48,7 @@ def read_touch(
         fail(f"--out {out} is the folder of the photographs, among which what is written would be read; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model)
     print_line(f"read by {reader.network}")
-    stream: Iterator[Named]
+    stream: Iterator[NamedPhotograph]
     if camera is not None:
         stream = camera_frames(camera)
     else:

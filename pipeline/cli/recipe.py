@@ -33,7 +33,7 @@ def recipe(
     """
     from pipeline.export.recipe_writing import recipe_of
 
-    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, whole=rows).text(), nl=False)
+    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, full_digests=rows).text(), nl=False)
 
 
 def remake(

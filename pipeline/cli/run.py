@@ -125,7 +125,7 @@ def run_plan(plan: Plan[Any]) -> None:
         run_together(plan, console)
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        _warn_of_little_room(plan)
+        _warn_of_low_disk_space(plan)
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = run_together(plan, console)
@@ -149,7 +149,7 @@ def run_plan(plan: Plan[Any]) -> None:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
 
 
-def _warn_of_little_room(plan: Plan[Any]) -> None:
+def _warn_of_low_disk_space(plan: Plan[Any]) -> None:
     """Warn where the disk has less room than the stage expects to write."""
     folder = on_disk(plan.request.data)
     if folder is None:

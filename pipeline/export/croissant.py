@@ -12,9 +12,9 @@ from pipeline.export.dataset_card import CITATION, COLLECTION, HUB_SPLITS, LIMIT
 from pipeline.export.grasp_frames import Column
 
 CONFORMS = ("http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0")
-_OWN = """annotation arrayShape citeAs column containedIn equivalentProperty excludes extract field fileProperty fileObject fileSet format
-includes isArray isLiveDataset jsonPath key md5 parentField path readLines recordSet references regex repeated replace samplingRate
-sdVersion separator source subField transform unArchive value"""
+_CROISSANT_TERMS = """annotation arrayShape citeAs column containedIn equivalentProperty excludes extract field fileProperty fileObject
+fileSet format includes isArray isLiveDataset jsonPath key md5 parentField path readLines recordSet references regex repeated replace
+samplingRate sdVersion separator source subField transform unArchive value"""
 CONTEXT: dict[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
@@ -24,7 +24,7 @@ CONTEXT: dict[str, Any] = {
     "dct": "http://purl.org/dc/terms/",
     "prov": "http://www.w3.org/ns/prov#",
     "conformsTo": "dct:conformsTo",
-    **{name: f"cr:{name}" for name in _OWN.split()},
+    **{name: f"cr:{name}" for name in _CROISSANT_TERMS.split()},
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "examples": {"@id": "cr:examples", "@type": "@json"},

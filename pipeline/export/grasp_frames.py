@@ -53,10 +53,10 @@ class GraspFrames:
         directory = DataDirectory(data)
         touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
         images = [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
-        self._arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
-        self._felt = ["tactile_image", "depth"] if touch.shards else []
-        self._seen = images
-        self.rows = ObjectRows(data, [*self._arrays, *self._felt, *self._seen], split=None)
+        self._grasp_arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+        self._touch_arrays = ["tactile_image", "depth"] if touch.shards else []
+        self._image_arrays = images
+        self.rows = ObjectRows(data, [*self._grasp_arrays, *self._touch_arrays, *self._image_arrays], split=None)
         grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
@@ -71,11 +71,11 @@ class GraspFrames:
         """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""
         for grasp in range(self.grasps):
             frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
-            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._arrays}
-            for name in self._felt:
+            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._grasp_arrays}
+            for name in self._touch_arrays:
                 values = self.rows.read(name, object_id, grasp)
                 frame |= {f"{name}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
-            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._seen}
+            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._image_arrays}
             yield frame
 
     def _describe(self) -> dict[str, Column]:
@@ -87,11 +87,11 @@ class GraspFrames:
             "hand_pose": Column("float64", (4, 4)),
             "sensor_pose": Column("float64", (len(fingers), 4, 4), fingers),
         }
-        if self._felt:
+        if self._touch_arrays:
             rows, cols = (self.rows.size("depth", dim) for dim in ("row", "col"))
             columns |= {f"tactile_image.{finger}": Column("image", (rows, cols, 3)) for finger in fingers}
             columns |= {f"depth.{finger}": Column("float32", (rows, cols)) for finger in fingers}
-        for name in self._seen:
+        for name in self._image_arrays:
             columns[name] = Column("image", (*(self.rows.size(name, dim) for dim in ("row", "col")), 3))
         return columns
 

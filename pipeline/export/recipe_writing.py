@@ -48,7 +48,7 @@ def source_hash(source: Mapping[str, Any]) -> str:
 
 
 def recipe_of(
-    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, whole: bool = False
+    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, full_digests: bool = False
 ) -> Recipe:
     """Make the recipe of a dataset.
 
@@ -62,8 +62,8 @@ def recipe_of(
         The folder of meshes; by default what the records say.
     files_url
         The web address of the user's own hand, sensor and scene files of which the recipe has only the SHA-256.
-    whole
-        Give the whole digest of every row.
+    full_digests
+        Whether to give all 64 digits of every row's digest.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def recipe_of(
     texts, files = read_files(description_files)
     collections = list(by_stage.values())
     records = [shard.record for collection in collections for shard in collection.shards]
-    digits = 64 if whole else SHORT
+    digits = 64 if full_digests else SHORT
     rows = [
         (item.object_id, RecipeRow(_readable_hash(item), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
         for item in items

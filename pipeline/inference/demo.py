@@ -48,7 +48,7 @@ class Demo:
 
     Attributes
     ----------
-    mesh, turntable, seen
+    mesh, turntable, image
         Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
     prediction
         The reconstruction.
@@ -60,7 +60,7 @@ class Demo:
 
     mesh: Path
     turntable: Path
-    seen: Path
+    image: Path
     prediction: Prediction
     distance: float
     seconds: float

@@ -38,7 +38,7 @@ def error_note(reader: ObservationReader) -> str:
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
     if card and (overall := card.errors.get(name, {}).get("all")):
-        mm, objects = _apart(overall.mean), overall.objects
+        mm, objects = _rms_distance(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
     return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
 
@@ -77,10 +77,10 @@ def _by_training(reader: ObservationReader, name: str) -> str:
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
     if model.has_charts:
-        return f"{model.config.radius / RADIUS * _apart(loss):.1f} mm (root mean square) from the surfaces of validation objects"
+        return f"{model.config.radius / RADIUS * _rms_distance(loss):.1f} mm (root mean square) from the surfaces of validation objects"
     return f"validation loss {loss:.3g}"
 
 
-def _apart(chamfer: float) -> float:
+def _rms_distance(chamfer: float) -> float:
     """Convert a Chamfer distance, in Table 3's unit, to the root mean square distance of one direction, mm."""
     return 1e3 * math.sqrt(chamfer / (2 * TABLE_3_FACTOR))

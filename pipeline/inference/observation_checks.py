@@ -93,7 +93,7 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
     return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
 
 
-def _why_not(observation: RobotObservation) -> str:
+def _why_not_located(observation: RobotObservation) -> str:
     """Say why nothing tells where the object is, and what would."""
     camera = observation.camera
     if camera is not None and camera.metres is not None and camera.mask is not None:
@@ -105,10 +105,10 @@ def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], fl
     camera, matrix = observation.camera, observation.projection
     if camera is None or matrix is None or camera.metres is None or camera.mask is None:
         return None
-    depth, k = camera.metres[camera.shown & ~np.isnan(camera.metres)], camera.intrinsics
+    depth, k = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)], camera.intrinsics
     if not len(depth):
         return None
-    row, col = np.nonzero(camera.shown)
+    row, col = np.nonzero(camera.object_pixels)
     low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()]) + 1.0
     slopes = (high - low) / [k.fx, k.fy]  # width and height per metre of distance
     front = float(np.percentile(depth, NEAREST_SHARE))
@@ -128,16 +128,16 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     """Find what is wrong with an observation whose entries are sound by themselves, or with giving it to a model."""
     if model is not None:
         model = replace(model, config=used_inputs(model.config, observation))
-    if too_far := list(_far(observation)):
-        return too_far + ([] if model is None else list(_unfit(observation, model)))
+    if too_far := list(_distant_positions(observation)):
+        return too_far + ([] if model is None else list(_unsuited_inputs(observation, model)))
     box = find_object(observation)
-    problems = [] if model is None else list(_unfit(observation, model))
+    problems = [] if model is None else list(_unsuited_inputs(observation, model))
     if box is None:
-        return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not(observation)}"]
+        return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not_located(observation)}"]
     return [*problems, *_misplaced(observation, box, model)]
 
 
-def _far(observation: RobotObservation) -> Iterator[str]:
+def _distant_positions(observation: RobotObservation) -> Iterator[str]:
     """Name positions that are too far away, perhaps in another unit."""
     positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
     positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
@@ -148,7 +148,7 @@ def _far(observation: RobotObservation) -> Iterator[str]:
             yield f"{name} is {distance:g} {observation.unit} away (at most {FARTHEST:g} m): {remedy}, and take a frame near the object"
 
 
-def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
+def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
     """Name what the model needs and is not given."""
     name, config = model.configuration, model.config
     if config.image == "rendering":
@@ -213,7 +213,7 @@ def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box
     camera = observation.camera
     if camera is None or camera.metres is None or camera.mask is None:
         return None
-    measured = camera.metres[camera.shown & ~np.isnan(camera.metres)]
+    measured = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)]
     if not len(measured):
         return UNMEASURED
     depth, distance = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))

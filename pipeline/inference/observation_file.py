@@ -129,7 +129,7 @@ class ObservedCamera(Entries):
         return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def object_pixels(self) -> NDArray[np.bool_]:
         """(rows, cols): where the photograph shows the object, by its mask or else by its border's colour, and not the robot."""
         mask = foreground(self.image) if self.mask is None else self.mask
         return mask if self.hand_mask is None else mask & ~self.hand_mask

@@ -19,7 +19,7 @@ from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
-SMALL, ROUGH, FAR_VIEW, LITTLE, INVERTED = 0.5, 1.2, 10.0, 0.9, 0.5
+SMALL_OBJECT, LARGE_OBJECT, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 0.5, 1.2, 10.0, 0.9, 0.5
 """Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
 share of an image, and of its border that a mask holds, that are worth a warning."""
 
@@ -57,7 +57,7 @@ class Placement:
         if camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
             return np.zeros((0, side**2, 3), np.float32)
         intrinsic, rotation = split_projection(matrix)
-        charts = visible_charts(camera.metres, camera.shown, intrinsic, side)
+        charts = visible_charts(camera.metres, camera.object_pixels, intrinsic, side)
         return transform_points(self.to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
 
     def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -176,12 +176,12 @@ def degrees(angle: float) -> str:
 
 def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
     size = 2 * model.config.radius
-    if box.diagonal is not None and box.diagonal < SMALL * size:
+    if box.diagonal is not None and box.diagonal < SMALL_OBJECT * size:
         yield (
             f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "
             "of this size, if there were none"
         )
-    if box.diagonal is not None and box.diagonal > ROUGH * size:
+    if box.diagonal is not None and box.diagonal > LARGE_OBJECT * size:
         yield (
             f"warning: the object's diagonal seems to be {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: what is "
             "beyond is cut off; state object.diagonal and object.centre if you know them"
@@ -196,7 +196,7 @@ def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], cent
         f"its horizon; in training {training_view.distance:.3g} m and {degrees(training_view.elevation)}°: "
         f"the views differ by {difference:.1f}°"
     )
-    if share < LITTLE:
+    if share < MIN_SHOWN:
         yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
 
 
@@ -205,12 +205,12 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
     if camera is None or observation.projection is None:
         return
     for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
-        if mask is not None and border(mask).mean() > INVERTED:
+        if mask is not None and border(mask).mean() > INVERTED_MASK:
             yield f"warning: camera.{name} holds most of the photograph's border: is it inverted?"
-    if not camera.shown.any():
+    if not camera.object_pixels.any():
         yield "warning: camera.hand_mask covers all of the object: is it inverted?"
     if camera.mask is None:
-        yield f"warning: no camera.mask: the {camera.shown.mean():.0%} of the photograph that differ from its border are the object"
+        yield f"warning: no camera.mask: the {camera.object_pixels.mean():.0%} of the photograph that differ from its border are the object"
         return
     if model.background is None:
         yield "the model does not state its images' background: what is outside the mask stays"

@@ -16,7 +16,7 @@ from pipeline.formats.image_file import SUFFIXES, image_files, read_image
 
 POLL_SECONDS = 0.05
 """Between looks at a watched folder."""
-Named = tuple[str, NDArray[np.uint8]]
+NamedPhotograph = tuple[str, NDArray[np.uint8]]
 """A photograph, (rows, cols, 3) uint8, with its name."""
 
 
@@ -41,7 +41,7 @@ def photographs_of(path: Path, leave_out: Path) -> list[Path]:
     return files
 
 
-def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
+def watched(folder: Path, leave_out: Path) -> Iterator[NamedPhotograph]:
     """Yield the photographs of a folder, and then each that appears; a file that cannot be read yet is tried again. It does not end."""
     if not folder.is_dir():
         raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
@@ -59,7 +59,7 @@ def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
         time.sleep(POLL_SECONDS)
 
 
-def camera_frames(number: int) -> Iterator[Named]:
+def camera_frames(number: int) -> Iterator[NamedPhotograph]:
     """Yield the frames of a camera that OpenCV opens, named by their number, until it gives no more.
 
     Raises

@@ -230,7 +230,7 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     mesh = ClosedMesh.grey(placed.returned(vertices), faces)
     if observed.camera is not None and observed.projection is not None:
         matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
-        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.shown)
+        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
     return replace(prediction, closed=mesh)
 
 

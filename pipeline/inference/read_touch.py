@@ -30,7 +30,7 @@ MODEL_SUFFIX = "-touch"
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
-WAY_OUT = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
+REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +106,14 @@ class TouchReader:
             model = model.with_name(named)
         folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
         if not (folder / DESCRIPTION).is_file():
-            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {WAY_OUT}")
+            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {REMEDY}")
         loaded = load_touch_model(folder, device)
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
         if model is None and (differing := _differing(loaded.sensor, described)):
             raise InvalidInput(
-                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {WAY_OUT}, or name "
+                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
                 f"{folder} there if larger errors do no harm"
             )
         loaded.check_sides(described.rows, described.cols)

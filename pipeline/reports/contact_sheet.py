@@ -57,7 +57,7 @@ def contact_sheets(data: Place, max_objects: int) -> list[Place]:
     StoreError
         An artifact has not been made, or no object came through all stages.
     """
-    collections, object_ids = _shown(data, max_objects)
+    collections, object_ids = _choose_objects(data, max_objects)
     key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
     if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
@@ -74,10 +74,10 @@ def contact_sheets(data: Place, max_objects: int) -> list[Place]:
 
 def draw_contact_sheet(data: Place, max_objects: int, path: Path) -> list[Path]:
     """Draw such a sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors are those of `contact_sheets`."""
-    return _draw(*_shown(data, max_objects), path)
+    return _draw(*_choose_objects(data, max_objects), path)
 
 
-def _shown(data: Place, max_objects: int) -> tuple[dict[str, Collection], list[str]]:
+def _choose_objects(data: Place, max_objects: int) -> tuple[dict[str, Collection], list[str]]:
     """Choose the objects to draw."""
     directory = DataDirectory(data)
     collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}

@@ -20,7 +20,7 @@ MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "p
 class Check:
     """Say whether one thing works, and what to do where it does not."""
 
-    what: str
+    subject: str
     ok: bool
     remedy: str = ""
 

@@ -53,7 +53,7 @@ def clip_writer(clips: Sequence[Clip]) -> Callable[[dict[str, bytes], dict[str, 
                     target = {"node": numbers[name], "path": path}
                     animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
                     animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})
-                _use_parts(tree["nodes"][numbers[name]])
+                _decompose_pose(tree["nodes"][numbers[name]])
             if animation["channels"]:
                 tree.setdefault("animations", []).append(animation)
 
@@ -83,7 +83,7 @@ def _quaternions(poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(rounded / np.linalg.norm(rounded, axis=1, keepdims=True))
 
 
-def _use_parts(node: dict[str, Any]) -> None:
+def _decompose_pose(node: dict[str, Any]) -> None:
     """Write a node's pose as translation and rotation: glTF animates no matrix."""
     if (matrix := node.pop("matrix", None)) is not None:
         pose = np.array(matrix, np.float64).reshape(4, 4).T  # columns first

@@ -124,7 +124,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_shown
+        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_escaped
     )
     environment.filters["units"] = _with_units
     return environment
@@ -135,7 +135,7 @@ def _with_units(text: str) -> Markup:
     return Markup(re.sub(rf"(?<=[0-9]) (?=(?:{UNITS})\b|[%°×])", "&nbsp;", str(escape(visible(text)))))
 
 
-def _shown(value: Any) -> Any:
+def _escaped(value: Any) -> Any:
     """Show the control characters of names and reasons as codes, so that a browser does not obey them."""
     return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
@@ -209,7 +209,7 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.whole_folder(place)), folder / file)
         curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
-    return {"summary": _summary(source, folder), "groups": _folded(tables), "curves": curves}
+    return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
 
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
@@ -228,7 +228,7 @@ def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     return {"sentences": summary.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(series_texts)}", "caption": caption}
 
 
-def _folded(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
+def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
     """Give each table the lines of text that stand before it; those after the last one are its own too."""
     groups: list[tuple[Table, list[str]]] = []
     lines: list[str] = []

@@ -189,11 +189,11 @@ def _unit(file: Path, metres: float | None, stated_by: str) -> str:
         return SCALED
     stated_metres = stated_units(file)[0]
     if stated_metres == metres:
-        return f"{_sign(metres)}, its file"
-    return f"{_sign(metres)}, {stated_by}" + (f" (its file: {_sign(stated_metres)})" if stated_metres else "")
+        return f"{_unit_symbol(metres)}, its file"
+    return f"{_unit_symbol(metres)}, {stated_by}" + (f" (its file: {_unit_symbol(stated_metres)})" if stated_metres else "")
 
 
-def _sign(metres: float) -> str:
+def _unit_symbol(metres: float) -> str:
     return next((sign for sign, value in METRES.items() if value == metres), f"{metres:g} m")
 
 

@@ -57,7 +57,7 @@ def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
         rows, cols = observation.camera.image.shape[:2]
         yield (
             f"camera: {cols} x {rows} pixels, {view.distance:.3g} m from the object, {degrees(view.elevation)}° above its horizon; "
-            f"{observation.camera.shown.mean():.1%} of the photograph is the object"
+            f"{observation.camera.object_pixels.mean():.1%} of the photograph is the object"
         )
     distances = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
     for number, (touch, turned) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
@@ -71,8 +71,8 @@ def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) 
     assert observation.camera is not None
     assert observation.projection is not None
     axes.imshow(observation.camera.image)
-    if min(observation.camera.shown.shape) > 1:
-        axes.contour(observation.camera.shown, levels=[0.5], colors="C3", linewidths=1)
+    if min(observation.camera.object_pixels.shape) > 1:
+        axes.contour(observation.camera.object_pixels, levels=[0.5], colors="C3", linewidths=1)
     axes.plot(*project_points(observation.projection, box.centre), "+", color="C3", markersize=14)
     for outline in _outlines(observation):
         axes.plot(*project_points(observation.projection, outline).T, color="C0")

@@ -41,7 +41,7 @@ def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) ->
     tables = []
     for name, origin in origins.items():
         preset = _preset_values(directory, origin)
-        rows = [Row([key, _plain(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
+        rows = [Row([key, _yaml(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
         if rows:
             tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables
@@ -74,7 +74,7 @@ def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
     preset = _preset_values(directory, origin)
     for key, value in origin.settings.items():
         if preset.get(key) != value:
-            yield from ("--set", f"{origin.stage}.{key}={_plain(value)}")
+            yield from ("--set", f"{origin.stage}.{key}={_yaml(value)}")
 
 
 def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, Any]:
@@ -89,5 +89,5 @@ def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, An
     return settings.results()
 
 
-def _plain(value: Any) -> str:
+def _yaml(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n").removesuffix("\n...")

@@ -26,9 +26,13 @@ GIVEN = {
     "unoccluded-touch": "whole,\ntouch",
 }
 """What networks are given, as the plot calls it, by the way of `WAYS`."""
-SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
+COMPARED_WAYS = {
+    "touch": "touch alone",
+    "occluded-touch": "an image that the hand occludes and touch",
+    "unoccluded": "an image of the whole object",
+}
 """What the sentences compare."""
-OWN = "graph network"
+DEFAULT_SERIES = "graph network"
 """Series of the networks that are called as what they are given."""
 
 
@@ -68,7 +72,7 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
     errors: dict[str, dict[str, Interval]] = {}
     for name, way in _ways(network_inputs).items():
         if all(1 in network.grasps for network in trainings[name]):
-            series = name.removesuffix(way).rstrip("-") or OWN
+            series = name.removesuffix(way).rstrip("-") or DEFAULT_SERIES
             values = 1e3 * np.stack([network.per_object("mean_distance") for network in trainings[name]])
             errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "summary", name))
     if not errors:
@@ -99,7 +103,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         for way, error in of_series.items():
             if way not in best or error.mean < best[way][0].mean:
                 best[way] = error, series
-    phrases = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in SAID.items() if way in best]
+    phrases = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in COMPARED_WAYS.items() if way in best]
     nearer = [
         (series, way) for series, of_series in errors.items() for way, error in of_series.items() if error.mean < retrieved.get(way, 0)
     ]

@@ -107,7 +107,7 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
     views = [_zoomed(view, grip) for view in _around(camera, grip)]
     near = max(
         views,
-        key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [posed_object, *posed_hand]) * _across(view, grasp.palm),
+        key=lambda view: _score(renderer, view.with_resolution(TRIAL_RESOLUTION), [posed_object, *posed_hand]) * _across(view, grasp.palm),
     )
     return near, _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
 
@@ -222,7 +222,7 @@ def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> 
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
 
 
-def _shown(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
+def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
     """Measure how much an image shows of both object and hand, by the product of their areas, square pixels."""
     segmentation = renderer.render(meshes, camera).segmentation
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())

@@ -54,9 +54,9 @@ class Variant:
     coarse: float = 1.0
 
 
-OWN = "your settings"
+USER_SETTINGS = "your settings"
 VARIANTS: Mapping[str, Variant] = {
-    OWN: Variant(),
+    USER_SETTINGS: Variant(),
     "half the objects": Variant(share=0.5),
     "two grasps per object": Variant(("simulate-grasps.grasps=2",)),
     "images of 192 pixels": Variant(("render-vision.resolution=192",)),
@@ -101,11 +101,11 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
         if label in measured_labels:
             continue
         data = folder / file_name(label)
-        if label != OWN:  # what the variant does not change is there already
-            linked_copy(folder / file_name(OWN), _outputs(setup), data)
+        if label != USER_SETTINGS:  # what the variant does not change is there already
+            linked_copy(folder / file_name(USER_SETTINGS), _outputs(setup), data)
         measured = measured.with_point(_measure(label, _changed(setup, variant, folder), data, console))
         measured.write(setup.data)
-        if label != OWN:
+        if label != USER_SETTINGS:
             shutil.rmtree(data)
     shutil.rmtree(folder, ignore_errors=True)
     return measured
@@ -185,7 +185,7 @@ def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
                 seconds += count * sum(times.values()) / max(len(times), 1)
     return Point(
         label=label,
-        changes={} if label == OWN else {"variant": label},
+        changes={} if label == USER_SETTINGS else {"variant": label},
         times={"all": seconds},
         kilobytes=sum(kilobytes(data, output) for output in _outputs(setup)),
         errors={name: tuple(values) for name, values in errors.items()},

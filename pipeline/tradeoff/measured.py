@@ -20,7 +20,7 @@ from pipeline.store.atomic import write_at_once
 
 FOLDER = "tradeoff"
 """Below a data directory."""
-SURE = 0.998
+CONFIDENCE = 0.998
 """Confidence of a bound as Student's t has it: 19 in 20 other samples keep to it where errors are skewed, as lognormal ones of σ = 0.8."""
 END_TO_END = "reconstruction"
 """The name, in place of a stage's, under which the trade of whole datasets is kept."""
@@ -75,7 +75,7 @@ class Point(BaseModel):
         return np.array(list(self.errors.values()), np.float64).T
 
     def bound(self, objects: int, trials: int = 0) -> float:
-        """Bound the mean error of other objects, with confidence `SURE`.
+        """Bound the mean error of other objects, with confidence `CONFIDENCE`.
 
         Parameters
         ----------
@@ -93,7 +93,7 @@ class Point(BaseModel):
             return np.inf
         spread = float(values.std(ddof=1)) * np.sqrt(1 / len(values) + 1 / objects)
         smallest = 300 / (trials * min(len(values), objects)) if trials else 0.0
-        return max(float(values.mean() + student.ppf(SURE, len(values) - 1) * spread), smallest)
+        return max(float(values.mean() + student.ppf(CONFIDENCE, len(values) - 1) * spread), smallest)
 
 
 class MeasuredTrade(BaseModel):

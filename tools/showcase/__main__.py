@@ -88,10 +88,10 @@ def _grasps(source: ReportSource, object_ids: Iterable[str], out: Path, pixels: 
                 seconds = time.perf_counter() - began
                 mask = renderer.render(posed_meshes[:1], camera.with_resolution(MASK_PIXELS)).segmentation == Label.OBJECT
         Image.fromarray(image).save(out / f"{object_id}-ours.png")
-        job = {"scene": str(path), "camera": _said(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
+        job = {"scene": str(path), "camera": _described_camera(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
         jobs.append(job | {"shown": ["object", "grasp-0-hand"], "picture": str(out / f"{object_id}.png")})
         if len(ours) < MASKS:
-            small = _said(camera.with_resolution(MASK_PIXELS))
+            small = _described_camera(camera.with_resolution(MASK_PIXELS))
             masks.append(
                 job | {"camera": small, "samples": 1, "mask": True, "shown": ["object"], "picture": str(out / f"{object_id}-mask.png")}
             )
@@ -111,7 +111,7 @@ def _beside(near: Camera, vertices: NDArray[np.float64], pixels: int) -> tuple[C
     return look_at(lens, tuple(position.tolist()), tuple(target.tolist())), target
 
 
-def _said(camera: Camera) -> dict[str, Any]:
+def _described_camera(camera: Camera) -> dict[str, Any]:
     pose = camera_pose(camera).tolist()
     return {"pose": pose, "focal": camera.focal, "centre": camera.centre, "resolution": camera.resolution}
 
@@ -162,7 +162,7 @@ def _strip(source: ReportSource, out: Path, pixels: int) -> list[dict[str, Any]]
     vertices = read_mesh(rows["surfaces"]).vertices
     camera, target = _beside(load_scene(SCENE).camera, vertices, pixels)
     charts = [f"grasp-{number}-charts" for number in range(len(rows["grasps"]["hand_pose"]))]
-    common = {"scene": str(path), "camera": _said(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
+    common = {"scene": str(path), "camera": _described_camera(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
     pictures = {"strip-object": ["object"], "strip-charts": charts, "strip-shape": ["prediction", *charts]}
     return [common | {"shown": parts, "picture": str(out / f"{name}.png")} for name, parts in pictures.items()]
 

@@ -29,7 +29,7 @@ from stages.render_vision.renderer import Renderer
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class Subject:
     """What all pictures show: an object in a grasp, and by family a network with what it is given of the object."""
 
     source: ReportSource
@@ -55,13 +55,13 @@ class Shown:
         row, col = surroundings(large)
         return slice(int(scale * row.start), int(scale * row.stop)), slice(int(scale * col.start), int(scale * col.stop))
 
-    def pictured(self, mesh: Any) -> NDArray[np.uint8]:
+    def picture_of(self, mesh: Any) -> NDArray[np.uint8]:
         """Render a mesh where the object is."""
         return render_mesh(self.renderer, mesh)[self.part()]
 
 
 @contextmanager
-def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
+def open_subject(data: Place, object_id: str | None = None) -> Iterator[Subject]:
     """Choose a grasp, of an object of the test split or of the one where it is clearest, and load what its pictures need."""
     source = ReportSource(data)
     tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them
@@ -72,7 +72,7 @@ def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
     scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
     with Renderer(scene, PIXELS) as renderer:
-        yield Shown(source, networks, renderer, scene, object_id, grasp)
+        yield Subject(source, networks, renderer, scene, object_id, grasp)
 
 
 def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tuple[Reconstructor, Observation]]:
