@@ -1,6 +1,6 @@
-"""Photographs of balls of known size in the gels of real sensors, that sensors are fitted to and compared with.
+"""Read photographs of balls of known size in the gels of real sensors, to fit sensors to and to compare them with.
 
-`python -m benchmarks.ball_photographs FOLDER` writes those that the GelSight is fitted to, as `calibrate-sensor` reads them.
+`python -m benchmarks.ball_photographs FOLDER` writes the ones that the GelSight is fitted to, as `calibrate-sensor` reads them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.sensor import Sensor
 
 GELSLAM = Path("gelslam/src/gelslam/resources/example_calibration")
-"""Where a clone of github.com/rpl-cmu/gelslam has its photographs, below REAL."""
+"""Folder of the photographs below REAL, in a clone of github.com/rpl-cmu/gelslam."""
 LARGEST = 4.0
-"""Times the true radius: the largest that is tried."""
+"""Largest radius tried, as a multiple of the true one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ def gelsight_balls() -> BallSet:
 
 
 def mini_balls(real: Path, diameter: str) -> BallSet:
-    """Read photographs of a GelSight Mini, of balls of a diameter in mm as the folders are called, with contacts as they are found."""
+    """Read photographs of balls in a GelSight Mini, with detected contacts; `diameter` is in mm, as in the folder's name."""
     folder, untouched_path = real / GELSLAM / f"{diameter}mm", real / GELSLAM / "background.png"
     try:
         photographs, untouched, left_out = read_photographs(folder, untouched_path)
@@ -62,7 +62,7 @@ def mini_balls(real: Path, diameter: str) -> BallSet:
 
 
 def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[np.uint8], radius: float) -> float:
-    """Find the radius of the ball that a sensor's colours explain a photograph best with, the contact being given.
+    """Find the ball radius with which a sensor's colours explain a photograph best, given the contact.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[
     photograph, untouched
         The photograph with its contact, and the untouched one.
     radius
-        The true one, m: where the search ends, at `LARGEST` times it.
+        The true one, m; the search ends at `LARGEST` times this.
 
     Returns
     -------
-    m: of the least mean error of colours in the contact.
+    The radius with the least mean colour error in the contact, m.
     """
     assert sensor.calibrated is not None
     reach = photograph.contact.radius * sensor.pitch[1]

@@ -1,4 +1,4 @@
-"""Chamfer distance of 10,000 points and as many, with its gradient: beside all pairs and KeOps."""
+"""Measure the Chamfer distance of two clouds of 10,000 points and its gradient, beside all pairs and KeOps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Distance = Callable[[Tensor, Tensor], Tensor]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure two pairs of clouds of the dataset's first case, `turns` rounds of each way."""
+    """Measure two pairs of clouds of the dataset's first case, `turns` rounds of each method."""
     mesh = touched_objects(data)[0].mesh
     table = Table(
         f"Chamfer distance, {POINTS:,} × {POINTS:,}",

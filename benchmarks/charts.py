@@ -1,4 +1,4 @@
-"""Touch charts: seconds, residuals and stop rules by kind of cloud."""
+"""Measure touch charts: seconds, residuals and stop rules by kind of cloud."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RULES = {"default": FitOptions(), "`tight`": FitOptions(halt=2.3e-4, residual_li
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure `turns` presses of each kind; needs no dataset."""
+    """Measure `turns` presses of each kind; no dataset is needed."""
     columns = ["s per chart", "steps, median", "RMS, µm: median / most", "stopped by the threshold, %"]
     note = f"{turns} charts per row, processor seconds of one thread."
     table, rng = Table("Touch charts", columns, [note]), np.random.default_rng(0)
@@ -37,7 +37,7 @@ def measure(data: Path, turns: int) -> Table:
 
 
 def press(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Make the points in the gel, sensor frame, m, of a shape pressed in at random."""
+    """Make the points in the gel, sensor frame, m, of a random press."""
     x, y = np.meshgrid(*pixel_centres(SENSOR))
     deepest = rng.uniform(0.001, 0.006)
     angle, slope = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.5)

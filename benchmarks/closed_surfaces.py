@@ -1,4 +1,4 @@
-"""Closed meshes of test objects, as `predict` writes them: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
+"""Measure closed meshes of test objects: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
 POINTS = 20_000
-"""In the box around an object and its reconstruction, for their intersection over union."""
+"""Random points in the box around an object and its reconstruction, for their intersection over union."""
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""Exact orthographic depth beside the supplement's sphere tracing, Embree's first hits and a rasteriser."""
+"""Measure exact orthographic depth beside the supplement's sphere tracing, Embree's first hits and a rasteriser."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from stages.render_vision.opengl_context import OpenGLContext
 EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, parallel rays": None}
 """m from the eye to the gel's face: 40° over the sensor's width is the perspective of the authors' simulator."""
 SUBDIVISIONS = 5, 6
-"""Of the wavy balls: 20,480 and 81,920 faces."""
+"""Subdivisions of the wavy balls: 20,480 and 81,920 faces."""
 TO_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 """An OpenGL camera looks along its -z with +y up; a sensor looks along +z and its rows go along +y."""
 OURS, EMBREE = "exact, float64 (ours)", "Embree's first hit, float32"
@@ -98,7 +98,7 @@ def wavy_ball(subdivisions: int, rng: np.random.Generator) -> Case:
 
 
 def _depth_methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
-    """Make every way to a depth map: for each case, a function of the pose."""
+    """Make every method that computes a depth map: for each case, a function of the pose."""
     faces = [box_faces(case.mesh.triangles) for case in cases]
     methods: dict[str, list[DepthOf]] = {
         OURS: [lambda pose, b=b: ray_depth(b, pose, sensor) for b in faces],

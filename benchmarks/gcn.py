@@ -1,4 +1,4 @@
-"""A training step of the graph network of Table 7, sparse beside a dense twin, each in its own process for its peak memory."""
+"""Measure a training step of Table 7's graph network, sparse and as a dense twin, each in its own process for its peak memory."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from pipeline.kernels.vision.camera import projection_matrix
 
 BATCH = 16
 TWIN_BATCH = 2
-"""Items of the twin's step, which is scaled to `BATCH`: all of them would take minutes."""
+"""Items of the twin's step, whose time is scaled to `BATCH`: a full batch would take minutes."""
 SENSORS = 4
 Forward = Callable[..., Tensor]
 StepInputs = dict[str, Any]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure one step each; needs no dataset."""
+    """Measure one step of each network; no dataset is needed."""
     config = CONFIGURATIONS["occluded-touch"]
     note = (
         f"{config.gcn_layers} × {config.gcn_features}, processor seconds of one thread. The twin has a dense adjacency and the image "
@@ -49,7 +49,7 @@ def measure(data: Path, turns: int) -> Table:
 
 
 def batch(items: int, grasps: int) -> StepInputs:
-    """Make the inputs of a step: random images, and touch charts strewn about the object."""
+    """Make the inputs of a step: random images, and touch charts at random places around the object."""
     generator = torch.Generator().manual_seed(0)
     charts = items * grasps * SENSORS
     images = torch.rand(items, 3, 256, 256, generator=generator)

@@ -1,6 +1,6 @@
 """Measure searches for grasps side by side: `python -m benchmarks.grasp_searches DATA search=touch search=hold`.
 
-On the objects of a dataset. Each further argument is a search: settings of `simulate-grasps`, joined by commas. Nothing is stored.
+DATA is a dataset. Each further argument is a search: settings of `simulate-grasps`, joined by commas. Nothing is stored.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ REACHED = 0.02
 
 
 def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ()) -> Table:
-    """Search with every settings for grasps of every object; an object that fails is counted and left out."""
+    """Search for grasps of every object with each group of settings; an object that fails is counted and left out."""
     table = Table("Searches for grasps", ["objects", "with all held", "% held", "touches", "attempts", "s per object", "covered, %"])
     surfaces = DataDirectory(data).collection(SURFACES)
     names = [name for name in object_ids or surfaces if surfaces.failure(name) is None]
@@ -65,7 +65,7 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
 
 
 def covered(points: np.ndarray, row: Row) -> float:
-    """Share of an object's surface points (N, 3) that are near a contact of a kept grasp."""
+    """Compute the share of an object's surface points (N, 3) that are near a contact of a kept grasp."""
     contacts = row["contact_point"][row["contact_area"] > 0]
     return float((KDTree(contacts).query(points)[0] <= REACHED).mean()) if len(contacts) else 0.0
 

@@ -1,4 +1,4 @@
-"""One grasp attempt, physics included. `vt-pipeline summary` counts touches, `benchmarks.stored_grasps` measures how sound grasps are."""
+"""Time one grasp attempt, physics included. For touches see `vt-pipeline summary`, for penetration `benchmarks.stored_grasps`."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Measure which grasps of a dataset hold, by the field's tests, in two physics engines: `python -m benchmarks.held_grasps DATA`.
+"""Measure which grasps of a dataset hold, by common grasp tests, in two physics engines: `python -m benchmarks.held_grasps DATA`.
 
-A grasp holds where the object stays in every direction of a test; `agree` is the share of grasps that all engines hold, or none does.
+A grasp holds if the object stays in every direction of a test; `agree` is the share of grasps on which all engines agree.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
 HoldResults = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
-"""By test and engine: of every grasp, object by object, whether it holds; and processor seconds per grasp."""
+"""By test and engine: whether each grasp holds, object by object, and processor seconds per grasp."""
 
 
 def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> HoldResults:

@@ -1,6 +1,6 @@
-"""Measure what more objects are worth, and one network for any inputs: `python -m benchmarks.learning_curve DATA OUT --objects 168 500`.
+"""Measure errors by number of training objects, and by kind of input: `python -m benchmarks.learning_curve DATA OUT --objects 168 500`.
 
-Trains implicit networks on as many training objects of a dataset, from each class in turn, and measures them on its test objects.
+Trains implicit networks on these numbers of training objects, from each class in turn, and measures them on the test objects.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
 ANY = "implicit-any"
 POINTS = 10_000
 DONE = "figures.json"
-"""In a network's folder once it is trained and measured: its errors, by the way it was used."""
+"""File of a trained and measured network's errors, by the inputs it was given; it marks the folder as finished."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Hold what all trainings have in common: where objects are learned and tested, the folder of networks, and settings."""
+    """Hold what all trainings share: the datasets to learn from and to test on, the folder of networks, and settings."""
 
     data: Path
     tested: Path
@@ -50,7 +50,7 @@ class Experiment:
     assignments: Sequence[str]
 
     def figures(self, configuration: str, count: int, epochs: int, seed: int) -> dict[str, list[float]]:
-        """Train a network on a number of objects unless that is done; give its errors for each way to use it."""
+        """Train a network on a number of objects unless it is trained; return its errors for each kind of input."""
         folder = self.out / f"{configuration}-{count}-{epochs}-{seed}"
         if not (folder / DONE).exists():
             changes = [f"configuration={configuration}", f"epochs={epochs}", f"training_seed={seed}", *self.assignments]
@@ -77,7 +77,7 @@ class Experiment:
         save_model(folder, network, learning.description(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
-        """Choose a number of objects, or all, from each class in turn, in an order drawn once: fewer are a part of more."""
+        """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""
         by_class = defaultdict[str, list[str]](list)
         for category, object_id in zip(rows.categories, rows.object_ids, strict=True):
             if not self.classes or category in self.classes:
@@ -104,7 +104,7 @@ class Experiment:
 
 
 def main() -> None:
-    """Print a table with a row per network, number of objects and way to use it."""
+    """Print a table with a row per network, number of objects and kind of input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path, help="a dataset with surfaces, images, charts and distances")
     parser.add_argument("out", type=Path, help="folder of the networks; what it holds is not trained again")

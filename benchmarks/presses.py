@@ -1,4 +1,4 @@
-"""Random presses: shape, gel and tactile image, beside one convolution by FFT of the same size."""
+"""Measure random presses, with shape, gel and tactile image, beside one convolution by FFT of the same size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ SIZE = " × ".join(map(str, SHAPE))
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure `turns` rounds of `PRESSES` presses of each kind; needs no dataset."""
+    """Measure `turns` rounds of `PRESSES` presses of each kind; no dataset is needed."""
     sensor = load_sensor("gelsight", shape=SHAPE).model_copy(update={"membrane": 9e-4, "gel": None})
     layer = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5)})
     deep = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5, thickness=10.0)})
@@ -41,7 +41,7 @@ def measure(data: Path, turns: int) -> Table:
     times = side_by_side({name: over_items(call, depths) for name, call in calls.items()}, turns)
     note = f"{PRESSES} random presses of a GelSight with {SIZE} pixels. Processor milliseconds of one core; ratios of the least means."
     table = Table(
-        "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "a press, ms: median / 99 % / most"], [note]
+        "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "ms per press: median / 99 % / most"], [note]
     )
     for name, call in calls.items():
         table.add(name, times[name], times[name].over(times[convolution]), quantiles(_by_press(call, depths, turns)))

@@ -1,4 +1,4 @@
-"""Provenance of figures: command, commit, machine, date."""
+"""Find the provenance of figures: command, commit, machine, date."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("pipeline", "stages", "schemas", "benchmarks")
-"""What figures depend on."""
+"""Folders that figures depend on."""
 
 
 def provenance(default_command: str, program: str) -> dict[str, str]:

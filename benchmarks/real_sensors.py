@@ -1,4 +1,4 @@
-"""Shipped sensors beside the photographs that they were not fitted to, and beside Taxim: `make test-sensors REAL=FOLDER`."""
+"""Compare shipped sensors with photographs that they were not fitted to, and with Taxim: `make test-sensors REAL=FOLDER`."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ADDED, ALONE, RIGID = "as shipped, over the untouched photograph", "as shipped, 
 Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
 """Makes the image of a photograph's contact."""
 DIAMETERS = ("6.310", "9.500")
-"""mm, of the balls of the Mini's photographs: those that it was fitted to, and those that are held out."""
+"""mm, diameters of the balls in the Mini's photographs: the fitted ones, and the held-out ones."""
 LIMITS = {
     ("gelsight", ADDED): (5.0, 4.0),
     ("gelsight", ALONE): (4.5, 3.5),
@@ -99,7 +99,7 @@ def compare(name: str, balls: BallSet, held_out: list[Photograph], folder: Path 
 
 
 def compare_radii(sets: list[BallSet]) -> Table:
-    """Compare the radii of balls in the Mini's photographs with those that the shipped sensor's colours say."""
+    """Compare the radii of balls in the Mini's photographs with those recovered from the shipped sensor's colours."""
     table = Table("Radius of a ball, by the colours of its contact", ["contacts found", "mm", "median", "within 10 %", "within 25 %"])
     sensor = load_sensor("gelsight_mini")
     for label, balls in zip(("gelsight_mini, fitted", "gelsight_mini, held out"), sets, strict=True):

@@ -25,7 +25,7 @@ MAPS = tuple(
 )
 """Depth maps and tactile images."""
 GRASP = (0, 0)
-"""Object and grasp of the one that is read alone."""
+"""Object and grasp that are read alone."""
 Arrays = dict[str, np.ndarray]
 
 

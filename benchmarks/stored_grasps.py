@@ -1,8 +1,8 @@
 """Measure how sound the grasps of a dataset are: `python -m benchmarks.stored_grasps DATA`.
 
-Penetration by other means than those that chose the grasps (random points on the collision boxes against igl's signed distance with
+Measures penetration independently of the grasp search (random points on the collision boxes against igl's signed distance with
 winding numbers, and random points on the object against the boxes), and whether touches outlast 500 more steps of physics. Meshes
-that are not watertight have no inside for a winding number: of them only the object's points in the hand count.
+that are not watertight have no inside for a winding number: for them only the object's points in the hand count.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from stages.simulate_grasps.settings import GraspSettings
 MORE_STEPS = 500
 """Steps that must not change a touch."""
 POINTS = 200_000
-"""Random points on the hand, and on the object, that look for penetration: about 1 mm apart."""
+"""Random points on the hand and on the object for measuring penetration: about 1 mm apart."""
 
 
 @dataclass(frozen=True, eq=False)
 class ExaminedGrasp:
-    """A stored grasp: how deep it is, measured and as recorded, m; which sensors touch, and for which 500 steps change that."""
+    """Hold penetration, measured and recorded, m, which sensors touch, and for which sensors `MORE_STEPS` steps change that."""
 
     depth: float
     recorded: float
@@ -78,7 +78,7 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[ExaminedGrasp]]:
 
 
 def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
-    """Measure the deepest of random points on the collision boxes in the object, or on the object in the boxes, m; 0 if none is."""
+    """Measure how deep random points on the collision boxes lie in the object, or points on the object in the boxes, m; 0 if none does."""
     boxes = prepared.ik.boxes
     frames = forward_kinematics(prepared.hand, grasp.hand_pose, grasp.joint_angles)[boxes.link] @ boxes.frames  # (C, 4, 4)
     half = boxes.half

@@ -1,4 +1,4 @@
-"""Points on the outside of meshes: beside trimesh's sampling and voxel carving."""
+"""Measure points on the outside of meshes beside trimesh's sampling and voxel carving."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS = 10_000
 JUDGES = 2048
 """Directions that decide whether a place sees the outside: eight times those of the sampler."""
 FAR = 0.01
-"""m: an exterior place without a point so near is missed. 10,000 points drawn from 0.25 m² leave 3e-6 of it so far from all."""
+"""m: an exterior place without a point within this distance is missed. 10,000 points on 0.25 m² leave a share of 3e-6 that far from all."""
 VOXELS = (64, 128)
 """Along the object's longest side."""
 OURS = "exterior samples (ours)"

@@ -1,4 +1,4 @@
-"""Time several ways to do the same work in turns, and print the results as Markdown tables.
+"""Time several methods for the same work in turns, and print the results as Markdown tables.
 
 Times are processor times of all threads of the process: a second thread brings no gain, and other work on the machine counts little.
 """
@@ -67,7 +67,7 @@ def single_call(call: Callable[[], object]) -> Round:
 
 
 def side_by_side(rounds: Mapping[K, Round], count: int) -> dict[K, Times]:
-    """Time every way in turn, `count` times, after one turn to warm up."""
+    """Time the rounds in turn, `count` times, after one turn to warm up."""
     samples: dict[K, list[float]] = {name: [] for name in rounds}
     for turn in range(count + 1):
         for name, once in rounds.items():
@@ -85,7 +85,7 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 @dataclass
 class Table:
-    """A comparison: `columns` name the cells of every row after its name, `notes` say what is not comparable."""
+    """Hold a comparison: `columns` name the cells of every row after its name, `notes` say what is not comparable."""
 
     title: str
     columns: Sequence[str]

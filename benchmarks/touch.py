@@ -1,4 +1,4 @@
-"""Depth and tactile image of one sensor beside TACTO and Taxim."""
+"""Measure depth and tactile image of one sensor beside TACTO and Taxim."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Depth = Callable[[int, NDArray[np.float64]], NDArray[np.float32]]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure all sensors of the dataset's cases, `turns` rounds of each way."""
+    """Measure all sensors of the dataset's cases, `turns` rounds of each method."""
     cases, small = touched_objects(data), load_sensor("gel_16mm")
     faces = [len(case.mesh.faces) for case in cases]
     table = Table(

@@ -141,7 +141,7 @@ def _half(trade: MeasuredTrade, names: set[str]) -> MeasuredTrade:
 
 
 def _promises(trades: list[MeasuredTrade]) -> str:
-    """Ask for advice from one half of the objects, and compare it with the other half."""
+    """Take advice from one half of the objects, and compare it with what was measured on the other half."""
     rng, names = np.random.default_rng(0), np.array(sorted(trades[0].objects))
     rows, fast, true, bounds = [], 0, 0, 0
     for _ in range(TRIALS):

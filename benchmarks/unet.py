@@ -1,4 +1,4 @@
-"""A training step of the U-Net with and without each loss."""
+"""Measure a training step of the U-Net with and without each loss."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Loss = Callable[[Tensor], Tensor]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure `turns` steps of each kind, in turns; needs no dataset."""
+    """Measure `turns` steps of each kind, in turns; no dataset is needed."""
     sensor = load_sensor("gel_16mm")
     mesh, rng = wavy_ball(5, np.random.default_rng(0)).mesh, np.random.default_rng(1)
     faces = box_faces(mesh.triangles)

@@ -1,4 +1,4 @@
-"""One image and its segmentation, of the dataset's objects in the hand and alone."""
+"""Time one image and its segmentation, of the dataset's objects in the hand and alone."""
 
 from __future__ import annotations
 

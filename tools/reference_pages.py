@@ -166,7 +166,7 @@ def observation_entries() -> str:
 
 
 def manifest_entries() -> str:
-    """Describe every entry of a manifest; those that several kinds of sources have once."""
+    """Describe every entry of a manifest; entries that several kinds of sources share are described once."""
     schema = Manifest.model_json_schema()
     models, source, meshes = schema["$defs"], Source.model_json_schema(), MeshSource.model_json_schema()
     parts = [
@@ -207,7 +207,7 @@ TITLES = {
 
 
 def _entries(title: str, model: Mapping[str, Any], described_model: Mapping[str, Any] | None = None) -> Iterator[str]:
-    """Describe a model of a YAML file; entries that another model has are described there."""
+    """Describe a model of a YAML file, without the entries of `described_model`."""
     yield f"### {title}\n"
     yield f"{model['description']}\n"
     needed, elsewhere = model.get("required", ()), described_model["properties"] if described_model else {}

@@ -32,9 +32,9 @@ FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
 }
-"""The shipped sensors whose photographs are read: what the numbers of their files were fitted to."""
+"""The shipped sensors with networks, and what their sensor files were fitted to."""
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
-"""Photographs that errors are of."""
+"""Photographs on which errors are measured."""
 TRAINED_ON = (
     "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
     "none of which ships"

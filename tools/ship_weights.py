@@ -1,4 +1,4 @@
-"""Copy a trained network and the U-Net that it needs to where weights ship, and write its card: `python -m tools.ship_weights DATA`."""
+"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m tools.ship_weights DATA`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NOT_FOR = (
     "does harm: parts that were neither seen nor felt are guesses"
 )
 MAX_BYTES = 5e6
-"""Of all that ships."""
+"""Size limit of all shipped weights."""
 
 
 def ship(data: Path) -> ModelCard:
@@ -71,7 +71,7 @@ def ship(data: Path) -> ModelCard:
 
 
 def check_size(weights: Path) -> None:
-    """Raise a `StageError` where more lies in a folder than may ship."""
+    """Raise a `StageError` if a folder of weights is larger than `MAX_BYTES`."""
     if (size := sum(path.stat().st_size for path in weights.rglob("*") if path.is_file())) > MAX_BYTES:
         raise StageError(f"{weights} holds {size / 1e6:.1f} MB, at most {MAX_BYTES / 1e6:.0f} ship; train smaller networks")
 

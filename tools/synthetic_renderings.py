@@ -33,7 +33,7 @@ from schemas.surfaces import SURFACES
 from stages.render_vision.renderer import Renderer
 
 LAMP_ABOVE = 0.6
-"""m that the lamp is above the camera: what is seen is lit."""
+"""m that the lamp is above the camera, so that visible surfaces are lit."""
 
 LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
 """Degrees, and the least distance ratio, of the cited renderings."""

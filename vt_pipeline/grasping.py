@@ -89,7 +89,7 @@ def grasp(
         A setting or the hand file cannot be used, the object has no exterior, or the hand finds too few grasps; the message names the
         remedy.
     """
-    from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
+    from stages.simulate_grasps.settings import GraspSettings  # imports physics, which `touch` does not need
     from stages.simulate_grasps.stage import SimulateGrasps
 
     object_ = as_object(object_)

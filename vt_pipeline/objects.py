@@ -72,7 +72,7 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
 
 
 def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces as arrays, where they are of one mesh."""
+    """Return vertices and faces as arrays, if they form a mesh."""
     try:
         vertices, faces = np.asarray(given_vertices, float), np.asarray(given_faces)
     except (TypeError, ValueError) as error:
@@ -86,5 +86,5 @@ def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndar
 
 
 def as_object(source: TouchObject | Source) -> TouchObject:
-    """Take an object as it is, and load what is none yet."""
+    """Return an object as it is, or load it from its source."""
     return source if isinstance(source, TouchObject) else load_object(source)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def load_observation(path: str | Path) -> RobotObservation:
     """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
-    from pipeline.inference.observation_checks import faults  # torch, which a user of `touch` does without
+    from pipeline.inference.observation_checks import faults  # imports torch, which `touch` does not need
 
     return observation_file.load_observation(path, faults)
 

@@ -27,7 +27,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 
 MIN_TOUCHES_PER_PROCESS = 32
-"""Touches that a process is started for at least."""
+"""Least number of touches for which a process is started."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +201,12 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
 
 
 def as_pose(name: str, pose: Any) -> NDArray[np.float64]:
-    """Return a pose (4, 4); of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
+    """Return a pose (4, 4); the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
     return _as_poses(name, pose, (4, 4))
 
 
 def _as_poses(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return a pose, or several; of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
+    """Return a pose, or several; the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
     try:
         poses = np.asarray(values, np.float64)
     except (TypeError, ValueError):  # no numbers, or not as many in each
@@ -231,7 +231,7 @@ def as_rng(rng: np.random.Generator | None) -> np.random.Generator | None:
 
 
 def as_sensor(sensor: Sensor | str | Path) -> Sensor:
-    """Take a sensor as it is, and load what is named; a `TypeError` for anything else."""
+    """Return a sensor as it is, or load it by name or path; a `TypeError` for anything else."""
     if isinstance(sensor, Sensor):
         return sensor
     if isinstance(sensor, str | Path):
@@ -255,13 +255,13 @@ def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> No
 
 
 def _shared(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """Zeros in memory that forked processes share."""
+    """Make an array of zeros in memory that forked processes share."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     return np.frombuffer(mmap.mmap(-1, max(size, 1)), dtype, count=int(np.prod(shape))).reshape(shape)
 
 
 def _slope(surface: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Differences per pixel along an axis: central, one-sided where a neighbour is NaN, 0 where both are."""
+    """Compute differences per pixel along an axis: central, one-sided where a neighbour is NaN, 0 where both are."""
     ahead = np.full_like(surface, np.nan)
     step = np.diff(surface, axis=axis)
     leading = (slice(None),) * axis

@@ -1,4 +1,4 @@
-"""Grasp a manifest's objects with each of some hands from PyPI; print how often they touch, minutes and memory: `make test-hands`."""
+"""Grasp a manifest's objects with several hands from PyPI; print touch rates, minutes and memory: `make test-hands`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, int]:
-    """Check a hand, run the stages with it, and print the summary; add up its categories, and find the largest process, MB."""
+    """Check a hand, run the stages with it, and print the summary; return the tally of all categories and the peak memory, MB."""
     pipeline = [sys.executable, "-m", "pipeline"]
     peak = _peak([*pipeline, "check", str(hand)], cwd=data.parent)
     for stage in DATASET:
@@ -77,7 +77,7 @@ def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, in
 
 
 def _peak(command: list[str], cwd: Path | None = None) -> int:
-    """Run a command to its end; the most memory that one of its processes held at a time, MB."""
+    """Run a command to its end; return the peak memory of its largest process, MB."""
     process, peak = psutil.Popen(command, cwd=cwd), 0
     while process.poll() is None:
         with suppress(psutil.Error):

@@ -23,7 +23,7 @@ import numpy as np
 GEL = np.array([0.022, 0.0, 0.015])
 """The middle of a DIGIT's gel in TACTO's sensor frame, m (`config_digit.yml`), whose +x is the outward normal."""
 TOUCHING = 1e-5
-"""m, by which the object must stand in the gel for a pixel to show it and not the gel."""
+"""m, least indentation at which a pixel counts as in contact."""
 
 
 def main(folder: Path, turns: int, sizes: list[list[int]]) -> None:
@@ -69,7 +69,7 @@ def touch(renderer: Any, case: int, position: Any, angles: Any) -> tuple[Any, An
 
 
 def points(renderer: Any, camera: Any, depth: Any, pressed: Any) -> Any:
-    """Compute (N, 3) world points, m, of the pixels in which the object stands in the gel; the camera looks along its -z."""
+    """Compute (N, 3) world points, m, of the pixels in contact; the camera looks along its -z."""
     height, width = depth.shape
     tangent = np.tan(renderer.camera_nodes[0].camera.yfov / 2)
     row, col = np.nonzero((pressed > TOUCHING) & (depth > 0))

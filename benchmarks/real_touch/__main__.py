@@ -79,12 +79,12 @@ def methods(photographs: PhotographSet, seeds: range, models: Path | None) -> It
 
 
 def integrated(slopes: Slopes, photographs: PhotographSet) -> Method:
-    """Make a method of slopes."""
+    """Make a method that integrates slopes to depth."""
     return lambda image: Reading(depth_of(slopes(image), photographs.mm_per_pixel))
 
 
 def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
-    """Make a method of a trained network."""
+    """Make a method that reads with a trained network."""
 
     def read(image: NDArray[np.uint8]) -> Reading:
         indentation, contact = model.read(image[None], photographs.untouched)
@@ -122,7 +122,7 @@ def by_press(photographs: PhotographSet, results: list[tuple[str, list[Reading]]
 
 
 def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> Table:
-    """Tabulate the depth that methods read around the balls that all were fitted to, mm, by distance in contact radii."""
+    """Tabulate the depth that methods read around the balls they were fitted to, mm, by distance in contact radii."""
     table = Table(f"{photographs.name}: the gel around the balls", [f"{distance:g}" for distance in AROUND])
     for name, method in methods_by_name.items():
         rows = []
@@ -135,7 +135,7 @@ def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> 
 
 
 def radii(photographs: PhotographSet, results: list[tuple[str, list[Reading]]]) -> Table:
-    """Tabulate the radius that each method reads of the tested balls of unknown depth."""
+    """Tabulate the radius that each method recovers of the tested balls of unknown depth."""
     table = Table(f"{photographs.name}: radius of the balls", ["true, mm", "median, mm", "within 10 %", "within 25 %"])
     for name, readings in results:
         pairs = zip(readings, photographs.presses, strict=True)
@@ -170,7 +170,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def predicted(folder: Path, photographs: PhotographSet) -> list[Reading]:
-    """Read somebody's predictions of a set."""
+    """Read predictions of a set from files."""
     readings = []
     for press in photographs.presses:
         path = folder / photographs.name / f"{press.name.replace('/', '_')}.npy"

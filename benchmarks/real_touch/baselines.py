@@ -1,4 +1,4 @@
-"""What one would use instead: a look-up table, and a per-pixel network, both fitted to photographs of balls."""
+"""Baselines: a look-up table, and a per-pixel network, both fitted to photographs of balls."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from pipeline.kernels.networks.slope_integration import integrate_slopes
 Slopes = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 """Reads (2, rows, cols) slopes of depth along x and y in a photograph."""
 BIN = 4
-"""Levels of 255 per bin of the look-up table and colour."""
+"""Width of a bin of the look-up table, per colour, levels of 255."""
 FLAT_BEYOND = 2.5
-"""Contact radii from a ball beyond which its photograph shows a flat gel, to fit to as well."""
+"""Contact radii from a ball beyond which the gel is flat; methods are fitted to such pixels too."""
 FLAT_SHARE = 0.05
-"""Share of those pixels that is taken."""
+"""Share of the flat pixels that is used."""
 WIDTH, STEPS, BATCH, RATE, SCALE = 64, 1500, 2048, 3e-3, 50.0
-"""Of the per-pixel network: three hidden layers of 64 make 8,834 parameters; levels that it sees as 1."""
+"""Of the per-pixel network: three hidden layers of 64 make 8,834 parameters; `SCALE` is the number of levels that it sees as 1."""
 
 
 def look_up_table(photographs: PhotographSet) -> Slopes:
-    """Fit the mean slope of each bin of colours; a colour that no ball shows has the slope of the nearest that one does."""
+    """Fit the mean slope of each bin of colours; a colour outside all bins gets the slope of the nearest bin."""
     change, _, slope = ball_pixels(photographs, np.random.default_rng(0))
     bins, inverse = np.unique(np.round(change / BIN), axis=0, return_inverse=True)
     counts = np.bincount(inverse.ravel())
@@ -70,7 +70,7 @@ def per_pixel_network(photographs: PhotographSet, seed: int) -> Slopes:
 
 
 def depth_of(slopes: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
-    """Integrate slopes to depth, of the pitch's unit; what lies above the gel's rest is at its rest."""
+    """Integrate slopes to depth, in the pitch's unit; negative depths become 0."""
     return np.maximum(integrate_slopes(torch.tensor(slopes)[None], (pitch, pitch))[0].numpy(), 0)
 
 

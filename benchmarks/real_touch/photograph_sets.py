@@ -1,4 +1,4 @@
-"""Sets of photographs with known shapes, described in YAML: those of public repositories in `sets/`, or one's own."""
+"""Sets of photographs with known shapes, described in YAML: those of public repositories in `sets/`, or your own."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class PhotographSet:
 
 
 def read_sets(real: Path, descriptions: list[Path]) -> list[PhotographSet]:
-    """Read the sets that are below a folder; say which are missing."""
+    """Read the sets that are below a folder; print which are missing."""
     described = [SetDescription.model_validate(yaml.safe_load(path.read_text())) for path in descriptions]
     present = [description for description in described if (real / description.folder).is_dir()]
     for description in described:
@@ -121,7 +121,7 @@ def _read(folder: Path, described: SetDescription) -> PhotographSet:
 
 
 def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[list[Photograph], list[str]]:
-    """Read photographs of balls with their contacts, and name those whose contact is not found."""
+    """Read photographs of balls with their contacts; list those whose contact is not found."""
     circles = _circles(folder / balls.circles) if balls.circles else {}
     photographs, not_found = [], []
     for path in sorted(folder.glob(balls.files)):
@@ -154,7 +154,7 @@ def _press(folder: Path, described: PressDescription, scale: float) -> Press:
 
 
 def ball_press(photograph: Photograph, radius: float, scale: float) -> Press:
-    """Make the truth of a ball whose contact is known: its shape there, and not how deep it is."""
+    """Make the truth of a ball whose contact is known: its shape there, without its depth."""
     contact = photograph.contact
     distance = distances(photograph.image.shape[:2], contact.x, contact.y)
     height = np.sqrt(np.maximum(radius**2 - (scale * distance) ** 2, 0)) - np.sqrt(max(radius**2 - (scale * contact.radius) ** 2, 0))

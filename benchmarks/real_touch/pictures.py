@@ -1,4 +1,4 @@
-"""Pictures of depth that was read, of the truth and of the difference; no photograph is in them."""
+"""Draw depth as read, the truth and the difference, without photographs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from benchmarks.real_touch.scores import Reading
 SHOWN = 4
 """Presses in a picture, evenly among those of known depth."""
 FARTHEST = 0.3
-"""mm of the difference's colours."""
+"""mm at which the difference's colours end."""
 
 
 def draw_presses(photographs: PhotographSet, readings: list[Reading], path: Path) -> None:

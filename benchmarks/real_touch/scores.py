@@ -1,4 +1,4 @@
-"""How far depth and contact that were read in a photograph lie from the truth."""
+"""Score depth and contact that were read in a photograph against the truth."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float)
 
 
 def ball_footprint(reading: Reading, press: Press) -> NDArray[np.bool_]:
-    """Choose the pixels in which a ball's radius is read: a disc in the contact that the method reads, else the press's own footprint."""
+    """Choose the pixels for recovering a ball's radius: a disc in the contact that the method reads, else the press's footprint."""
     if reading.contact is None or not reading.contact.any():
         return press.footprint
     row, col = np.nonzero(reading.contact)

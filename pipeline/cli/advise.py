@@ -1,4 +1,4 @@
-"""`vt-pipeline advise`: which settings a time, or an error, allows."""
+"""`vt-pipeline advise`: choose settings for a time or an error."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def advise(
 
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
-    """Read the trades that were measured under these settings and this code; those that make a dataset are needed."""
+    """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
     from pipeline.tradeoff.measure import trade_key
     from pipeline.tradeoff.measured import read_trade
 

@@ -22,15 +22,17 @@ def calibrate_sensor(
     folder: Annotated[Path, typer.Argument(help="Photographs of a ball in the gel; circles.csv there may give the contacts.")],
     out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT-calibration.png.")],
     untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
-    ball_radius: Annotated[float, typer.Option(min=1e-3, help="mm.")],
-    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm; of the gel's surface.")],
-    thickness: Annotated[float, typer.Option(min=1e-3, help="Of the gel, mm: how far something can press in.")] = 4.0,
-    normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Of the polynomial in the gel's normal.")] = 3,
+    ball_radius: Annotated[float, typer.Option(min=1e-3, help="Radius of the ball, mm.")],
+    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm per pixel on the gel's surface.")],
+    thickness: Annotated[float, typer.Option(min=1e-3, help="Thickness of the gel, mm: the depth of the deepest press.")] = 4.0,
+    normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the polynomial in the gel's normal.")] = 3,
     position_degree: Annotated[
-        int | None, typer.Option(min=0, max=6, help="Of that in the position; by default the one that predicts best.")
+        int | None, typer.Option(min=0, max=6, help="Degree of the polynomial in the position; by default the one that predicts best.")
     ] = None,
-    shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
-    background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
+    shadows: Annotated[int, typer.Option(min=0, max=12, help="Number of shadows to look for.")] = 3,
+    background_degree: Annotated[
+        int | None, typer.Option(min=0, max=6, help="Degree of a polynomial background; else a photograph.")
+    ] = None,
     train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.

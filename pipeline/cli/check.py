@@ -1,4 +1,4 @@
-"""`vt-pipeline check`: what a description file says, and what is wrong with it."""
+"""`vt-pipeline check`: describe a description file and list its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell's <TAB> completes: stages, presets, manifests, description files, settings, objects."""
+"""Complete stages, presets, manifests, description files, settings and objects in a shell."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def complete_described(*kinds: Kind) -> Callable[[str], list[str]]:
 
 
 def complete_object(context: typer.Context, incomplete: str) -> list[str]:
-    """Complete the name of an object of the manifest; of none that needs a folder."""
+    """Complete the name of an object of the manifest; nothing if the manifest needs a folder that is not given."""
     try:
         objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
     except (PipelineError, OSError):
@@ -52,9 +52,9 @@ def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
 
 
 def complete_setting(incomplete: str) -> list[str]:
-    """Complete STAGE.SETTING=VALUE: the stages, then the settings of one, then the values of one, its default where it may be any.
+    """Complete STAGE.SETTING=VALUE: stages, then a stage's settings, then a setting's values, or its default if any value is allowed.
 
-    Nothing follows the equals sign of one that is misspelt: shells keep what is typed, and its value would hide the fault.
+    A misspelt setting gets no values: the shell keeps what is typed, and a value would hide the mistake.
     """
     before, equals, text = incomplete.partition("=")
     if equals:
@@ -73,7 +73,7 @@ def complete_setting(incomplete: str) -> list[str]:
 
 
 def _values(name: str, field: FieldInfo) -> list[str]:
-    """List what a setting may be, or its default."""
+    """List the allowed values of a setting, or its default."""
     if name in ("hand", "sensor", "scene"):
         return list(shipped_files(cast(Kind, name)))
     choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else (field.default,)

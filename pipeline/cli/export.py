@@ -18,7 +18,7 @@ from pipeline.store.storage import names_in, place
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
-"""Formats of meshes that are not written: a folder of such a name would be a mistake."""
+"""Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
 
 
 def view(
@@ -46,9 +46,7 @@ def export(
     to: Annotated[
         Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]', dexgraspbench those of '.\\[mujoco]'.")
     ] = "mesh",
-    objects: Annotated[
-        list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
-    ] = None,
+    objects: Annotated[list[str] | None, typer.Option("--object", help="With --to mesh: only this object; repeat for several.")] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
     ] = None,

@@ -1,4 +1,4 @@
-"""Commands that look: at the stages, at a data directory, at the machine."""
+"""Commands that inspect the stages, a data directory and the machine."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def reshard(
 
 def collect_garbage(
     data: DataArgument,
-    older_than: Annotated[float, typer.Option(min=0, help="Minutes ago that it was written, at least: readers may still use it.")] = 60.0,
+    older_than: Annotated[float, typer.Option(min=0, help="Minimum age in minutes: readers may still use newer files.")] = 60.0,
 ) -> None:
     """Remove replaced groups and folders, and what killed runs left.
 
@@ -88,8 +88,8 @@ def collect_garbage(
 
 def validate(
     data: DataArgument,
-    strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
-    recipe: Annotated[Path | None, typer.Option(help="Compare the rows with those of this recipe, too.")] = None,
+    strict: Annotated[bool, typer.Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
+    recipe: Annotated[Path | None, typer.Option(help="Also compare the rows with those of this recipe.")] = None,
 ) -> None:
     """Check a data directory against schemas and digests.
 
@@ -117,7 +117,7 @@ def validate(
 
 
 def doctor() -> None:
-    """Check that everything that the stages need is installed."""
+    """Check that everything the stages need is installed."""
     from pipeline.reports.doctor import examine
 
     healthy = True
@@ -132,7 +132,7 @@ def doctor() -> None:
 
 def summary(
     data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
+    most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally

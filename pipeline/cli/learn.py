@@ -56,7 +56,7 @@ def sweep(
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
     if together := process_group():
-        fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
+        fail(f"a sweep runs in one process, {together.launcher} started {together.count}; run its points one by one with `vt-pipeline run`")
     loaded = load_stage(stage) if stage in STAGES else None
     default_grid = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
     if not isinstance(loaded, DatasetStage) or not loaded.trains:
@@ -81,7 +81,7 @@ def sweep(
             (plan,) = make_plans(replace(request, settings=settings, folder=folder))
             run_plan(plan)
             finished.append((point, DataDirectory(request.data).folder(folder)))
-        except StageError as error:  # a rate too high says something about that point alone
+        except StageError as error:  # a learning rate that is too high fails this point only
             failed += 1
             errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
     if finished:
@@ -106,15 +106,15 @@ def predict(
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
     ] = None,
-    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
-    view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
+    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="A grasp of the object, from 0; repeat for several.")] = None,
+    view: Annotated[int, typer.Option(min=0, help="A rendering of the object, from 0; for single-image.")] = 0,
     observation: Annotated[
         Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
-    resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
-    seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
+    resolution: Annotated[int, typer.Option(min=8, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one or several grasps.
 
@@ -177,7 +177,7 @@ def score(
     grasps: Annotated[
         int, typer.Option(min=1, help="Grasps that the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")
     ] = 1,
-    misplaced: Annotated[bool, typer.Option(help="Measure files too that are far from their object, or in another unit.")] = False,
+    misplaced: Annotated[bool, typer.Option(help="Also measure files that are far from their object, or in another unit.")] = False,
 ) -> None:
     """Measure another method's reconstructions as `evaluate` measures networks.
 

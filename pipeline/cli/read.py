@@ -45,7 +45,7 @@ def read_touch(
     if watch and camera is not None:
         fail("--watch is of a folder of photographs; leave it out with --camera")
     if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
-        fail(f"--out {out} is the folder of the photographs, among which what is written would be read; name another folder")
+        fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model)
     print_line(f"read by {reader.network}")
     stream: Iterator[NamedPhotograph]

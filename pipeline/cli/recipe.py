@@ -1,4 +1,4 @@
-"""`vt-pipeline recipe` and `vt-pipeline remake`: publish a dataset as what makes it, make it again, compare."""
+"""`vt-pipeline recipe` and `vt-pipeline remake`: write a dataset's recipe, make the dataset again, and compare."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vt-pipeline run`: make what is not there yet of one stage."""
+"""`vt-pipeline run`: make the missing rows of one stage."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def run(
 
     Objects that are up to date are left alone; a run that was killed continues where it stopped.
     """
-    console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
+    console.quiet = (together := process_group()) is not None and together.rank > 0  # only the first of several processes prints
     if stage not in STAGES:
         fail(unknown("stage", stage, STAGES))
     shared = make_request(
@@ -116,7 +116,7 @@ def _print_forecast(stage: str, path: Place, foreseen: Forecast, check: bool) ->
 
 
 def run_plan(plan: Plan[Any]) -> None:
-    """Run a plan and say what was done; an object that failed is named with its reason."""
+    """Run a plan and print what was done, and the reason of each object that failed."""
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
@@ -164,14 +164,14 @@ def _warn_of_low_disk_space(plan: Plan[Any]) -> None:
 
 
 def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
-    """Let the stage look at the inputs of the objects that are asked for."""
+    """Yield the stage's warnings about the inputs of the requested objects."""
     units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
     objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
     yield from plan.stage.warnings(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:
-    """Name the objects that failed, those with one reason together."""
+    """Print the objects that failed, grouped by reason."""
     alike: dict[str, list[str]] = {}
     for object_id, failure in failures.items():
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)

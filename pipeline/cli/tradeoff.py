@@ -1,4 +1,4 @@
-"""`vt-pipeline tradeoff`: measure what settings cost and how wrong they are."""
+"""`vt-pipeline tradeoff`: measure the time and the error of settings."""
 
 from __future__ import annotations
 

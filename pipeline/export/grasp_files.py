@@ -29,9 +29,9 @@ from schemas.surfaces import SURFACES
 
 @dataclass(frozen=True, eq=False)
 class GraspedObject:
-    """An object with its grasps, of which `held` tells which hold, None where no test was asked for.
+    """An object with its grasps; `held` tells which of them hold, None if they were not tested.
 
-    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a way.
+    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a shift.
     """
 
     name: str
@@ -54,7 +54,7 @@ class GraspedObject:
         return directions @ self.placement[:3, :3] / self.scale
 
     def pose_to_object_frame(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take a pose (4, 4) likewise: its rotation stays one, its origin is in the object's unit."""
+        """Take a pose (4, 4) into the object's own frame: it stays rigid, its origin is in the object's unit."""
         moved = np.eye(4)
         moved[:3, :3] = self.directions_to_object_frame(pose[:3, :3].T).T
         moved[:3, 3] = self.to_object_frame(pose[:3, 3])
@@ -67,7 +67,7 @@ class GraspedObjects:
     Raises
     ------
     StoreError
-        `simulate-grasps` has not been run, or surfaces are of a version that did not keep how objects were placed, or no object has
+        `simulate-grasps` has not been run, or surfaces are of a version that does not record how objects were placed, or no object has
         grasps.
     """
 

@@ -1,4 +1,4 @@
-"""A dataset as frames, one per grasp, with the type of each column, for every table format."""
+"""Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Column:
 
 
 class GraspFrames:
-    """The grasps of a dataset's usable objects as frames; values are those that are stored, to the bit.
+    """The grasps of a dataset's usable objects as frames; values are as stored, to the bit.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class GraspFrames:
         By name: `object_id`, `category`, `split`, `grasp`, `touch_success`, `joint_angles`, `hand_pose`, `sensor_pose`, and where there are
         some `tactile_image.FINGER`, `depth.FINGER`, `unoccluded`, `occluded`.
     object_ids
-        By split: those that have some, in order.
+        By split, in order; splits without objects are left out.
 
     Raises
     ------

@@ -29,7 +29,7 @@ Folders = Directory | Catalogue | ShapeNet
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
-    """Compute how a recipe names an object's source.
+    """Compute the hash by which a recipe identifies an object's source.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def _readable_hash(item: Object) -> str:
 
 
 def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
-    """Ask for what a record says that was made."""
+    """Make the request that repeats what a record says was made."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
     return Request(
@@ -128,7 +128,7 @@ def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data:
 
 
 def _check_current(request: Request[ObjectStage]) -> None:
-    """Refuse what was made by other code, of other files or in part."""
+    """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
     for plan in make_plans(request):
         if not plan.up_to_date():
             if (record := plan.output.record) is None:
@@ -166,7 +166,7 @@ def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -
 
 
 def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
-    """Leave the paths of folders out of a manifest, and what its objects' hashes say better: the checksums and counts of files."""
+    """Remove the paths of folders from a manifest, and file checksums and counts, which the objects' hashes replace."""
     paths = [folder or source.path for source in manifest.sources if isinstance(source, Folders)]
     several = len(set(paths)) > 1
     if several and len({path.name for path in paths if path}) < len(set(paths)):

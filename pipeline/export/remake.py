@@ -1,4 +1,4 @@
-"""Make a dataset again from its recipe: everything is checked before anything runs."""
+"""Make a dataset again from its recipe; everything is checked before anything runs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from stages.registry import DATASET, load_stage, resolve
 
 @dataclass(frozen=True)
 class Remake:
-    """What a recipe asks for, with the folders of the one who makes it again; nothing has been run.
+    """A recipe that is ready to run, with the user's folders; nothing has been run.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Remake:
     sampled: bool = False
 
     def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
-        """Ask for each stage in turn."""
+        """Yield the request of each stage in turn."""
         for name, settings in self.settings.items():
             yield Request(
                 stage=load_stage(name),
@@ -71,7 +71,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
     Parameters
     ----------
     recipe
-        Perhaps a stranger's.
+        Possibly from an untrusted source.
     objects
         The folder of its meshes; of the folders, where the recipe names several.
     descriptions
@@ -151,7 +151,7 @@ def _version_remedy(recipe: Recipe) -> str:
 
 
 def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
-    """Let folders that the recipe names be those below the user's."""
+    """Resolve the folders that the recipe names below the user's folder."""
     named = [source.path for source in manifest.sources if isinstance(source, Folders) and source.path]
     if named and objects is None:
         raise InvalidInput(
@@ -165,7 +165,7 @@ def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
 
 
 def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
-    """List the objects, which must be those of the recipe: with others, splits would be drawn otherwise."""
+    """List the objects, which must be those of the recipe: others would change how splits are drawn."""
     folders = [source for source in manifest.sources if isinstance(source, Folders)]
     root = None if any(source.path for source in folders) or not folders else objects
     if objects is not None and not folders:
@@ -185,7 +185,7 @@ def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Ob
 
 
 def _where(manifest: Manifest) -> str:
-    """Say where sources can be had."""
+    """Say where sources can be obtained."""
     urls = [source.url for source in manifest.sources if source.url]
     return f"they can be had at {', '.join(urls)}" if urls else "the recipe does not say where they can be had; ask who published it"
 
@@ -217,7 +217,7 @@ def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
 
 
 def reasons(recipe: Recipe) -> list[str]:
-    """List what may make rows differ from the recipe's, other code and other libraries, each with what to do."""
+    """List what may make rows differ from the recipe's, other code or other libraries, each with its remedy."""
     installed = library_versions()
     lines = []
     if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:
@@ -235,7 +235,7 @@ def reasons(recipe: Recipe) -> list[str]:
 
 
 def unusual_settings(recipe: Recipe, stage: str) -> list[str]:
-    """List the settings of a stage that differ from the recipe's preset: where nothing else explains rows, one may be misstated."""
+    """List the settings of a stage that differ from the recipe's preset: if nothing else explains a difference, one may be wrong."""
     if recipe.preset not in load_presets():
         return []
     usual = resolve(stage, recipe.preset, ()).results()

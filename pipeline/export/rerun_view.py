@@ -28,7 +28,7 @@ POINT = 2e-4
 
 
 def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | None) -> list[int]:
-    """Show grasps of an object in a window of Rerun, or save them for one: a timeline `grasp`, an entity per thing in the scene.
+    """Show grasps of an object in Rerun's viewer, or save them to a file: a timeline `grasp`, and an entity per part of the scene.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps, as other programs open them."""
+"""Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: 
 
 
 def reasons(left_out: dict[str, str]) -> str:
-    """Say in a line why photographs are left out."""
+    """Write on one line why photographs are left out."""
     return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
 
 

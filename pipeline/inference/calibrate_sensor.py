@@ -39,18 +39,18 @@ class ImageErrors:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Hold a calibrated sensor and how well its like predicts photographs.
+    """Hold a calibrated sensor, and the errors of one fitted to half of the photographs.
 
     Attributes
     ----------
     fit
-        To all photographs: what is written.
+        The fit to all photographs, which is written.
     half
-        To every second one, which alone the errors are of.
+        The fit to every second photograph, from which the errors are computed.
     photographs
         All that were used; the odd ones are held out from `half`.
     fitted_errors, tested_errors
-        Of `half`, on the photographs that it was fitted to, and on the others.
+        Errors of `half` on the photographs that it was fitted to, and on the others.
     left_out
         Why other photographs are not used, by name.
     """

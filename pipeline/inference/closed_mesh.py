@@ -31,7 +31,7 @@ class ClosedMesh:
 
     @classmethod
     def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
-        """Make one of which nothing was seen."""
+        """Make a closed mesh without colours, of which no image shows anything."""
         return cls(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
 
     def coloured(self, image: NDArray[np.uint8], matrix: NDArray[np.float64], mask: NDArray[np.bool_]) -> ClosedMesh:

@@ -34,7 +34,7 @@ from stages.registry import DATASET, load_stage, resolve
 from stages.render_vision.renderer import Renderer
 
 MANIFEST, OBJECT = "toy", "bottle-0001"
-"""Of a class that the weights that ship know, and unseen by them: their manifest has other variants."""
+"""An object of a class that the shipped weights know, which is not in their training set."""
 SETTINGS = ("simulate-grasps.grasps=1",)
 FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
 """Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
@@ -44,7 +44,7 @@ GREY = (150, 170, 190)
 
 @dataclass(frozen=True)
 class Demo:
-    """What a demo made.
+    """Hold the results of a demo.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Demo:
     distance
         Mean distance between reconstruction and object, m.
     seconds
-        That the reconstruction took, without the simulation and the pictures.
+        Duration of the reconstruction, without the simulation and the pictures.
     """
 
     mesh: Path
@@ -126,7 +126,7 @@ def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
 
 
 def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Turn a camera once around the middle of points, from where it stands, with a view that holds all of them."""
+    """Place cameras once around the middle of points, starting from a camera, each with a view of all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = ((low + high) / 2).tolist()
     size = float(np.linalg.norm(high - low)) / np.sqrt(12)

@@ -31,7 +31,7 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 
 
 def write_charts(path: Path, reconstruction: Reconstruction, metres_per_unit: float = 1.0) -> None:
-    """Write a reconstruction's charts apart: each chart has its own vertices, colour and, in OBJ and GLB, its own named object.
+    """Write a reconstruction's charts separately: each has its own vertices, colour and, in OBJ and GLB, its own named object.
 
     Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node turns
     it, z up, to glTF's y up, and scales it to metres. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.

@@ -1,4 +1,4 @@
-"""What is known of a network's error: by its evaluation, by the card of one that ships, or by its training alone."""
+"""Describe a network's error: from its evaluation, from the card of a shipped network, or from its training."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
 def error_note(reader: ObservationReader) -> str:
-    """Say how far the surfaces of a reader's network are from objects that it did not learn from, and warn if looking up is nearer.
+    """Describe the error of a reader's network on objects that it was not trained on; warn if looking up a training object is better.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def error_note(reader: ObservationReader) -> str:
 
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
-    """Compare the mean distance with that of the training object that the same inputs find; None if the network was not evaluated."""
+    """Compare the mean distance with that of the training object retrieved by the same inputs; None if the network was not evaluated."""
     directory, evaluated = DataDirectory(reader.models.parent), evaluation_name(reader.training_seed)
     if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
         return None

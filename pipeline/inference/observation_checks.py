@@ -1,4 +1,4 @@
-"""Faults of a robot's observation: what its geometry, and a model that it is given to, tell about it."""
+"""Find faults of a robot's observation: in its geometry, and against the model that it is given to."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEAREST_SHARE = 2.0
 
 @dataclass(frozen=True)
 class ModelInputs:
-    """What a trained model was given.
+    """The inputs that a model was trained with.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ModelInputs:
 
 
 def used_inputs(config: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
-    """Say what of an observation a network is given: all of its inputs, and of one that takes any those that are there.
+    """Choose the inputs that a network gets from an observation; a network that takes any inputs gets those that are present.
 
     An image in which a hand is marked is an occluded one: the hand is left in it.
     """
@@ -63,7 +63,7 @@ def used_inputs(config: NetworkInputs, observation: RobotObservation) -> Network
 
 @dataclass(frozen=True)
 class ObjectBox:
-    """Where an object is: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and what says so."""
+    """The place of an object: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and the source of both."""
 
     centre: NDArray[np.float64]
     diagonal: float | None
@@ -94,7 +94,7 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
 
 
 def _why_not_located(observation: RobotObservation) -> str:
-    """Say why nothing tells where the object is, and what would."""
+    """Say why the object cannot be located, and what would locate it."""
     camera = observation.camera
     if camera is not None and camera.metres is not None and camera.mask is not None:
         return f"{UNMEASURED}, or state it, or give two touches"
@@ -125,7 +125,7 @@ def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
 
 
 def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
-    """Find what is wrong with an observation whose entries are sound by themselves, or with giving it to a model."""
+    """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
     if model is not None:
         model = replace(model, config=used_inputs(model.config, observation))
     if too_far := list(_distant_positions(observation)):
@@ -138,7 +138,7 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
 
 
 def _distant_positions(observation: RobotObservation) -> Iterator[str]:
-    """Name positions that are too far away, perhaps in another unit."""
+    """Yield positions that are too far away, perhaps in another unit."""
     positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
     positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
     positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
@@ -149,7 +149,7 @@ def _distant_positions(observation: RobotObservation) -> Iterator[str]:
 
 
 def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
-    """Name what the model needs and is not given."""
+    """Yield inputs that the model needs and that are missing or unsuitable."""
     name, config = model.configuration, model.config
     if config.image == "rendering":
         yield f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
@@ -179,7 +179,7 @@ def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Itera
 
 
 def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
-    """Name cameras and touches that do not fit the object's place."""
+    """Yield cameras and touches that do not fit the object's place."""
     is_stated = observation.object.diagonal is not None
     if model is not None and is_stated and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
         yield (
@@ -209,7 +209,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
 
 
 def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> str | None:
-    """Say that the depth image does not show the object where it is; None where it does, or says nothing about that."""
+    """Describe a depth image that does not show the object at its place; None if it does, or if there is none."""
     camera = observation.camera
     if camera is None or camera.metres is None or camera.mask is None:
         return None
@@ -235,7 +235,7 @@ def _sees(observation: RobotObservation, matrix: NDArray[np.float64], box: Objec
 
 
 def _unseen(observation: RobotObservation, box: ObjectBox) -> str:
-    """Say that the camera does not see the object, and which other reading of its pose would make it."""
+    """Say that the camera does not see the object, and which other reading of its pose would."""
     camera = observation.camera
     assert camera is not None
     other_convention = "opengl" if camera.convention == "opencv" else "opencv"

@@ -23,7 +23,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.vertex_colors import foreground
 
 NOWHERE = "object.centre is missing"
-"""How the fault begins that nothing tells where the object is."""
+"""Beginning of the fault that the object cannot be located."""
 
 MAX_TOUCHES = 256
 
@@ -193,7 +193,7 @@ class RobotObservation(Entries):
 
     @property
     def is_felt(self) -> bool:
-        """Tell whether networks with touch are given something: touches, or visible points in their place."""
+        """Tell whether there is input for networks with touch: touches, or visible points in their place."""
         return bool(self.touches) or (self.camera is not None and self.camera.depth_as_touch)
 
     def name_of(self, number: int) -> str:
@@ -273,7 +273,7 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
         observation = _usable_part(entries, error, context)
     else:
         hint = ""
-    if observation is not None:  # a camera or touches that cannot be used may have told where the object is
+    if observation is not None:  # invalid cameras or touches might have located the object
         lines += [line for line in faults(observation) if not (lines and line.startswith(NOWHERE))]
     if lines:
         raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
@@ -282,7 +282,7 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
 
 
 def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:
-    """Validate what is left without the entries that an error names, so that faults of the rest are found too."""
+    """Validate the entries that an error does not name, so that their faults are found too."""
     places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
     if not isinstance(entries, dict) or () in places:
         return None

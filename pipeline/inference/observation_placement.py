@@ -1,4 +1,4 @@
-"""A robot's observation in the world that a network was trained in: the object moved to its place, the photograph to its camera."""
+"""Move a robot's observation to the world of a network's training: the object to its place, the photograph to its camera."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
 SMALL_OBJECT, LARGE_OBJECT, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 0.5, 1.2, 10.0, 0.9, 0.5
-"""Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
-share of an image, and of its border that a mask holds, that are worth a warning."""
+"""Limits for warnings: shares of the network's size below which an object is small, and above which it is large; degrees between views;
+share of the training camera's image that the photograph shows; and share of the border that a mask covers."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """An observation as a network is given it.
+    """An observation in the form that a network is given.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the turn (4, 4) by an angle about the vertical through a point."""
+    """Make the rotation (4, 4) by an angle about the vertical through a point."""
     rotation = np.eye(4)
     rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     rotation[:3, 3] = centre - rotation[:3, :3] @ centre
@@ -145,7 +145,7 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
 
 
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
-    """Choose the colour of what the photograph does not show, and paint what its mask leaves out."""
+    """Choose the colour of what the photograph does not show, and paint the pixels outside its mask."""
     if model.background is None:
         border = np.concatenate([camera.image[0], camera.image[-1], camera.image[:, 0], camera.image[:, -1]])
         red, green, blue = (int(level) for level in np.median(border, axis=0))
@@ -158,7 +158,7 @@ def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, 
     return model.background, np.where(mask[..., None], camera.image, np.array(model.background, np.uint8))
 
 
-# ---- what is said
+# ---- remarks
 
 
 def describe_object(observation: RobotObservation, box: ObjectBox) -> str:

@@ -1,4 +1,4 @@
-"""Inputs of a trained network: the image and touch charts of a stored object, or of a robot's observation."""
+"""Read the inputs of a trained network: image and touch charts of a stored object, or of a robot's observation."""
 
 from __future__ import annotations
 
@@ -102,19 +102,19 @@ class ObservationReader:
         )
 
     def suited_to(self, observed: RobotObservation) -> ObservationReader:
-        """Give a model that takes any inputs what an observation has."""
+        """Return a reader for an observation; a model that takes any inputs gets those that are present."""
         return replace(self, model=self.model.given(used_inputs(self.model.config, observed)))
 
     @cached_property
     def inputs(self) -> ModelInputs:
-        """What the model was given in its training."""
+        """Inputs that the model was trained with."""
         model = self.model
         sensor = self.unet.sensor if model.touch else None
         return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor)
 
     @cached_property
     def unet(self) -> TouchModel:
-        """Load the network beside the models by whose points charts were fitted: the U-Net, or the local one."""
+        """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
         name, label = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
         if f"{name}.json" not in names_in(self.models):
             raise StageError(

@@ -33,7 +33,7 @@ class Entries(BaseModel):
                 yield name, f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
 
     def changed(self, **changes: Any) -> Self:
-        """Validate a copy with other values; what was computed of the old ones is computed again."""
+        """Return a validated copy with other values; cached properties are computed again."""
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 

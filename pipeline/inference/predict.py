@@ -190,7 +190,7 @@ def reconstruct(
 
 
 def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
-    """Load a model with what reads its inputs."""
+    """Load a model and the reader of its inputs."""
     device = device_of(accelerator)
     return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed, training_seed)
 

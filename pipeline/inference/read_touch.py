@@ -1,4 +1,4 @@
-"""Depth, contact, normals and points that a sensor's network reads in photographs, and the files that hold them."""
+"""Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pipeline.store.record import named_location
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
-"""Of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
+"""Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
@@ -35,7 +35,7 @@ REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline 
 
 @dataclass(frozen=True, eq=False)
 class TouchReading:
-    """What is read in a photograph.
+    """Depth and contact that are read in a photograph.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Scores beside a data directory's own networks: of another method's mesh files or point clouds, and of the network that ships."""
+"""Score another method's mesh files or point clouds, and the network that ships, as a data directory's own networks are."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
 
     Returns
     -------
-    What it was not given, and why.
+    The inputs that it was not given, and why.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
 
 
 def _settings(directory: DataDirectory) -> dict[str, Any]:
-    """Choose how surfaces are measured: as the networks' were, if some were evaluated."""
+    """Choose the measuring settings: those of the networks' evaluation if there is one."""
     if exists(directory.folder_record(evaluation_name())):
         settings = read_root(directory.whole_folder(evaluation_name()))["settings"]
         measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}

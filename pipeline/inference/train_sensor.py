@@ -14,14 +14,14 @@ from stages.train_touch.presses import random_presses
 from stages.train_touch.settings import TouchTrainingSettings
 
 PIXELS = 160
-"""Along the longer side of what the network sees, as `simulate-presses` has it."""
+"""Pixels along the longer side of the network's input, as in `simulate-presses`."""
 PRESSES, WATCHED = 1200, 16
-"""To learn from, and to watch the training by."""
+"""Presses to train on, and to validate on."""
 STEPS = 1200
-"""Of the training: of all presses as many times."""
+"""Training steps, for any number of presses."""
 GEL = (0.6, 1.5)
-"""Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better. Much thinner gels meet the object
-where thicker ones only sink beside it, and contact could not be told."""
+"""Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
+object where thicker ones only sink beside it, and contact would become ambiguous."""
 
 
 def train_sensor_network(

@@ -1,4 +1,4 @@
-"""A dataset's contact sheets: the best grasps of objects, drawn again only if the shown rows have changed."""
+"""Draw a dataset's contact sheets, the best grasps of objects; they are drawn again only if the shown rows have changed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ DRAWN = "contact-sheet.key"
 
 
 class Sheets(WrittenFiles):
-    """The sheets of a data directory; no other file of it is ever replaced or removed."""
+    """The sheets of a data directory; no other file of it is replaced or removed."""
 
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
@@ -73,7 +73,7 @@ def contact_sheets(data: Place, max_objects: int) -> list[Place]:
 
 
 def draw_contact_sheet(data: Place, max_objects: int, path: Path) -> list[Path]:
-    """Draw such a sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors are those of `contact_sheets`."""
+    """Draw a contact sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors as `contact_sheets`."""
     return _draw(*_choose_objects(data, max_objects), path)
 
 
@@ -113,7 +113,7 @@ class BandMaker:
     """Make bands for one hand with its sensors in one scene; `band_maker` opens one."""
 
     def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensors: Sequence[Sensor]) -> None:
-        """Take the hand's shapes into the renderer."""
+        """Add the hand's shapes to the renderer."""
         self.renderer, self.scene, self.hand, self.sensors = renderer, scene, hand, sensors
         self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
 

@@ -37,7 +37,7 @@ MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([
 
 @dataclass(frozen=True)
 class Band:
-    """Hold what a sheet shows of one object in one grasp.
+    """Hold the content of a sheet for one object in one grasp.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def finger_colors(count: int) -> list[Color]:
 
 
 def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
-    """Draw the bands on as many pages as it takes, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
+    """Draw the bands on as many pages as needed, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
 
     Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps' colours.
 
@@ -146,14 +146,14 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
 
 
 def enlarged(image: NDArray[np.uint8], masks: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
-    """Cut a camera image (R, C, 3) around what masks (view, R, C) show, if that is less than half as large, and note the factor."""
+    """Crop a camera image (R, C, 3) to what masks (view, R, C) show, if that is less than half as large, and return the factor as text."""
     row, col = surroundings(masks)
     side = max(row.stop - row.start, col.stop - col.start)
     return (image[row, col], f", enlarged {image.shape[0] / side:.1f} ×") if 0 < 2 * side <= image.shape[0] else (image, "")
 
 
 def surroundings(masks: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Find the square part of images around what any of these masks (view, row, col) shows; none of nothing."""
+    """Find the square part of images around what any of these masks (view, row, col) shows; it is empty if the masks are."""
     pixels = np.argwhere(masks.any(axis=0))
     if not len(pixels):
         return slice(0, 0), slice(0, 0)
@@ -205,7 +205,7 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
 
 
 def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
-    """Scale an image (R, C, 3) into a square, with paper beside it where it is none."""
+    """Scale an image (R, C, 3) into a square, with white borders if it is not square."""
     picture = Image.fromarray(np.ascontiguousarray(image))
     return picture if picture.size == (side, side) else ImageOps.pad(picture, (side, side), Image.Resampling.LANCZOS, color=PAPER)
 

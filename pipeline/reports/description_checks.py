@@ -30,10 +30,10 @@ ENTRIES: dict[Kind, set[str]] = {
     "manifest": {"sources", "splits"},
     "observation": {"object", "camera", "touches"},
 }
-"""Entries by which the kinds of description files are told apart."""
+"""Entries that identify the kinds of description files."""
 
 SIZE = 0.5
-"""m, diagonal of the objects that are looked for in the images."""
+"""m, diagonal of an object that must be visible in the images."""
 
 
 def check_file(name: str, picture: Path | None, model: ModelInputs | None = None, meshes: MeshFiles | None = None) -> list[str]:
@@ -46,7 +46,7 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     picture
         PNG to write; by default NAME.png in the current folder.
     model
-        A model that an observation is given to.
+        A model to check an observation against.
     meshes
         The mesh files that a manifest is checked with.
 
@@ -104,7 +104,7 @@ def _kind_of(path: Path) -> str:
 
 
 def _place(file: Path) -> Path:
-    """Resolve the folder of a file; a link is a file of its own."""
+    """Resolve the folder of a file, but not a link to the file."""
     return file.parent.resolve() / file.name
 
 

@@ -1,4 +1,4 @@
-"""Check that everything is installed that the stages need, and say how to get what is not."""
+"""Check that everything the stages need is installed, and say how to install what is missing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "p
 
 @dataclass(frozen=True)
 class Check:
-    """Say whether one thing works, and what to do where it does not."""
+    """The result of one check, and the remedy if it failed."""
 
     subject: str
     ok: bool
@@ -26,7 +26,7 @@ class Check:
 
 
 def examine() -> Iterator[Check]:
-    """Look at the interpreter, the packages, headless rendering and the graphics card, in that order."""
+    """Check the interpreter, the packages, headless rendering and the graphics card, in that order."""
     version = ".".join(map(str, sys.version_info[:3]))
     yield Check(f"Python {version}", (3, 11) <= sys.version_info < (3, 14), "use Python 3.11, 3.12 or 3.13")
     attempts: list[tuple[str, Callable[[], str], str]]
@@ -46,7 +46,7 @@ def _version(name: str) -> str:
 
 def _render() -> str:
     from pipeline.formats.scene_file import load_scene
-    from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
+    from pipeline.kernels.vision.camera import projection_matrix  # imported here: they need what is being checked
     from stages.render_vision.renderer import Renderer
 
     scene = load_scene("supplement")

@@ -1,4 +1,4 @@
-"""An object with its grasps as one glTF scene: object, hand, gels, touched surface, touch charts and predictions, each a node by name."""
+"""Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from pipeline.reports.lift import Lift
 from pipeline.reports.second_view import gel_squares, touch_patch
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
-"""Most faces of an object, of each shape of a hand and of a touched patch where a scene is to be small: as many as a screen shows."""
+"""Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
 
 TEXTURED_FACES = 20_000
-"""Most faces of a textured object there: it keeps its texture; one with more gets the texture's colours at its vertices."""
+"""Most faces with which an object keeps its texture in a small scene; one with more gets the texture's colours at its vertices."""
 
 GRID = 2.0**-15
-"""m to which coordinates are rounded where a scene is to be small: 30 µm, after which files compress to half."""
+"""m to which coordinates are rounded in a small scene: 30 µm, which halves compressed files."""
 
 TEXTURE = 512
-"""Pixels along the longest side of a texture where a scene is to be small; it is written as WebP then."""
+"""Pixels along the longest side of a texture in a small scene, which is written as WebP."""
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 Scene = Any
@@ -82,7 +82,7 @@ class GraspScenes:
         return scene
 
     def clip(self, rows: Rows, grasp: int, lift: Lift) -> Clip:
-        """Make the animation `grasp-K` of a grasp's lift, of a scene with that grasp: hand, gels, object and what is marked on it move."""
+        """Make the animation `grasp-K` of a grasp's lift: hand, gels, object and the marks on it move."""
         row, name = rows["grasps"], f"grasp-{grasp}"
         frames = forward_kinematics(self.hand, row["hand_pose"][grasp], lift.joint_angles)  # (T, L, 4, 4)
         poses = {f"{name}-hand-{shape}": frames[:, link] for link, shape, _ in self._shapes}
@@ -93,7 +93,7 @@ class GraspScenes:
         return Clip(name, lift.times, poses)
 
     def glb(self, scene: Scene, clips: Sequence[Clip] = ()) -> bytes:
-        """Write a scene as GLB, with animations of its nodes; normals are left to whoever shows it."""
+        """Write a scene as GLB, with animations of its nodes; viewers compute the normals."""
         kept = [Clip(clip.name, clip.times, {node: clip.poses[node] for node in clip.poses if node in scene.graph.nodes}) for clip in clips]
         content = scene.export(
             file_type="glb", include_normals=False, extension_webp=self.small, buffer_postprocessor=clip_writer(kept) if kept else None
@@ -162,13 +162,13 @@ def _empty() -> Scene:
 
 
 def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join the vertices of a mesh that are at one place, so that simplifying it opens no seam."""
+    """Merge vertices of a mesh that coincide, so that simplifying it opens no seam."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     return vertices, number.reshape(-1)[mesh.faces]
 
 
 def _simplified(vertices: NDArray[Any], faces: NDArray[Any], max_faces: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Simplify a mesh to about `max_faces` faces by quadric error; less haste keeps shapes of many parts, with more faces where it must."""
+    """Simplify a mesh to about `max_faces` faces by quadric error; less `haste` preserves shapes of many parts, with more faces."""
     if len(faces) <= max_faces:
         return vertices, faces
     simplify: Any = fast_simplification.simplify

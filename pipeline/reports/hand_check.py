@@ -1,4 +1,4 @@
-"""The check of a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
+"""Check a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ FAR_PALM = 2.0
 """A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
 
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
-"""Title, and the axes of the root link that go right, up and towards the eye."""
+"""Title, and the axes of the root link that point right, up and towards the viewer."""
 
 MAX_TRIANGLES = 20_000
 """Per link and picture; the others are left out."""
 
 HOLLOW = 2e-3
-"""m, depth from which a hollow that a convex shape fills is named: more than a gel is pressed in."""
+"""m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in."""
 
 RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
-"""Of links that overlap, and of others, where they face the eye."""
+"""Colours of links that overlap, and of others, where they face the viewer."""
 
 ARROW = 0.15
-"""Length of the palm's arrow, and of the longest way of a sensor, as a share of the hand's."""
+"""Length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size."""
 
 STEP = 0.05
-"""Share of every joint's range by which the closing directions look ahead."""
+"""Share of every joint's range by which joints move to find the closing directions."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:
@@ -142,7 +142,7 @@ def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
 
 
 def _convex_notes(hand: Hand) -> list[str]:
-    """Say what the convex shapes in place of collision meshes lose, and the hollows that they fill."""
+    """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
     links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
     meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
     with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
@@ -229,7 +229,7 @@ def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
 
 
 def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute how far each sensor goes along its normal from a posture (J,), by its finger's joints together.
+    """Compute how far each sensor moves along its normal from a posture (J,), by its finger's joints together.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A short trial of a hand: a few attempts at a grasp of a ball, with the reasons of those that fail."""
+"""Try a hand: attempt a few grasps of a ball, and list the reasons of those that fail."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 
 ATTEMPTS = 10
 SHARE = 0.5
-"""Of how far the hand opens, the ball's diameter."""
+"""Diameter of the ball, as a share of the hand's opening."""
 
 NO_ROOM = "the hand found no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
@@ -44,7 +44,7 @@ def trial_grasps(path: Path) -> list[str]:
 
     Returns
     -------
-    Lines: how many attempts are grasps, and with how many touches; why the others are none. A fault if none is one.
+    Lines: how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
     """
     settings = GraspSettings(hand=str(path))
     prepared = prepare_hand(settings)

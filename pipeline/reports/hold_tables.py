@@ -11,11 +11,11 @@ from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import Tally
 
 SIZES = 5
-"""Bins of size at most; each has its share of the objects, but for the last."""
+"""Maximum number of size bins; each but the last has an equal share of the objects."""
 MIN_RATIO, SAME = 1.05, 1 + 1e-6
-"""Of a bin's lower end to that of the bin before, at least; and of sizes that are one, as of objects that were scaled."""
+"""Least ratio of the lower ends of successive bins; and ratio up to which sizes are equal, as those of objects scaled to one size."""
 DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
-"""Of gravity, as in `held_directions`."""
+"""Directions of gravity, as in `held_directions`."""
 
 
 def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
@@ -34,7 +34,7 @@ def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
 
     Returns
     -------
-    Numbers of the objects of each bin, by its name, from small to large.
+    Object numbers by bin name, from small to large.
     """
     min_count, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
     for number in np.argsort(diagonals, kind="stable").tolist():

@@ -1,4 +1,4 @@
-"""The report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
+"""Write the report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
 UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
-"""Units that a line of text does not begin with."""
+"""Units that are kept on the line of their number."""
 
 CARDS = 8
 """Objects on the first page."""
@@ -102,7 +102,7 @@ def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
 
 
 def _write_objects(source: ReportSource, folder: Path, console: Console, previous: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
-    """Write the pages of objects that changed since the last report, or whose files there did; return the cards of all objects."""
+    """Write the pages of objects that changed since the last report, or whose report files changed; return the cards of all objects."""
     template = _environment().get_template("object.html.j2")
     common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
     shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
@@ -162,12 +162,12 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
 
 
 def _counted(number: int, noun: str, share: str = "") -> tuple[str, str]:
-    """Make a tile: a number, and of what."""
+    """Make a tile: a number, and what it counts."""
     return str(number), pluralise(number, noun).partition(" ")[2] + share
 
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
-    """Draw the pictures of the first page, of an object of the better half of those that were evaluated, if there are any."""
+    """Draw the pictures of the first page, of an object from the better half of the evaluated ones, if there are any."""
     ranked = source.evaluation.ranked(source.evaluation.configurations) if source.evaluation else []
     reconstructed = [name for name in ranked if name in source.object_ids]
     candidates = spread_evenly(reconstructed[: -(-len(reconstructed) // 2)] or source.object_ids, CANDIDATES)
@@ -213,7 +213,7 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
-    """Say what the results are, and draw the error by what is given."""
+    """Summarise the results, and draw the error by what networks are given."""
     evaluated, scored = ([source.directory.whole_folder(name) for name in names] for names in (source.evaluated, source.scored))
     folders = [*evaluated[:1], *scored]
     if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
@@ -229,7 +229,7 @@ def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
 
 
 def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
-    """Give each table the lines of text that stand before it; those after the last one are its own too."""
+    """Group each table with the lines of text before it; lines after the last table belong to that table."""
     groups: list[tuple[Table, list[str]]] = []
     lines: list[str] = []
     for table in tables:
@@ -244,7 +244,7 @@ def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]
 
 
 def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
-    """Draw the measured trades of speed for accuracy, which lie on this machine's disk if anywhere."""
+    """Draw the measured trades of speed for accuracy, if the data directory is on a disk."""
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
 

@@ -1,4 +1,4 @@
-"""What of each scene was not computed, because nothing in the dataset depends on it."""
+"""Count what was not computed of each scene because nothing in the dataset depends on it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def left_out_table(source: ReportSource) -> Table:
 
     Returns
     -------
-    A row for each kind of thing: how many there are, how many were left out, in %, and why.
+    A row per kind: how many there are, how many were left out, in %, and why.
     """
     object_ids = spread_evenly(source.object_ids, OBJECTS)
     total, used = Counter[str](), Counter[str]()

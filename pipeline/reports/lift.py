@@ -1,4 +1,4 @@
-"""Lifts of stored grasps, to be watched: the fingers close, the object is let go, and physics moves both."""
+"""Simulate lifts of stored grasps for animations: the fingers close, the object is released, and physics moves both."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.motion import Motion
 
 CLOSING_SECONDS, CLOSING_FRAMES = 0.8, 9
-"""s from the pre-grasp to the grasp, in which the object does not move: so the stage closes the fingers."""
+"""s from the pre-grasp to the grasp, in which the object does not move, as in the stage."""
 FALL = 0.1
-"""m that the object may move before the lift ends: a fall is seen, not only that it begins."""
+"""m that the object may move before the lift ends: enough to see the fall, not only its start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Lift:
     held
         Whether it passes the lift of `GRASP_TESTS`.
     note
-        What happened, for a reader.
+        Description of what happened.
     """
 
     times: NDArray[np.float64]
@@ -57,7 +57,7 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
     Notes
     -----
     Each begins with a newly loaded object, so that it is the same every time. The stage tests one grasp after the other, and PyBullet
-    remembers contacts (`HoldTest.hold`): of 100 grasps some two end otherwise here than `held` says.
+    remembers contacts (`HoldTest.hold`): of 100 grasps about two end differently here than `held` says.
     """
     if "squeeze_angles" not in set(grasps):
         return []
@@ -70,7 +70,7 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
 
 
 def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
-    """Put the closing before the motion, as far as its numbers are finite."""
+    """Put the closing before the motion, and cut the motion at the first number that is not finite."""
     finite = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
     count = int(finite.argmin()) if not finite.all() else len(motion.poses)
     poses = motion.poses[:count]

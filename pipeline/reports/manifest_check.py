@@ -1,4 +1,4 @@
-"""The check of a manifest: each object's size, unit, faces and textures, and what is wrong with it, before anything is made of it."""
+"""Check a manifest: each object's size, unit, faces and textures, and its faults, before any stage runs."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from stages.sample_surfaces.stage import SampleSurfaces, missing_remarks, normal
 LISTED = 50
 """Objects, faults or categories that are listed one by one."""
 USUAL = (0.01, 2.0)
-"""m, diagonals of what hands grasp: others make one ask for the unit."""
+"""m, diagonals of objects that hands grasp; others raise doubt about the unit."""
 DRAWN, PER_ROW, PIXELS = 12, 6, 200
-"""Objects that are drawn, spread evenly by size, as the camera sees them: how many, how many side by side, and the pixels of each."""
+"""Objects that are drawn, spread evenly by size, as the camera sees them: their number, number per row, and pixels of each."""
 LIKELY = (0.03, 0.6)
-"""m, diagonals that make a unit likely."""
+"""m, diagonals at which a unit is likely."""
 SCALED = "none: scaled"
 QUANTILES = {"smallest": 0.0, "5 % are smaller": 0.05, "half are smaller": 0.5, "95 % are smaller": 0.95, "largest": 1.0}
 
 
 @dataclass(frozen=True)
 class CheckedObject:
-    """What was read of an object.
+    """Facts that were read of an object.
 
     Attributes
     ----------
     name
         Its id.
     unit
-        Of its file, and who states it.
+        Unit of its file, and its source.
     real_size
         Whether there is a unit, which keeps the size.
     sides, diagonal
-        Of its bounding box as it will be, m; x, y and z up.
+        Of its final bounding box, m; x, y and z up.
     in_file
         The diagonal in the unit of its file.
     faces, watertight
@@ -60,7 +60,7 @@ class CheckedObject:
     textures
         How many there are.
     missing
-        Files with textures or materials that it names and that are not there.
+        Files with textures or materials that it names and that are missing.
     """
 
     name: str
@@ -76,7 +76,7 @@ class CheckedObject:
 
     @property
     def doubt(self) -> str | None:
-        """Ask for the unit, if the size is unusual."""
+        """A warning about the unit, if the size is unusual."""
         if not self.real_size or USUAL[0] <= self.diagonal <= USUAL[1]:
             return None
         likely = likely_units(self.in_file)
@@ -97,7 +97,7 @@ class CheckedObject:
 
 @dataclass(frozen=True)
 class MeshFiles:
-    """State the folder of a manifest's mesh files, their unit and up-axis, where the manifest's are not meant."""
+    """The folder of a manifest's mesh files, their unit and up-axis, where they replace the manifest's."""
 
     root: Path | None = None
     units: str | None = None
@@ -124,7 +124,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     Raises
     ------
     InvalidInput
-        Of the manifest, or its folders.
+        The manifest or its folders cannot be used.
     """
     manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
     objects = manifest.objects(meshes.root)
@@ -184,7 +184,7 @@ def read_object(item: Object, stated_by: str) -> CheckedObject:
 
 
 def _unit(file: Path, metres: float | None, stated_by: str) -> str:
-    """Name the unit of a file, and who states it."""
+    """Name the unit of a file, and its source."""
     if metres is None:
         return SCALED
     stated_metres = stated_units(file)[0]
@@ -219,7 +219,7 @@ def _first(lines: Sequence[str]) -> list[str]:
 
 
 def _scaled(sizes: Sequence[float]) -> Iterator[str]:
-    """Say how large the objects without a unit are in their files, and which units are likely."""
+    """Yield the sizes in their files of objects without a unit, and the likely units."""
     if sizes:
         middle = sorted(sizes)[len(sizes) // 2]
         likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in likely_units(middle))

@@ -1,4 +1,4 @@
-"""The check of an observation file: where its object, camera and sensors are, and what a network is given of it."""
+"""Check an observation file: the places of its object, camera and sensors, and what a network is given of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pipeline.kernels.vision.view_transfer import camera_direction, optical_cent
 from pipeline.reports.plots import save_figure
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
-"""The outline of a gel, in sides."""
+"""The outline of a gel, in units of its sides."""
 
 
 def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
@@ -89,7 +89,7 @@ def _outlines(observation: RobotObservation) -> np.ndarray:
 
 
 def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, *, right: int, up: int) -> None:
-    """Draw the scene along an axis of the file's frame; the numbers of two others say which go right and up."""
+    """Draw the scene along an axis of the file's frame; `right` and `up` are the numbers of the other axes."""
     unit = observation.metres_per_unit
     column, row = box.centre[[right, up]] / unit
     axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))

@@ -1,4 +1,4 @@
-"""The supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
+"""Test the supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from stages.evaluate.evaluation_files import Figures, read_root
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
 MIN_OBJECTS = 6
-"""Objects that a verdict needs: fewer agree by chance more than once in twenty, and their bootstrap intervals are too short."""
+"""Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""
 
 PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
-"""Of configurations' names, by family: the claims are the same within each."""
+"""Prefixes of configurations' names, by family: the claims are the same within each family."""
 
 Answer = Literal["holds", "does not hold", "undecided"]
 
@@ -120,7 +120,7 @@ def _grasps(values: Values) -> Iterator[Claim]:
 
 
 def _rings(values: Values) -> Iterator[Claim]:
-    """Claim that with touch the error is least at the touch site, without it is not; and that there touch helps."""
+    """Claim that with touch the error is least at the touch site, that without touch it is not, and that touch helps there."""
     last = max((max(trainings[0].rings, default=0) for trainings in values.values()), default=0) - 1
     for without_touch in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):
         with_touch = f"{without_touch}-touch"
@@ -152,7 +152,7 @@ def _printed(
 
 
 def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
-    """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
+    """Make one row per verdict, and count the answers below; orderings that do not hold in the supplement either are marked."""
     if not verdicts:
         return []
     paper = any(verdict.supplement is not None for verdict in verdicts)

@@ -1,4 +1,4 @@
-"""The picture of a dataset at a glance: an object, a grasp, what its sensors measure, and a reconstruction."""
+"""Render the overview of a dataset: an object, a grasp, what its sensors measure, and a reconstruction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GAP = 4
 
 
 def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render an object, a grasp of it and its reconstruction; then the way there: tactile images, depth maps, touched surface.
+    """Render an object, a grasp of it and its reconstruction; then the steps between: tactile images, depth maps, touched surface.
 
     Grasps are counted from 0. The reconstruction is the best of those that are given touches, else the best of all.
 
@@ -55,7 +55,7 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
 
 
 def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Lay tiles of one size in a square as near as can be, with white between them."""
+    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
     columns = int(np.ceil(np.sqrt(len(tiles))))
     framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
     framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)

@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
+"""Draw the paper's figures from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ POINTS = 1500
 """Points of a cloud that are drawn at most."""
 
 OPENING = 0.03
-"""m that the fingers are drawn back in the second step's picture, more than in physics, where nobody would see it."""
+"""m that the fingers are drawn back in the second step's picture: more than in physics, so that it is visible."""
 
 RADIUS = 0.15
-"""m of the sphere of charts in its picture."""
+"""m, radius of the sphere of charts in its picture."""
 
 
 def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[dict[str, Any]]:
@@ -61,7 +61,7 @@ def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[d
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         charts = source.collections.get("charts")
-        if charts and "models/unet" in charts.first.record.models:  # else they are fitted to other points than this network's
+        if charts and "models/unet" in charts.first.record.models:  # else charts are fitted to points of another network
             figures.append(_local_shape(source, folder, object_id, grasp))
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
@@ -160,7 +160,7 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
-        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it does not see how wide labels beside 3D axes are
+        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it ignores the width of labels beside 3D axes
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
         grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):
@@ -215,7 +215,7 @@ def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[A
     axes.set_xlabel("x, mm", labelpad=-8)
     axes.set_ylabel("y, mm", labelpad=-8)
     axes.set_zlabel("depth, mm", labelpad=-6)
-    axes.set_box_aspect(None, zoom=0.8)  # or else the label is outside the figure
+    axes.set_box_aspect(None, zoom=0.8)  # else the label is outside the figure
     axes.locator_params(nbins=4)
     axes.tick_params(labelsize=6, pad=-3)
     axes.view_init(elev=35, azim=-60)

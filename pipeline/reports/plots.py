@@ -1,4 +1,4 @@
-"""Plots, drawn with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
+"""Draw plots with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
 from pipeline.store.atomic import write_at_once
 
 INK = "#010203"
-"""Stands for the colour of text and lines, which the file takes from the theme."""
+"""Placeholder for the colour of text and lines, which follows the page's theme."""
 
 THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
 HATCHES = ("", "//")
-"""Of bars, so that colours are not needed to tell them apart."""
+"""Hatches of bars, so that they differ without colours."""
 LINES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^", "v")
 
@@ -35,7 +35,7 @@ PHOTOGRAPHS, GAIN = 3, 4
 
 
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a figure in the format of the suffix, its texts as they are: a `$` does not begin a formula.
+    """Write a figure in the format of the suffix, with literal texts: a `$` does not begin a formula.
 
     The file is replaced at once; options are those of `Figure.savefig`.
 
@@ -120,7 +120,7 @@ def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> N
 def draw_errors(
     path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
 ) -> None:
-    """Draw errors with their intervals by series and place, and what they are compared with as a line by place, as an SVG.
+    """Draw errors with their intervals by series and place, and reference values as a line by place, as an SVG.
 
     Places are in the order of their `labels`; those without errors are left out.
     """
@@ -165,7 +165,7 @@ def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray
 
 
 def _around(photograph: Photograph) -> tuple[slice, slice]:
-    """Find the part of an image that the ring around its contact takes up."""
+    """Find the part of a photograph that the ring around its contact covers."""
     contact, reach = photograph.contact, RING * photograph.contact.radius
     row, col = (slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
     return row, col

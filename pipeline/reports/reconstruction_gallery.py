@@ -1,4 +1,4 @@
-"""Reconstructions beside their objects: a row per object, a column per model, seen by the dataset's camera."""
+"""Draw reconstructions beside their objects: a row per object, a column per model, from the dataset's camera."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ FILL = 0.8
 
 
 def nearest_middle_farthest(ranked: Sequence[str], limit: int) -> list[str]:
-    """Choose at most that many of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
+    """Choose at most `limit` of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
     if len(ranked) <= limit:
         return list(ranked)
     first, middle, last = (len(part) for part in np.array_split(np.arange(limit), 3))
@@ -123,7 +123,7 @@ def painted_mesh(
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:
-    """Render a mesh alone, by that camera or the renderer's."""
+    """Render a mesh alone, with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))], camera).rgb
 

@@ -1,4 +1,4 @@
-"""Files that reports wrote, under which key: the list of a report, `report/pages.json`, and its checks."""
+"""Files that reports wrote, with their keys: the list of a report, `report/pages.json`, and its checks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class WrittenFiles(Stored):
     files: dict[RelativePath, Sha256]
 
     def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
-        """Tell whether the files show what they would show now, and the store found none of them changed."""
+        """Tell whether the files were written under this key, and none of them changed since."""
         return self.key == key and not any(name in changed for name in self.files)
 
 

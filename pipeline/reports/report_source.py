@@ -1,4 +1,4 @@
-"""The content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
+"""Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ReportSource:
     measured
         Those that keep surfaces, which are shown: the first evaluation, and the score of the network that ships.
     evaluation
-        What is in these; None where no network has been evaluated.
+        The content of these; None if no network has been evaluated.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class Prediction(NamedTuple):
     case
         Its number in the network's group of surfaces.
     figures
-        Of this reconstruction, by metric.
+        Figures of this reconstruction, by metric.
     """
 
     network: str
@@ -157,7 +157,7 @@ class Evaluation:
     Attributes
     ----------
     configurations
-        The networks that there are surfaces of.
+        The networks whose surfaces are stored.
     object_ids
         The objects.
     tables, figures

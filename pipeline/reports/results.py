@@ -1,4 +1,4 @@
-"""The results of evaluations and trainings as tables."""
+"""Make tables of the results of evaluations and trainings."""
 
 from __future__ import annotations
 

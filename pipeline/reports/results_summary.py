@@ -1,4 +1,4 @@
-"""What the results are in a few sentences and one plot: the error by what is given, and that of retrieval."""
+"""Summarise the results in a few sentences and one plot: the error by what is given, and that of retrieval."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ COMPARED_WAYS = {
     "occluded-touch": "an image that the hand occludes and touch",
     "unoccluded": "an image of the whole object",
 }
-"""What the sentences compare."""
+"""Inputs that the sentences compare, in words."""
 DEFAULT_SERIES = "graph network"
-"""Series of the networks that are called as what they are given."""
+"""Series of the networks that are named after their inputs."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Summary:
     Attributes
     ----------
     sentences
-        Three of them.
+        Three sentences for the report.
     errors
         Mean distances, mm, by series and by way of `WAYS`.
     retrieved
@@ -56,7 +56,7 @@ class Summary:
 
 
 def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()) -> Summary | None:
-    """Summarise what an evaluation, or a score, and further trainings of its networks measured with one grasp, beside scores.
+    """Summarise the results with one grasp of an evaluation or a score, further trainings of its networks, and scores.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Name what each network is given; methods of which that is not known are left out."""
+    """Find the way of `WAYS` of each network; methods without one are left out."""
     ways = {}
     for name, inputs in network_inputs.items():
         way = next(way for way, way_inputs in WAYS.items() if (way_inputs.image, way_inputs.touch) == (inputs["image"], inputs["touch"]))

@@ -1,4 +1,4 @@
-"""A grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
+"""Render a grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ HEAD = 6
 """Length of an arrow's head, pixels."""
 
 EXAGGERATED = 12
-"""Times as long as the way from the grasp to the squeeze, some 2 mm, arrows are drawn."""
+"""Factor by which arrows exaggerate the motion from the grasp to the squeeze, about 2 mm."""
 
 LIFT = 4e-4
 """Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
@@ -62,7 +62,7 @@ class Squeeze:
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """Hold what the second view shows of one grasp, world frame, m.
+    """Hold the content of the second view of one grasp, world frame, m.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class GraspView:
     colors
         (S,) sRGB of each sensor.
     squeeze
-        Where the motors drive from here; None where that is not known.
+        The posture that the motors drive to; None if it is not known.
     """
 
     object_mesh: tuple[MeshHandle, Mesh]
@@ -130,7 +130,7 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
 
 
 def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
-    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its way.
+    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its motion.
 
     Returns
     -------
@@ -223,13 +223,13 @@ def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> 
 
 
 def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
-    """Measure how much an image shows of both object and hand, by the product of their areas, square pixels."""
+    """Score how much of both object and hand an image shows, by the product of their areas, square pixels."""
     segmentation = renderer.render(meshes, camera).segmentation
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
 
 
 def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
-    """sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    """Compute sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 
@@ -255,7 +255,7 @@ def _outlined(
 
 
 def _arrow(ends: NDArray[np.float64], head: float) -> list[NDArray[np.float64]]:
-    """Points of an arrow's line from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
+    """Compute the points of an arrow from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
     start, end = ends
     along = (start - end) / max(float(np.linalg.norm(end - start)), 1e-9)
     across = np.array([-along[1], along[0]])

@@ -1,4 +1,4 @@
-"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
+"""Check a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.reports.plots import save_figure
 
 PRESS = 0.25
-"""How deep ball and edge are pressed in, of the gel's height in its middle."""
+"""Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
 MM = 1e3
 
 
@@ -67,7 +67,7 @@ def draw(sensor: Sensor, path: Path) -> None:
 
 
 def height_in_middle(sensor: Sensor) -> float:
-    """Give the height of the undeformed gel in its middle, m: w, but of a height map its own."""
+    """Return the height of the undeformed gel in its middle, m: w, or that of its height map."""
     return float(np.broadcast_to(gel_surface(sensor), sensor.shape)[sensor.rows // 2, sensor.cols // 2])
 
 

@@ -1,4 +1,4 @@
-"""The contents of a data directory: an account for people, and for scripts."""
+"""List the contents of a data directory, for people and for scripts."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def read_account(data: Place) -> Account:
 
 @contextmanager
 def _unless_damaged(account: Account) -> Iterator[None]:
-    """Note what cannot be read as damaged, once."""
+    """Record a `StoreError` as damage, once."""
     try:
         yield
     except StoreError as error:

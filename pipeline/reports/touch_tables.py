@@ -53,7 +53,7 @@ def supplement_touches(count: int) -> tuple[float, ...]:
 
 
 def _contacts(tallies: dict[str, Tally], total: Tally) -> list[Table]:
-    """Make the table of how the contacts of the kept grasps could hold, if the dataset has those figures."""
+    """Make the table of contact areas, opposition and force closure of the kept grasps, if the dataset has those figures."""
     if not total.held:
         return []
     rows = []

@@ -1,4 +1,4 @@
-"""Pictures and tables of measured trades: error over cost."""
+"""Draw and tabulate measured trades: error over cost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.registry import TRADED, resolve
 
 BLUE, RED = "#4477aa", "#cc3311"
 PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
-"""Of a label, in order of preference: whether it is to the right of its point, and points upwards."""
+"""Places of a label, in order of preference: whether it is to the right of its point, and its offset upwards, points."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -45,7 +45,7 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
 
 
 def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
-    """Write each point's label beside it, where it covers no other if there is such a place."""
+    """Write each point's label beside it, at a place where it covers no other label if there is one."""
     boxes: list[BboxBase] = []
     for text, point in sorted(points.items(), key=lambda entry: entry[1]):
         for right, up in PLACES:
@@ -68,7 +68,7 @@ def _scale(axes: Axes, *values: list[float]) -> None:
 
 
 def trade_table(trade: MeasuredTrade) -> Table:
-    """Lay out the points, the fastest first; * marks those that no other beats, and the user's settings are named."""
+    """Tabulate the points, the fastest first; * marks those that no other beats, and the user's settings are marked."""
     best, user_point = {point.label for point in trade.front()}, trade.own()
     rows = []
     for point in sorted(trade.points, key=lambda point: (point.seconds, point.error)):

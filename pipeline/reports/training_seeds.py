@@ -1,4 +1,4 @@
-"""Evaluations of several training seeds, read and shown together."""
+"""Read and tabulate evaluations of several training seeds together."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def scores(directory: DataDirectory) -> list[str]:
 
 
 def outdated_scores(directory: DataDirectory) -> dict[str, str]:
-    """Say of each other score what has changed since it was made."""
+    """List the scores that are out of date, and what has changed since."""
     return {name: problem for name, problem in _scored(directory) if problem is not None}
 
 

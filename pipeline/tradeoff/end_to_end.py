@@ -1,4 +1,4 @@
-"""What a dataset is made of, against the reconstructions that networks learn from it."""
+"""Measure how variants of a dataset change the reconstructions that networks learn from it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
 from stages.registry import load_stage
 
 NETWORK = ("train-gcn.configuration=occluded-touch", "evaluate.configurations=[occluded-touch]", "evaluate.grasps=[1, 2]")
-"""A network that sees and feels; one and two grasps are given, which every variant has."""
+"""A network with vision and touch; it is evaluated with one and two grasps, which every variant has."""
 TRAININGS = 3
-"""Of each network, with other chance."""
+"""Trainings of each network, with different seeds."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A dataset that differs in one thing.
+    """A dataset that differs from the user's in one respect.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
         if label in measured_labels:
             continue
         data = folder / file_name(label)
-        if label != USER_SETTINGS:  # what the variant does not change is there already
+        if label != USER_SETTINGS:  # what the variant does not change is reused
             linked_copy(folder / file_name(USER_SETTINGS), _outputs(setup), data)
         measured = measured.with_point(_measure(label, _changed(setup, variant, folder), data, console))
         measured.write(setup.data)
@@ -168,7 +168,7 @@ def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
 
 
 def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
-    """Make a dataset, train and evaluate its networks, and add up what all of it took but the evaluation."""
+    """Make a dataset, train and evaluate its networks, and add up the time of everything but the evaluation."""
     seconds = 0.0
     errors: dict[str, list[float]] = {}
     for name in _chain(setup):

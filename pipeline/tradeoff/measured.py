@@ -19,9 +19,9 @@ from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_at_once
 
 FOLDER = "tradeoff"
-"""Below a data directory."""
+"""Folder of the measurements, below a data directory."""
 CONFIDENCE = 0.998
-"""Confidence of a bound as Student's t has it: 19 in 20 other samples keep to it where errors are skewed, as lognormal ones of σ = 0.8."""
+"""Confidence of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, such as lognormal ones of σ = 0.8."""
 END_TO_END = "reconstruction"
 """The name, in place of a stage's, under which the trade of whole datasets is kept."""
 
@@ -82,11 +82,11 @@ class Point(BaseModel):
         objects
             How many.
         trials
-            Of how many things per object the error is a share, %; 0 where it is none.
+            Number of trials per object of which the error is a share, %; 0 if it is no share.
 
         Returns
         -------
-        Student's bound of how the means of two samples differ; of shares at least what the rule of three leaves open where nothing failed.
+        Student's bound of the difference of two sample means; of shares at least the rule of three's, for samples without failures.
         """
         values = self._table.mean(axis=0)
         if len(values) < 2:
@@ -102,7 +102,7 @@ class MeasuredTrade(BaseModel):
     Attributes
     ----------
     stage, metric, unit, cost
-        What was measured, the unit of its errors, and what times are of.
+        What was measured, the unit of its errors, and what the times measure.
     key
         The hash of what the figures depend on beside the sample and the machine (`measure.trade_key`).
     preset, assignments
@@ -112,7 +112,7 @@ class MeasuredTrade(BaseModel):
     trained
         The number of those of them that a stage learns from, where it looks at all at once; else 0.
     trials
-        Of how many things per object the error is a share; 0 where it is none.
+        Number of trials per object of which the error is a share; 0 if it is no share.
     machine
         The processor.
     total

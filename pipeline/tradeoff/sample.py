@@ -1,4 +1,4 @@
-"""A sample of a manifest's objects that stands for all of them."""
+"""Choose a representative sample of a manifest's objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 
 FEWEST, MOST = 4, 32
-"""Objects of a sample: fewer say nothing of the spread, more tell little that is new."""
+"""Number of objects in a sample: fewer do not show the spread, more add little information."""
 
 
 def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]:
@@ -20,7 +20,7 @@ def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]
 
     Returns
     -------
-    Of each split its share, in the manifest's order; all where there are no more.
+    A share of each split, in the manifest's order; all objects if there are no more.
     """
     if len(objects) <= count:
         return list(objects)
@@ -35,7 +35,7 @@ def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]
 
 
 def affordable(objects: Sequence[Object], seed: int, seconds: float, cost: Callable[[Sequence[Object]], float]) -> list[Object]:
-    """Choose the largest sample, of `FEWEST` to `MOST` objects, that costs no more than some seconds; `FEWEST` where all cost more."""
+    """Choose the largest sample, of `FEWEST` to `MOST` objects, that costs at most these seconds; `FEWEST` if all cost more."""
     for count in range(MOST, FEWEST, -1):
         if cost(sample := stratified(objects, count, seed)) <= seconds:
             return sample

@@ -1,4 +1,4 @@
-"""Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not made again."""
+"""Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not repeated."""
 
 from __future__ import annotations
 

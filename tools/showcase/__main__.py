@@ -1,4 +1,4 @@
-"""Render a gallery to show with Blender, from a dataset: grasps, a turntable, touch to reconstruction; and compare its masks with ours.
+"""Render a showcase of a dataset with Blender: grasps, a turntable, touch to reconstruction; and compare its masks with ours.
 
     python -m tools.showcase DATA OUT --blender .venv-showcase/bin/python
 

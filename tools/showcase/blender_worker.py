@@ -51,7 +51,7 @@ def render(job: dict) -> float:
 
 
 def parents(node: bpy.types.Object) -> list:
-    """Find what an object is below."""
+    """List the ancestors of an object."""
     ancestors = []
     while node.parent:
         node = node.parent

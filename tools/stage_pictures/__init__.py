@@ -43,7 +43,7 @@ PICTURES: dict[str, tuple[Callable[[Subject, Path], None], str]] = {
     "train-implicit": (draw_implicit, "implicit"),
     "evaluate": (draw_reconstructions, "evaluation"),
 }
-"""How each stage's picture is drawn, and what has to be there for it."""
+"""The function that draws each stage's picture, and the artifact or model that it needs."""
 
 
 def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None:
@@ -65,7 +65,7 @@ def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None
 
 
 def _is_made(subject: Subject, need: str) -> bool:
-    """Whether there is an artifact, a folder, or a trained network of a family."""
+    """Tell whether an artifact, a folder, or a trained network of a family exists."""
     if need in ARTIFACTS:
         return bool(subject.source.directory.collection(ARTIFACTS[need]).shards)
     return need in subject.networks if need in FAMILIES else exists(subject.source.directory.folder_record(need))

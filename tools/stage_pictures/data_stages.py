@@ -93,7 +93,7 @@ def draw_vision(subject: Subject, path: Path) -> None:
 
 
 def draw_touch(subject: Subject, path: Path) -> None:
-    """Tactile images above depth maps."""
+    """Draw tactile images above depth maps."""
     touch, sensors = subject.rows["touch"], subject.source.sensors()
     names = [mount.name for mount in subject.source.hand().sensors]
     tactile_images, depths = touch["tactile_image"][subject.grasp], touch["depth"][subject.grasp]
@@ -106,7 +106,7 @@ def draw_touch(subject: Subject, path: Path) -> None:
 
 
 def draw_presses(subject: Subject, path: Path) -> None:
-    """Tactile images of one press of each shape, the clearest, above the gel's indentation: bright is deep, orange touches."""
+    """Draw the tactile image of the clearest press of each shape, above the gel's indentation: bright is deep, orange touches."""
     names = ("press_shape", "press_image", "press_indentation", "press_contact")
     row = subject.source.directory.collection(ARTIFACTS["presses"]).view(subject.object_id)
     shapes, images, indentations, contacts = (row[name] for name in names)

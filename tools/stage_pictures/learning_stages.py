@@ -130,7 +130,7 @@ def draw_implicit(subject: Subject, path: Path) -> None:
 
 
 def draw_reconstructions(subject: Subject, path: Path) -> None:
-    """Reconstructions of some test objects by each network."""
+    """Draw reconstructions of some test objects by each network."""
     evaluation = subject.source.evaluation
     assert evaluation is not None
     draw_gallery(subject.source.directory, evaluation, path, spread_evenly(evaluation.object_ids, OBJECTS), evaluation.configurations)

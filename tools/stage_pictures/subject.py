@@ -1,4 +1,4 @@
-"""What the pictures of stages show: one object, in one grasp, of a dataset that went through every stage."""
+"""Load the subject of the pictures of stages: one object, in one grasp, of a dataset that went through every stage."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from stages.render_vision.renderer import Renderer
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """What all pictures show: an object in a grasp, and by family a network with what it is given of the object."""
+    """The subject of all pictures: an object in a grasp, and by family a network with its inputs."""
 
     source: ReportSource
     networks: Mapping[str, tuple[Any, Observation]]
@@ -49,14 +49,14 @@ class Subject:
         return read_mesh(self.rows["surfaces"])
 
     def part(self) -> tuple[slice, slice]:
-        """Cut out the part of the camera's image, `PIXELS` a side, that object and hand are in."""
+        """Find the part of the camera's image, `PIXELS` per side, that shows object and hand."""
         large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp], 0] > 0
         scale = PIXELS / large.shape[1]
         row, col = surroundings(large)
         return slice(int(scale * row.start), int(scale * row.stop)), slice(int(scale * col.start), int(scale * col.stop))
 
     def picture_of(self, mesh: Any) -> NDArray[np.uint8]:
-        """Render a mesh where the object is."""
+        """Render a mesh at the object's place."""
         return render_mesh(self.renderer, mesh)[self.part()]
 
 

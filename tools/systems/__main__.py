@@ -35,7 +35,7 @@ README = ("make dataset", "make test")
 ARTIFACTS = ("surfaces", "grasps", "vision", "touch")
 BEGIN, END = "<!-- Written by `make test-systems` -->\n", "<!-- End of what `make test-systems` writes -->\n"
 LACKING = re.compile(r"^ +sudo (apt-get install -y .*)$", re.MULTILINE)
-"""What `make` tells those to type who are not root."""
+"""The command that `make` prints for users who are not root."""
 
 Run = Callable[[str, IO[str]], int]
 """Runs a shell command on a system, where the clone is; writes what it prints, returns its exit status."""
@@ -95,7 +95,7 @@ def clone_into(folder: Path) -> Path:
 
 
 def run_here(command: str, log: IO[str], folder: Path) -> int:
-    """Run a shell command in a folder of this machine, with nothing of the environment but how registries are reached."""
+    """Run a shell command in a folder of this machine, with no environment variables but those for reaching registries."""
     environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ} | network_variables()
     process = subprocess.run(
         command, shell=True, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False
@@ -104,7 +104,7 @@ def run_here(command: str, log: IO[str], folder: Path) -> int:
 
 
 def try_debian(name: str, user: str, arguments: argparse.Namespace) -> Row:
-    """Run the commands in a fresh Debian, as root or as somebody else."""
+    """Run the commands in a fresh Debian, as root or as another user."""
     row = Row(name.replace("-", " ").title(), "root" if user == "root" else "not root")
     system = make_debian(
         arguments.folder / name, arguments.folder / f"{name}-{user}", DEBIANS[name], mirror=arguments.mirror, binds=arguments.bind
@@ -139,7 +139,7 @@ def try_python(name: str, arguments: argparse.Namespace) -> Row:
 
 
 def try_environment(venv: str, arguments: argparse.Namespace) -> Row:
-    """Run the commands in this checkout with a virtual environment that is there, and data of its own."""
+    """Run the commands in this checkout with an existing virtual environment, and separate data."""
     venv = os.path.abspath(venv)
     row = Row(Path(venv).name, "root" if os.geteuid() == 0 else "not root")
     folder = arguments.folder / f"{Path(venv).name}-data"

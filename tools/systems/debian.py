@@ -1,4 +1,4 @@
-"""Debian in a folder, and commands run in it as in a machine of its own. As root, on Linux."""
+"""Make Debian in a folder, and run commands in it as on a separate machine. As root, on Linux."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MIRROR = "http://deb.debian.org/debian"
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 USER = "somebody"
 PASSED = ("PIP_", "UV_", "http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY", "SSL_CERT", "REQUESTS_CA")
-"""How the names of variables begin that say how this machine reaches package registries."""
+"""Prefixes of the variables that say how this machine reaches package registries."""
 PIP_OF_USER = "etc/xdg/pip/pip.conf"
 PIP_CONFIGURATIONS = {"/etc/pip.conf": "etc/pip.conf", "~/.pip/pip.conf": PIP_OF_USER, "~/.config/pip/pip.conf": PIP_OF_USER}
 
@@ -30,7 +30,7 @@ for path; do mount --bind "$path" "$root$path"; done
 hostname "$(cat "$root/etc/hostname")"
 exec chroot --userspec="$user:$user" "$root" sh -c 'cd "$1" && eval "$2"' sh "$folder" "$command"
 """
-"""Mounts are of a namespace of their own: they end with its last process."""
+"""Mounts are in a separate namespace and end with its last process."""
 
 
 def network_variables() -> dict[str, str]:
@@ -40,7 +40,7 @@ def network_variables() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Debian:
-    """A Debian root and what of this machine is seen in it."""
+    """A Debian root, and the files of this machine that are visible in it."""
 
     root: Path
     binds: tuple[Path, ...] = ()
