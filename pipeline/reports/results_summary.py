@@ -83,7 +83,7 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Find the way of `WAYS` of each network; methods without one are left out."""
+    """Find the way of `WAYS` of each network whose name ends with it; others are left out."""
     ways = {}
     for name, inputs in network_inputs.items():
         way = next(way for way, way_inputs in WAYS.items() if (way_inputs.image, way_inputs.touch) == (inputs["image"], inputs["touch"]))
