@@ -36,19 +36,19 @@ def main() -> None:
     parser.add_argument("--data", type=Path, required=True, help="a dataset with surfaces, grasps and touches")
     parser.add_argument("--write", type=Path, help=f"write the tables {', '.join(PEERS)} to this page")
     parser.add_argument("--turns", type=int, default=3, help="rounds after one to warm up; 3 unless given")
-    chosen = parser.parse_args()
-    if unknown := set(chosen.names) - set(NAMES):
+    arguments = parser.parse_args()
+    if unknown := set(arguments.names) - set(NAMES):
         parser.error(f"there is no table {', '.join(sorted(unknown))}; there are {', '.join(NAMES)}")
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # of all threads, Mesa's among them, only one runs at a time
     torch.set_num_threads(1)
-    above = "`{command}` · commit {commit} · {machine} · {date}".format(**provenance("python -m benchmarks", "python -m benchmarks"))
+    origin = "`{command}` · commit {commit} · {machine} · {date}".format(**provenance("python -m benchmarks", "python -m benchmarks"))
     tables: list[Table] = []
-    for name in PEERS if chosen.write else chosen.names or NAMES:
+    for name in PEERS if arguments.write else arguments.names or NAMES:
         measure: Callable[[Path, int], Table] = import_module(f"benchmarks.{name}").measure
-        tables.append(measure(chosen.data, chosen.turns))
-        print(tables[-1].markdown(above), flush=True)
-    if chosen.write:
-        chosen.write.write_text("\n".join([INTRODUCTION, *(table.markdown(above) for table in tables)]), encoding="utf-8")
+        tables.append(measure(arguments.data, arguments.turns))
+        print(tables[-1].markdown(origin), flush=True)
+    if arguments.write:
+        arguments.write.write_text("\n".join([INTRODUCTION, *(table.markdown(origin) for table in tables)]), encoding="utf-8")
     for line in (line for table in tables for line in table.missing):
         print(f"could not run: {line}", file=sys.stderr)
 

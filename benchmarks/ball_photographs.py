@@ -1,6 +1,6 @@
-"""Photographs of balls of known size in the gels of real sensors, that sensors are fitted to and compared with.
+"""Read photographs of balls of known size in the gels of real sensors, to fit sensors to and to compare them with.
 
-`python -m benchmarks.ball_photographs FOLDER` writes those that the GelSight is fitted to, as `calibrate-sensor` reads them.
+`python -m benchmarks.ball_photographs FOLDER` writes the ones that the GelSight is fitted to, as `calibrate-sensor` reads them.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.sensor import Sensor
 
 GELSLAM = Path("gelslam/src/gelslam/resources/example_calibration")
-"""Where a clone of github.com/rpl-cmu/gelslam has its photographs, below REAL."""
+"""Folder of the photographs below REAL, in a clone of github.com/rpl-cmu/gelslam."""
 LARGEST = 4.0
-"""Times the true radius: the largest that is tried."""
+"""Largest radius tried, as a multiple of the true one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +40,19 @@ class BallSet:
 
 def gelsight_balls() -> BallSet:
     """Read the 48 photographs of a GelSight in Taxim's package, RGB, with their contacts as annotated there."""
-    found = importlib.util.find_spec("taxim")
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec("taxim")
+    if spec is None or spec.origin is None:
         raise SystemExit("the package taxim is not installed: run `make test-sensors`, which installs it into an environment of its own")
-    data = np.load(Path(found.origin).parent / "calib" / "gelsight" / "dataPack.npz")
+    data = np.load(Path(spec.origin).parent / "calib" / "gelsight" / "dataPack.npz")
     images, untouched = (np.ascontiguousarray(data[name][..., ::-1]) for name in ("imgs", "f0"))  # BGR
-    places = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
-    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in places]
-    named = enumerate(zip(images, contacts, strict=True))
-    return BallSet([Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in named], untouched, 0.002, len(images))
+    annotations = zip(data["touch_center"].astype(float), data["touch_radius"].astype(float), strict=True)
+    contacts = [Circle(float(x), float(y), float(radius)) for (x, y), radius in annotations]
+    pairs = enumerate(zip(images, contacts, strict=True))
+    return BallSet([Photograph(f"{number:02d}.png", image, contact) for number, (image, contact) in pairs], untouched, 0.002, len(images))
 
 
 def mini_balls(real: Path, diameter: str) -> BallSet:
-    """Read photographs of a GelSight Mini, of balls of a diameter in mm as the folders are called, with contacts as they are found."""
+    """Read photographs of balls in a GelSight Mini, with detected contacts; `diameter` is in mm, as in the folder's name."""
     folder, untouched_path = real / GELSLAM / f"{diameter}mm", real / GELSLAM / "background.png"
     try:
         photographs, untouched, left_out = read_photographs(folder, untouched_path)
@@ -62,7 +62,7 @@ def mini_balls(real: Path, diameter: str) -> BallSet:
 
 
 def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[np.uint8], radius: float) -> float:
-    """Find the radius of the ball that a sensor's colours explain a photograph best with, the contact being given.
+    """Find the ball radius with which a sensor's colours explain a photograph best, given the contact.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[
     photograph, untouched
         The photograph with its contact, and the untouched one.
     radius
-        The true one, m: where the search ends, at `LARGEST` times it.
+        The true one, m; the search ends at `LARGEST` times this.
 
     Returns
     -------
-    m: of the least mean error of colours in the contact.
+    The radius with the least mean colour error in the contact, m.
     """
     assert sensor.calibrated is not None
     reach = photograph.contact.radius * sensor.pitch[1]
@@ -87,8 +87,8 @@ def recovered_radius(sensor: Sensor, photograph: Photograph, untouched: NDArray[
         pressed = ball_impression(sensor, photograph.contact, float(np.exp(log_radius)))
         return float(np.abs(calibrated_change(pressed, sensor, sensor.calibrated)[contact] - change).mean())
 
-    found = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
-    return float(np.exp(found.x))
+    result = minimize_scalar(error, bounds=(np.log(1.02 * reach), np.log(LARGEST * radius)), method="bounded", options={"xatol": 0.01})
+    return float(np.exp(result.x))
 
 
 def write_gelsight_balls(folder: Path) -> None:
@@ -99,9 +99,9 @@ def write_gelsight_balls(folder: Path) -> None:
     with (folder / CIRCLES).open("w", newline="", encoding="utf-8") as file:
         rows = csv.writer(file)
         rows.writerow(["name", "x", "y", "radius"])
-        for one in balls.photographs[::2]:
-            Image.fromarray(one.image).save(folder / one.name)
-            rows.writerow([one.name, one.contact.x, one.contact.y, one.contact.radius])
+        for photograph in balls.photographs[::2]:
+            Image.fromarray(photograph.image).save(folder / photograph.name)
+            rows.writerow([photograph.name, photograph.contact.x, photograph.contact.y, photograph.contact.radius])
 
 
 if __name__ == "__main__":

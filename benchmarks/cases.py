@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.timing import Round, each
+from benchmarks.timing import Round, over_items
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.store.directory import DataDirectory
@@ -48,4 +48,4 @@ def touched_objects(data: Path) -> list[Case]:
 
 def over_cases(cases: Sequence[Case], call: Callable[[int, NDArray[np.float64]], object]) -> Round:
     """Make a round over all sensors of all cases; `call` takes a case's number and a pose."""
-    return each(lambda item: call(*item), [(number, pose) for number, case in enumerate(cases) for pose in case.poses])
+    return over_items(lambda item: call(*item), [(number, pose) for number, case in enumerate(cases) for pose in case.poses])

@@ -1,4 +1,4 @@
-"""Touch charts: seconds, residuals and stop rules by kind of cloud."""
+"""Measure touch charts: seconds, residuals and stop rules by kind of cloud."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RULES = {"default": FitOptions(), "`tight`": FitOptions(halt=2.3e-4, residual_li
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure `turns` presses of each kind; needs no dataset."""
+    """Measure `turns` presses of each kind; no dataset is needed."""
     columns = ["s per chart", "steps, median", "RMS, µm: median / most", "stopped by the threshold, %"]
     note = f"{turns} charts per row, processor seconds of one thread."
     table, rng = Table("Touch charts", columns, [note]), np.random.default_rng(0)
@@ -30,14 +30,14 @@ def measure(data: Path, turns: int) -> Table:
         for name, rule in RULES.items():
             start = time.process_time()
             fits = fit_charts(clouds, SENSOR.width, [torch.Generator().manual_seed(i) for i in range(turns)], options=rule)
-            seconds, off = (time.process_time() - start) / turns, fits.residual * 1e6
+            seconds, rms = (time.process_time() - start) / turns, fits.residual * 1e6
             steps, stopped = np.median(fits.iterations), 100 * np.mean(fits.stop_rule == StopRule.threshold)
-            table.add(f"{kind}, {name}", three_digits(seconds), steps, f"{np.median(off):.0f} / {off.max():.0f}", f"{stopped:.0f}")
+            table.add(f"{kind}, {name}", three_digits(seconds), steps, f"{np.median(rms):.0f} / {rms.max():.0f}", f"{stopped:.0f}")
     return table
 
 
 def press(kind: str, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Make the points in the gel, sensor frame, m, of a shape pressed in at random."""
+    """Make the points in the gel, sensor frame, m, of a random press."""
     x, y = np.meshgrid(*pixel_centres(SENSOR))
     deepest = rng.uniform(0.001, 0.006)
     angle, slope = rng.uniform(0, 2 * np.pi), rng.uniform(0.1, 0.5)

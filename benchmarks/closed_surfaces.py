@@ -1,4 +1,4 @@
-"""Closed meshes of test objects, as `predict` writes them: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
+"""Measure closed meshes of test objects: `python -m benchmarks.closed_surfaces DATA CONFIGURATION --resolution 128`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
 POINTS = 20_000
-"""In the box around an object and its reconstruction, for their intersection over union."""
+"""Random points in the box around an object and its reconstruction, for their intersection over union."""
 
 
 def main() -> None:
@@ -31,11 +31,11 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("configuration")
     parser.add_argument("--resolution", type=int, default=128, help="edges along the longest side")
-    asked = parser.parse_args()
-    surfaces = DataDirectory(asked.data).collection(SURFACES)
-    names = ObjectRows(asked.data, ["points"], "test").object_ids
-    rows = [measure(asked.data, asked.configuration, name, asked.resolution, read_mesh(surfaces.view(name))) for name in names]
-    table = Table(f"{asked.resolution} edges", ["processor s", "watertight", "parts", "touch charts within, mm", "IoU"])
+    arguments = parser.parse_args()
+    surfaces = DataDirectory(arguments.data).collection(SURFACES)
+    names = ObjectRows(arguments.data, ["points"], "test").object_ids
+    rows = [measure(arguments.data, arguments.configuration, name, arguments.resolution, read_mesh(surfaces.view(name))) for name in names]
+    table = Table(f"{arguments.resolution} edges", ["processor s", "watertight", "parts", "touch charts within, mm", "IoU"])
     for name, row in [*zip(names, rows, strict=True), ("mean", np.mean(rows, axis=0)), ("most", np.max(rows, axis=0))]:
         table.add(name, *map(three_digits, row))
     print(table.markdown(""))
@@ -45,18 +45,18 @@ def measure(data: Path, configuration: str, name: str, resolution: int, truth: M
     """Close one reconstruction, and compare what other programs read of it with its touch charts and the object."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "closed.glb"
-        made = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
+        prediction = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
         mesh = trimesh.load_scene(path).to_mesh()  # equal vertices become one
     began = time.process_time()
-    close_reconstruction(made.reconstruction, resolution)
+    close_reconstruction(prediction.reconstruction, resolution)
     seconds = time.process_time() - began
     vertices, faces = np.ascontiguousarray(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1]), np.asarray(mesh.faces)  # glTF is y up
-    felt = np.asarray(made.reconstruction.vertices[made.reconstruction.vision :])
-    apart = np.sqrt(igl.point_mesh_squared_distance(felt, vertices, faces)[0]).max() if len(felt) else 0.0
-    both = np.concatenate([vertices, truth.vertices])
-    points = np.random.default_rng(0).uniform(both.min(axis=0), both.max(axis=0), (POINTS, 3))
+    touch_vertices = np.asarray(prediction.reconstruction.vertices[prediction.reconstruction.vision :])
+    farthest = np.sqrt(igl.point_mesh_squared_distance(touch_vertices, vertices, faces)[0]).max() if len(touch_vertices) else 0.0
+    all_vertices = np.concatenate([vertices, truth.vertices])
+    points = np.random.default_rng(0).uniform(all_vertices.min(axis=0), all_vertices.max(axis=0), (POINTS, 3))
     overlap = intersection_over_union((vertices, faces), (truth.vertices, truth.faces), points)
-    return seconds, float(mesh.is_watertight and mesh.volume > 0), mesh.body_count, 1e3 * apart, overlap
+    return seconds, float(mesh.is_watertight and mesh.volume > 0), mesh.body_count, 1e3 * farthest, overlap
 
 
 if __name__ == "__main__":

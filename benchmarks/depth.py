@@ -1,4 +1,4 @@
-"""Exact orthographic depth beside the supplement's sphere tracing, Embree's first hits and a rasteriser."""
+"""Measure exact orthographic depth beside the supplement's sphere tracing, Embree's first hits and a rasteriser."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from stages.render_vision.opengl_context import OpenGLContext
 EYES = {"pyrender, perspective of 40°": 0.0225, "pyrender, parallel rays": None}
 """m from the eye to the gel's face: 40° over the sensor's width is the perspective of the authors' simulator."""
 SUBDIVISIONS = 5, 6
-"""Of the wavy balls: 20,480 and 81,920 faces."""
+"""Subdivisions of the wavy balls: 20,480 and 81,920 faces."""
 TO_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
 """An OpenGL camera looks along its -z with +y up; a sensor looks along +z and its rows go along +y."""
 OURS, EMBREE = "exact, float64 (ours)", "Embree's first hit, float32"
@@ -56,18 +56,21 @@ def measure(data: Path, turns: int) -> Table:
     )
     rng = np.random.default_rng(0)
     large = [wavy_ball(number, rng) for number in SUBDIVISIONS]
-    ways = _ways(table, [*cases, *large], sensor)
-    cells: dict[str, list[object]] = {name: [] for name in ways}
-    for group, first in ((cases, 0), *(([ball], len(cases) + number) for number, ball in enumerate(large))):
-        only = {name: over_cases(group, lambda i, pose, of=of, k=first: of[k + i](pose)) for name, of in ways.items()}
-        both = {
-            name: over_cases(group, lambda i, pose, of=of, k=first: tactile_image(of[k + i](pose), sensor)) for name, of in ways.items()
+    methods = _depth_methods(table, [*cases, *large], sensor)
+    cells: dict[str, list[object]] = {name: [] for name in methods}
+    for group, start in ((cases, 0), *(([ball], len(cases) + number) for number, ball in enumerate(large))):
+        depth_rounds = {
+            name: over_cases(group, lambda i, pose, depth_of=depth_of, k=start: depth_of[k + i](pose)) for name, depth_of in methods.items()
         }
-        depth, whole = side_by_side(only, turns), side_by_side(both, turns)
-        for name in ways:
-            cells[name] += [depth[name], whole[name], whole[name].over(whole[OURS])]
-    for name, of in ways.items():
-        table.add(name, *cells[name], *(("–", "–", "–") if name == OURS else _errors(cases, of, ways[OURS], sensor)))
+        image_rounds = {
+            name: over_cases(group, lambda i, pose, depth_of=depth_of, k=start: tactile_image(depth_of[k + i](pose), sensor))
+            for name, depth_of in methods.items()
+        }
+        depth_times, image_times = side_by_side(depth_rounds, turns), side_by_side(image_rounds, turns)
+        for name in methods:
+            cells[name] += [depth_times[name], image_times[name], image_times[name].over(image_times[OURS])]
+    for name, depth_of in methods.items():
+        table.add(name, *cells[name], *(("–", "–", "–") if name == OURS else _errors(cases, depth_of, methods[OURS], sensor)))
     return table
 
 
@@ -94,18 +97,18 @@ def wavy_ball(subdivisions: int, rng: np.random.Generator) -> Case:
     return Case("ball", mesh, np.stack([press(mesh.triangles, rng) for _ in range(POSES)]))
 
 
-def _ways(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
-    """Make every way to a depth map: for each case, a function of the pose."""
+def _depth_methods(table: Table, cases: Sequence[Case], sensor: Sensor) -> dict[str, list[DepthOf]]:
+    """Make every method that computes a depth map: for each case, a function of the pose."""
     faces = [box_faces(case.mesh.triangles) for case in cases]
-    ways: dict[str, list[DepthOf]] = {
+    methods: dict[str, list[DepthOf]] = {
         OURS: [lambda pose, b=b: ray_depth(b, pose, sensor) for b in faces],
         EMBREE: [embree_depth(case.mesh.triangles, sensor) for case in cases],
         "sphere tracing (the supplement's)": [lambda pose, b=b: sphere_traced_depth(b, pose, sensor) for b in faces],
     }
     with table.peer(*EYES):
         context = OpenGLContext(sensor.cols)
-        ways |= {name: [rasterised_depth(context, case.mesh, sensor, eye) for case in cases] for name, eye in EYES.items()}
-    return ways
+        methods |= {name: [rasterised_depth(context, case.mesh, sensor, eye) for case in cases] for name, eye in EYES.items()}
+    return methods
 
 
 def embree_depth(triangles: NDArray[np.float64], sensor: Sensor) -> DepthOf:
@@ -157,15 +160,15 @@ def rasterised_depth(context: OpenGLContext, mesh: Mesh, sensor: Sensor, eye: fl
     return depth
 
 
-def _errors(cases: Sequence[Case], of: list[DepthOf], true_of: list[DepthOf], sensor: Sensor) -> tuple[str, str, str]:
-    pairs = [(of[i](pose), true_of[i](pose)) for i, case in enumerate(cases) for pose in case.poses]
+def _errors(cases: Sequence[Case], depth_of: list[DepthOf], true_depth_of: list[DepthOf], sensor: Sensor) -> tuple[str, str, str]:
+    pairs = [(depth_of[i](pose), true_depth_of[i](pose)) for i, case in enumerate(cases) for pose in case.poses]
     levels = np.concatenate([np.abs(tactile_image(a, sensor).astype(int) - tactile_image(b, sensor)).ravel() for a, b in pairs])
-    return (*_off(pairs, sensor), f"{levels.mean():.3f} / {levels.max()}")
+    return (*_format_differences(pairs, sensor), f"{levels.mean():.3f} / {levels.max()}")
 
 
-def _off(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:
+def _format_differences(pairs: list[tuple[NDArray[np.float64], NDArray[np.float64]]], sensor: Sensor) -> tuple[str, str]:
     """Format depth differences in the gel, and the share of pixels that are in the gel in one map only."""
-    both = [(a < sensor.w) & (b < sensor.w) for a, b in pairs]
-    off = UM * np.concatenate([np.abs(a[met] - b[met]) for (a, b), met in zip(pairs, both, strict=True)])
+    in_both = [(a < sensor.w) & (b < sensor.w) for a, b in pairs]
+    differences = UM * np.concatenate([np.abs(a[met] - b[met]) for (a, b), met in zip(pairs, in_both, strict=True)])
     one_only = np.mean([(a < sensor.w) != (b < sensor.w) for a, b in pairs])
-    return quantiles(off), three_digits(1e3 * float(one_only))
+    return quantiles(differences), three_digits(1e3 * float(one_only))

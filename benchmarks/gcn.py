@@ -1,4 +1,4 @@
-"""A training step of the graph network of Table 7, sparse beside a dense twin, each in its own process for its peak memory."""
+"""Measure a training step of Table 7's graph network, sparse and as a dense twin, each in its own process for its peak memory."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from pipeline.kernels.vision.camera import projection_matrix
 
 BATCH = 16
 TWIN_BATCH = 2
-"""Items of the twin's step, which is scaled to `BATCH`: all of them would take minutes."""
+"""Items of the twin's step, whose time is scaled to `BATCH`: a full batch would take minutes."""
 SENSORS = 4
 Forward = Callable[..., Tensor]
-Given = dict[str, Any]
+StepInputs = dict[str, Any]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure one step each; needs no dataset."""
+    """Measure one step of each network; no dataset is needed."""
     config = CONFIGURATIONS["occluded-touch"]
     note = (
         f"{config.gcn_layers} × {config.gcn_features}, processor seconds of one thread. The twin has a dense adjacency and the image "
@@ -48,8 +48,8 @@ def measure(data: Path, turns: int) -> Table:
     return table
 
 
-def batch(items: int, grasps: int) -> Given:
-    """Make the inputs of a step: random images, and touch charts strewn about the object."""
+def batch(items: int, grasps: int) -> StepInputs:
+    """Make the inputs of a step: random images, and touch charts at random places around the object."""
     generator = torch.Generator().manual_seed(0)
     charts = items * grasps * SENSORS
     images = torch.rand(items, 3, 256, 256, generator=generator)
@@ -68,7 +68,7 @@ def dense_twin(network: DeformationNetwork) -> Forward:
         items, config = len(counts), network.config
         camera, centre = camera.float(), torch.tensor(config.centre)
         graph = chart_graph(network.charts, config.side, counts[:1], like=camera)
-        mean = graph.adjacency.to_dense() / graph.degree
+        averaging = graph.adjacency.to_dense() / graph.degree
         start = torch.tensor(network.charts.vertices).float().expand(items, -1, -1)
         vertices = torch.cat([start, ((touch_vertices - centre) / config.radius).reshape(items, -1, 3)], dim=1)
         kinds = torch.where(touched, 1.0, -1.0).repeat_interleave(touch_vertices.shape[1]).reshape(items, -1)
@@ -80,7 +80,7 @@ def dense_twin(network: DeformationNetwork) -> Forward:
             for layer in network.gcn.hidden:
                 assert isinstance(layer, ZeroNeighbourLayer)
                 mapped = layer.linear(features)
-                features = torch.cat([mean @ mapped[..., : layer.mixed], mapped[..., layer.mixed :]], dim=-1).relu()
+                features = torch.cat([averaging @ mapped[..., : layer.mixed], mapped[..., layer.mixed :]], dim=-1).relu()
             moved = network.gcn.last(features)
             vertices = torch.cat([vertices[:, : start.shape[1]] + moved[:, : start.shape[1]], vertices[:, start.shape[1] :]], dim=1)
         return vertices[:, : start.shape[1]] * config.radius + centre
@@ -93,8 +93,8 @@ def step(grasps: int, items: int, twin: bool) -> tuple[float, float, float]:
     torch.set_num_threads(1)
     network = DeformationNetwork(CONFIGURATIONS["occluded-touch"], torch.Generator().manual_seed(0))
     forward: Forward = dense_twin(network) if twin else network
-    given, before = batch(items, grasps), time.process_time()
-    radii = (forward(**given) - torch.tensor(network.config.centre)).norm(dim=-1)
+    inputs, before = batch(items, grasps), time.process_time()
+    radii = (forward(**inputs) - torch.tensor(network.config.centre)).norm(dim=-1)
     loss = (radii - 0.2).square().mean()
     loss.backward()  # type: ignore[no-untyped-call]
     seconds, peak = time.process_time() - before, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9

@@ -1,6 +1,6 @@
 """Measure searches for grasps side by side: `python -m benchmarks.grasp_searches DATA search=touch search=hold`.
 
-On the objects of a dataset. Each further argument is a search: settings of `simulate-grasps`, joined by commas. Nothing is stored.
+DATA is a dataset. Each further argument is a search: settings of `simulate-grasps`, joined by commas. Nothing is stored.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ REACHED = 0.02
 
 
 def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ()) -> Table:
-    """Search with every settings for grasps of every object; an object that fails is counted and left out."""
-    shown = Table("Searches for grasps", ["objects", "with all held", "% held", "touches", "attempts", "s per object", "covered, %"])
+    """Search for grasps of every object with each group of settings; an object that fails is counted and left out."""
+    table = Table("Searches for grasps", ["objects", "with all held", "% held", "touches", "attempts", "s per object", "covered, %"])
     surfaces = DataDirectory(data).collection(SURFACES)
     names = [name for name in object_ids or surfaces if surfaces.failure(name) is None]
     for search in searches:
@@ -51,7 +51,7 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
         share = np.mean([covered(surfaces.view(name)["points"], row) for name, row in rows.items()])
         touches = np.mean([row["touch_success"].sum(axis=1) for row in rows.values()])
         attempts = np.mean([row["attempts"] for row in rows.values()])
-        shown.add(
+        table.add(
             search,
             f"{len(rows)} of {len(names)}",
             int(held.all(axis=1).sum()),
@@ -61,11 +61,11 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
             f"{seconds:.2f}",
             f"{100 * share:.0f}",
         )
-    return shown
+    return table
 
 
 def covered(points: np.ndarray, row: Row) -> float:
-    """Share of an object's surface points (N, 3) that are near a contact of a kept grasp."""
+    """Compute the share of an object's surface points (N, 3) that are near a contact of a kept grasp."""
     contacts = row["contact_point"][row["contact_area"] > 0]
     return float((KDTree(contacts).query(points)[0] <= REACHED).mean()) if len(contacts) else 0.0
 
@@ -76,9 +76,9 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("searches", nargs="+", help="settings of simulate-grasps, joined by commas")
     parser.add_argument("--objects", nargs="+", default=[], help="by default all")
-    chosen = parser.parse_args()
-    shown = measure(chosen.data, chosen.searches, chosen.objects)
-    print(shown.markdown(f"Commit {commit()}, {machine()}; processor seconds; covered: within {1e2 * REACHED:g} cm of a contact."))
+    arguments = parser.parse_args()
+    table = measure(arguments.data, arguments.searches, arguments.objects)
+    print(table.markdown(f"Commit {commit()}, {machine()}; processor seconds; covered: within {1e2 * REACHED:g} cm of a contact."))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""One grasp attempt, physics included. `vt-pipeline summary` counts touches, `benchmarks.stored_grasps` measures how sound grasps are."""
+"""Time one grasp attempt, physics included. For touches see `vt-pipeline summary`, for penetration `benchmarks.stored_grasps`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from benchmarks.cases import touched_objects
-from benchmarks.timing import Table, each, side_by_side
+from benchmarks.timing import Table, over_items, side_by_side
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
@@ -28,6 +28,6 @@ def measure(data: Path, turns: int) -> Table:
             physics.load(case.mesh)
             prepared_object = prepare_object(case.mesh, points, normals, cell=settings.grid_cell, reach=prepared_hand.reach)
             search = GraspSearch(prepared_hand, prepared_object, physics, settings, TouchPlanner(prepared_hand, prepared_object, settings))
-            attempts = each(lambda number, s=search: s.attempt(numpy_rng(0, "attempt", number)), range(ATTEMPTS))
+            attempts = over_items(lambda number, s=search: s.attempt(numpy_rng(0, "attempt", number)), range(ATTEMPTS))
             table.add(case.name, side_by_side({"": attempts}, turns)[""])
     return table

@@ -1,6 +1,6 @@
-"""Measure which grasps of a dataset hold, by the field's tests, in two physics engines: `python -m benchmarks.held_grasps DATA`.
+"""Measure which grasps of a dataset hold, by common grasp tests, in two physics engines: `python -m benchmarks.held_grasps DATA`.
 
-A grasp holds where the object stays in every direction of a test; `agree` is the share of grasps that all engines hold, or none does.
+A grasp holds if the object stays in every direction of a test; `agree` is the share of grasps on which all engines agree.
 """
 
 from __future__ import annotations
@@ -29,49 +29,49 @@ from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
-Found = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
-"""By test and engine: of every grasp, object by object, whether it holds; and processor seconds per grasp."""
+HoldResults = dict[tuple[str, Engine], tuple[NDArray[np.bool_], float]]
+"""By test and engine: whether each grasp holds, object by object, and processor seconds per grasp."""
 
 
-def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> Found:
+def measure(data: Path, tests: Sequence[str], engines: Sequence[Engine], workers: int = 1) -> HoldResults:
     """Test every stored grasp, several objects at once."""
     grasps = DataDirectory(data).collection(GRASPS)
     usable = [name for name in grasps if grasps.failure(name) is None]
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         objects = list(pool.map(partial(measure_object, data, tests, engines), usable))
-    found: Found = {}
+    results: HoldResults = {}
     for key in objects[0]:
-        held = np.concatenate([one[key][0] for one in objects])
-        found[key] = held, sum(one[key][1] * len(one[key][0]) for one in objects) / len(held)
-    return found
+        held = np.concatenate([of_object[key][0] for of_object in objects])
+        results[key] = held, sum(of_object[key][1] * len(of_object[key][0]) for of_object in objects) / len(held)
+    return results
 
 
-def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> Found:
+def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], object_id: str) -> HoldResults:
     """Test the stored grasps of one object."""
     surfaces, grasps = (DataDirectory(data).collection(artifact) for artifact in (SURFACES, GRASPS))
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
     stored = read_grasps(grasps.view(object_id), surface, sensors)
-    found: Found = {}
+    results: HoldResults = {}
     for name in tests:
         for engine in engines:
             with open_test(GRASP_TESTS[name], engine, hand, sensors) as test:
                 test.load(read_mesh(surface), surface["points"].astype(np.float64))
                 begin = time.process_time()
                 held = np.array([GRASP_TESTS[name].holds(test, grasp) for grasp in stored])
-                found[name, engine] = held, (time.process_time() - begin) / len(held)
-    return found
+                results[name, engine] = held, (time.process_time() - begin) / len(held)
+    return results
 
 
-def table(found: Found, engines: Sequence[Engine]) -> Table:
+def table(results: HoldResults, engines: Sequence[Engine]) -> Table:
     """Tabulate shares of grasps."""
-    shown = Table("Held grasps", ["grasps", *(f"{engine}: share, s per grasp" for engine in engines), "agree"])
-    for name in dict.fromkeys(test for test, _ in found):
-        verdicts = np.array([found[name, engine][0] for engine in engines])
-        cells = [f"{held.mean():.2f}, {found[name, engine][1]:.2f}" for engine, held in zip(engines, verdicts, strict=True)]
-        shown.add(name, verdicts.shape[1], *cells, f"{(verdicts == verdicts[0]).all(axis=0).mean():.2f}")
-    return shown
+    shares = Table("Held grasps", ["grasps", *(f"{engine}: share, s per grasp" for engine in engines), "agree"])
+    for name in dict.fromkeys(test for test, _ in results):
+        verdicts = np.array([results[name, engine][0] for engine in engines])
+        cells = [f"{held.mean():.2f}, {results[name, engine][1]:.2f}" for engine, held in zip(engines, verdicts, strict=True)]
+        shares.add(name, verdicts.shape[1], *cells, f"{(verdicts == verdicts[0]).all(axis=0).mean():.2f}")
+    return shares
 
 
 def main() -> None:
@@ -81,9 +81,9 @@ def main() -> None:
     parser.add_argument("--tests", nargs="+", choices=[*GRASP_TESTS], default=[*GRASP_TESTS])
     parser.add_argument("--engines", nargs="+", choices=get_args(Engine), default=get_args(Engine))
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="objects at once")
-    chosen = parser.parse_args()
-    found = measure(chosen.data, chosen.tests, chosen.engines, chosen.workers)
-    print(table(found, chosen.engines).markdown(f"Commit {commit()}, {machine()}; processor seconds."))
+    arguments = parser.parse_args()
+    results = measure(arguments.data, arguments.tests, arguments.engines, arguments.workers)
+    print(table(results, arguments.engines).markdown(f"Commit {commit()}, {machine()}; processor seconds."))
 
 
 if __name__ == "__main__":

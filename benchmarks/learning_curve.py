@@ -1,6 +1,6 @@
-"""Measure what more objects are worth, and one network for any inputs: `python -m benchmarks.learning_curve DATA OUT --objects 168 500`.
+"""Measure errors by number of training objects, and by kind of input: `python -m benchmarks.learning_curve DATA OUT --objects 168 500`.
 
-Trains implicit networks on as many training objects of a dataset, from each class in turn, and measures them on its test objects.
+Trains implicit networks on these numbers of training objects, from each class in turn, and measures them on the test objects.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
 ANY = "implicit-any"
 POINTS = 10_000
 DONE = "figures.json"
-"""In a network's folder once it is trained and measured: its errors, by the way it was used."""
+"""File of a trained and measured network's errors, by the inputs it was given; it marks the folder as finished."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Hold what all trainings have in common: where objects are learned and tested, the folder of networks, and settings."""
+    """Hold what all trainings share: the datasets to learn from and to test on, the folder of networks, and settings."""
 
     data: Path
     tested: Path
@@ -50,23 +50,23 @@ class Experiment:
     assignments: Sequence[str]
 
     def figures(self, configuration: str, count: int, epochs: int, seed: int) -> dict[str, list[float]]:
-        """Train a network on a number of objects unless that is done; give its errors for each way to use it."""
+        """Train a network on a number of objects unless it is trained; return its errors for each kind of input."""
         folder = self.out / f"{configuration}-{count}-{epochs}-{seed}"
         if not (folder / DONE).exists():
-            stated = [f"configuration={configuration}", f"epochs={epochs}", f"training_seed={seed}", *self.assignments]
-            settings = resolve(TrainImplicit.name, "draft", [f"{TrainImplicit.name}.{text}" for text in stated])
+            changes = [f"configuration={configuration}", f"epochs={epochs}", f"training_seed={seed}", *self.assignments]
+            settings = resolve(TrainImplicit.name, "draft", [f"{TrainImplicit.name}.{text}" for text in changes])
             assert isinstance(settings, ImplicitSettings)
             self.learn(folder, settings, count)
-            ways = [f"{ANY}-{way}" for way in self.ways] if configuration == ANY else [configuration]
-            (folder / DONE).write_text(json.dumps({way: self.errors(folder, way) for way in ways}))
-        read: dict[str, list[float]] = json.loads((folder / DONE).read_text())
-        return read
+            configurations = [f"{ANY}-{way}" for way in self.ways] if configuration == ANY else [configuration]
+            (folder / DONE).write_text(json.dumps({way: self.errors(folder, way) for way in configurations}))
+        errors_by_way: dict[str, list[float]] = json.loads((folder / DONE).read_text())
+        return errors_by_way
 
     def learn(self, folder: Path, settings: ImplicitSettings, count: int) -> None:
         """Train a network and save it in a folder."""
         learning, validation = (
-            Items(place(self.data), split, settings.named, each, learned=ImplicitLearner.arrays, cache_megabytes=settings.cache_megabytes)
-            for split, each in (("train", settings.samples_per_object), ("valid", settings.validation_items))
+            Items(place(self.data), split, settings.named, items, learned=ImplicitLearner.arrays, cache_megabytes=settings.cache_megabytes)
+            for split, items in (("train", settings.samples_per_object), ("valid", settings.validation_items))
         )
         learning.rows.object_ids = self.spread(learning.rows, count)
         validation.rows.object_ids = self.spread(validation.rows)
@@ -77,30 +77,34 @@ class Experiment:
         save_model(folder, network, learning.description(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
-        """Choose a number of objects, or all, from each class in turn, in an order drawn once: fewer are a part of more."""
-        found = defaultdict[str, list[str]](list)
+        """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""
+        by_class = defaultdict[str, list[str]](list)
         for category, object_id in zip(rows.categories, rows.object_ids, strict=True):
             if not self.classes or category in self.classes:
-                found[category].append(object_id)
-        turns = [(turn, own[number]) for kind, own in found.items() for turn, number in enumerate(numpy_rng(0, kind).permutation(len(own)))]
-        if len(turns) < (count or 1):
-            raise SystemExit(f"{rows.data} has {len(turns)} such objects in split {rows.split}, not {count}")
-        return sorted(object_id for _, object_id in sorted(turns)[:count])
+                by_class[category].append(object_id)
+        ordered = [
+            (position, members[number])
+            for class_name, members in by_class.items()
+            for position, number in enumerate(numpy_rng(0, class_name).permutation(len(members)))
+        ]
+        if len(ordered) < (count or 1):
+            raise SystemExit(f"{rows.data} has {len(ordered)} such objects in split {rows.split}, not {count}")
+        return sorted(object_id for _, object_id in sorted(ordered)[:count])
 
     def errors(self, folder: Path, configuration: str) -> list[float]:
         """Measure the Chamfer distance x 9000 of each test object, given one grasp."""
         model = load_reconstructor(configuration, folder)
         rows = ObjectRows(place(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
-        found = []
+        distances = []
         for object_id in self.spread(rows):
-            (made,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])
-            points, _ = draw(made, POINTS, numpy_rng(0, object_id))
-            found.append(TABLE_3_FACTOR * cloud_distances(points, rows.read("points", object_id)[:POINTS]).chamfer)
-        return found
+            (reconstruction,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])
+            points, _ = draw(reconstruction, POINTS, numpy_rng(0, object_id))
+            distances.append(TABLE_3_FACTOR * cloud_distances(points, rows.read("points", object_id)[:POINTS]).chamfer)
+        return distances
 
 
 def main() -> None:
-    """Print a table with a row per network, number of objects and way to use it."""
+    """Print a table with a row per network, number of objects and kind of input."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path, help="a dataset with surfaces, images, charts and distances")
     parser.add_argument("out", type=Path, help="folder of the networks; what it holds is not trained again")
@@ -113,19 +117,21 @@ def main() -> None:
     parser.add_argument("--configurations", nargs="+", default=[ANY])
     parser.add_argument("--ways", nargs="+", default=["unoccluded", "occluded-touch"], help=f"to use {ANY}")
     parser.add_argument("--set", nargs="*", default=[], help="further settings of train-implicit")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     torch.set_num_threads(1)
-    experiment = Experiment(chosen.data, chosen.tested or chosen.data, chosen.out, chosen.classes, chosen.ways, chosen.set)
-    shown = Table("Errors by what was learned from", ["objects", "epochs", "mean", "of each training", "median"])
-    for configuration in chosen.configurations:
-        for count in chosen.objects:
-            epochs = chosen.epochs or max(1, round(chosen.items / count))
-            trainings = [experiment.figures(configuration, count, epochs, seed) for seed in range(chosen.trainings)]
+    experiment = Experiment(
+        arguments.data, arguments.tested or arguments.data, arguments.out, arguments.classes, arguments.ways, arguments.set
+    )
+    table = Table("Errors by what was learned from", ["objects", "epochs", "mean", "of each training", "median"])
+    for configuration in arguments.configurations:
+        for count in arguments.objects:
+            epochs = arguments.epochs or max(1, round(arguments.items / count))
+            trainings = [experiment.figures(configuration, count, epochs, seed) for seed in range(arguments.trainings)]
             for way in trainings[0]:
-                each = np.array([training[way] for training in trainings])
-                apart = ", ".join(f"{mean:.2f}" for mean in each.mean(axis=1))
-                shown.add(way, count, epochs, f"{each.mean():.2f}", apart, f"{np.median(each):.2f}")
-    print(shown.markdown(f"Chamfer distance x {TABLE_3_FACTOR:g}, {POINTS:,} points, one grasp. Commit {commit()}, {machine()}."))
+                errors = np.array([training[way] for training in trainings])
+                means = ", ".join(f"{mean:.2f}" for mean in errors.mean(axis=1))
+                table.add(way, count, epochs, f"{errors.mean():.2f}", means, f"{np.median(errors):.2f}")
+    print(table.markdown(f"Chamfer distance x {TABLE_3_FACTOR:g}, {POINTS:,} points, one grasp. Commit {commit()}, {machine()}."))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Random presses: shape, gel and tactile image, beside one convolution by FFT of the same size."""
+"""Measure random presses, with shape, gel and tactile image, beside one convolution by FFT of the same size."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from benchmarks.timing import Table, each, quantiles, side_by_side
+from benchmarks.timing import Table, over_items, quantiles, side_by_side
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel
@@ -23,7 +23,7 @@ SIZE = " × ".join(map(str, SHAPE))
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure `turns` rounds of `PRESSES` presses of each kind; needs no dataset."""
+    """Measure `turns` rounds of `PRESSES` presses of each kind; no dataset is needed."""
     sensor = load_sensor("gelsight", shape=SHAPE).model_copy(update={"membrane": 9e-4, "gel": None})
     layer = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5)})
     deep = sensor.model_copy(update={"membrane": 0.0, "gel": Gel(modulus=2e5, thickness=10.0)})
@@ -38,10 +38,10 @@ def measure(data: Path, turns: int) -> Table:
         "elastic half-space: surface and pressure": lambda depth: press_gel(depth, deep),
         "elastic gel of 4 mm: tactile image": lambda depth: tactile_image(depth, layer),
     }
-    times = side_by_side({name: each(call, depths) for name, call in calls.items()}, turns)
+    times = side_by_side({name: over_items(call, depths) for name, call in calls.items()}, turns)
     note = f"{PRESSES} random presses of a GelSight with {SIZE} pixels. Processor milliseconds of one core; ratios of the least means."
     table = Table(
-        "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "a press, ms: median / 99 % / most"], [note]
+        "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "ms per press: median / 99 % / most"], [note]
     )
     for name, call in calls.items():
         table.add(name, times[name], times[name].over(times[convolution]), quantiles(_by_press(call, depths, turns)))

@@ -1,4 +1,4 @@
-"""Provenance of figures: command, commit, machine, date."""
+"""Find the provenance of figures: command, commit, machine, date."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("pipeline", "stages", "schemas", "benchmarks")
-"""What figures depend on."""
+"""Folders that figures depend on."""
 
 
-def provenance(plain: str, module: str) -> dict[str, str]:
-    """Collect the provenance of a measurement by this process: `plain` is its command without arguments, `module` with them."""
-    command = shlex.join([*shlex.split(module), *sys.argv[1:]]) if sys.argv[1:] else plain
+def provenance(default_command: str, program: str) -> dict[str, str]:
+    """Collect the provenance of a measurement by this process: `program` with its arguments, or `default_command` if it has none."""
+    command = shlex.join([*shlex.split(program), *sys.argv[1:]]) if sys.argv[1:] else default_command
     return {"command": command, "commit": commit(), "machine": machine(), "date": datetime.date.today().isoformat()}
 
 

@@ -1,4 +1,4 @@
-"""Shipped sensors beside the photographs that they were not fitted to, and beside Taxim: `make test-sensors REAL=FOLDER`."""
+"""Compare shipped sensors with photographs that they were not fitted to, and with Taxim: `make test-sensors REAL=FOLDER`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.ball_photographs import BallSet, gelsight_balls, mini_balls, recovered_radius
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
-from benchmarks.timing import Table, alone, side_by_side
+from benchmarks.timing import Table, side_by_side, single_call
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.calibrate_sensor import render_contact
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
@@ -27,7 +27,7 @@ ADDED, ALONE, RIGID = "as shipped, over the untouched photograph", "as shipped, 
 Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]
 """Makes the image of a photograph's contact."""
 DIAMETERS = ("6.310", "9.500")
-"""mm, of the balls of the Mini's photographs: those that it was fitted to, and those that are held out."""
+"""mm, diameters of the balls in the Mini's photographs: the fitted ones, and the held-out ones."""
 LIMITS = {
     ("gelsight", ADDED): (5.0, 4.0),
     ("gelsight", ALONE): (4.5, 3.5),
@@ -73,7 +73,7 @@ def compare(name: str, balls: BallSet, held_out: list[Photograph], folder: Path 
     table = Table(name, ["in the contact", "ring around it", "ms per image"])
     shipped, untouched, radius = load_sensor(name), balls.untouched, balls.radius
     depth = shipped.w - ball_impression(shipped, held_out[0].contact, radius)
-    ways: list[tuple[str, Model, Callable[[], object] | None]] = [
+    candidates: list[tuple[str, Model, Callable[[], object] | None]] = [
         ("the untouched photograph", lambda photograph, sensor: untouched, None),
         (ADDED, added(untouched, radius), lambda: tactile_image(depth, shipped)),
         (ALONE, alone_image(radius), None),
@@ -83,11 +83,11 @@ def compare(name: str, balls: BallSet, held_out: list[Photograph], folder: Path 
         taxim = load_taxim()
         for shadow in (False, True):
             timed = partial(_render, taxim, shadow, _heights(radius, held_out[0], shipped))
-            ways.append(("Taxim" + ", shadows" * shadow, partial(_taxim, taxim, shadow, radius), timed))
+            candidates.append(("Taxim" + ", shadows" * shadow, partial(_taxim, taxim, shadow, radius), timed))
     if folder is not None:
         images = [added(untouched, radius)(photograph, shipped) for photograph in held_out]
         draw_calibration(held_out, images, folder / f"sensors-{name}.png")
-    for label, model, call in ways:
+    for label, model, call in candidates:
         errors = mean_errors(model, held_out, shipped)
         table.add(label, *(f"{error:.1f}" for error in errors), f"{least_ms(call):.1f}" if call else "–")
         limits = LIMITS.get((name, label), errors)
@@ -99,24 +99,24 @@ def compare(name: str, balls: BallSet, held_out: list[Photograph], folder: Path 
 
 
 def compare_radii(sets: list[BallSet]) -> Table:
-    """Compare the radii of balls in the Mini's photographs with those that the shipped sensor's colours say."""
+    """Compare the radii of balls in the Mini's photographs with those recovered from the shipped sensor's colours."""
     table = Table("Radius of a ball, by the colours of its contact", ["contacts found", "mm", "median", "within 10 %", "within 25 %"])
     sensor = load_sensor("gelsight_mini")
     for label, balls in zip(("gelsight_mini, fitted", "gelsight_mini, held out"), sets, strict=True):
         radii = np.array([recovered_radius(sensor, photograph, balls.untouched, balls.radius) for photograph in balls.photographs])
-        off = np.abs(radii / balls.radius - 1)
-        found = f"{len(radii)} of {balls.count}"
-        shares = (f"{100 * float((off <= limit).mean()):.0f} %" for limit in (0.1, 0.25))
-        table.add(label, found, f"{1e3 * balls.radius:.3f}", f"{1e3 * float(np.median(radii)):.2f}", *shares)
+        deviation = np.abs(radii / balls.radius - 1)
+        contacts_found = f"{len(radii)} of {balls.count}"
+        shares = (f"{100 * float((deviation <= limit).mean()):.0f} %" for limit in (0.1, 0.25))
+        table.add(label, contacts_found, f"{1e3 * balls.radius:.3f}", f"{1e3 * float(np.median(radii)):.2f}", *shares)
     return table
 
 
 def added(untouched: NDArray[np.uint8], radius: float) -> Model:
     """Make a model that adds a calibrated sensor's change to the untouched photograph."""
 
-    def image(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
+    def image(photograph: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
         assert sensor.calibrated is not None
-        return render_contact(sensor, sensor.calibrated, one, untouched, radius)
+        return render_contact(sensor, sensor.calibrated, photograph, untouched, radius)
 
     return image
 
@@ -124,33 +124,33 @@ def added(untouched: NDArray[np.uint8], radius: float) -> Model:
 def alone_image(radius: float, *, rigid: bool = False) -> Model:
     """Make a model of what a calibrated sensor gives by itself; `rigid`: the circle is where the ball would meet a rigid plane."""
 
-    def image(one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
+    def image(photograph: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
         plane = sensor.model_copy(update={"membrane": 0.0, "gel": None}) if rigid else sensor
-        return tactile_image(sensor.w - ball_impression(plane, one.contact, radius), sensor)
+        return tactile_image(sensor.w - ball_impression(plane, photograph.contact, radius), sensor)
 
     return image
 
 
-def mean_errors(model: Model, some: list[Photograph], sensor: Sensor) -> tuple[float, float]:
+def mean_errors(model: Model, photographs: list[Photograph], sensor: Sensor) -> tuple[float, float]:
     """Average |model - photograph| over photographs, levels of 255: in the contact, and in the ring around it."""
-    contact, ring = np.mean([_errors(model(one, sensor), one, sensor) for one in some], axis=0).tolist()
+    contact, ring = np.mean([_errors(model(photograph, sensor), photograph, sensor) for photograph in photographs], axis=0).tolist()
     return contact, ring
 
 
-def _errors(image: NDArray[np.uint8], one: Photograph, sensor: Sensor) -> tuple[float, float]:
-    distance = distance_from(sensor, one.contact) / (one.contact.radius * sensor.pitch[1])
-    apart = np.abs(image.astype(float) - one.image).mean(axis=2)
-    return float(apart[distance < 1].mean()), float(apart[(distance >= 1) & (distance < RING)].mean())
+def _errors(image: NDArray[np.uint8], photograph: Photograph, sensor: Sensor) -> tuple[float, float]:
+    distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
+    difference = np.abs(image.astype(float) - photograph.image).mean(axis=2)
+    return float(difference[distance < 1].mean()), float(difference[(distance >= 1) & (distance < RING)].mean())
 
 
-def _taxim(taxim: Any, shadow: bool, radius: float, one: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
+def _taxim(taxim: Any, shadow: bool, radius: float, photograph: Photograph, sensor: Sensor) -> NDArray[np.uint8]:
     """Make Taxim's image of the same contact by its geometry."""
-    return _render(taxim, shadow, _heights(radius, one, sensor))
+    return _render(taxim, shadow, _heights(radius, photograph, sensor))
 
 
-def _heights(radius: float, one: Photograph, sensor: Sensor) -> NDArray[np.float32]:
+def _heights(radius: float, photograph: Photograph, sensor: Sensor) -> NDArray[np.float32]:
     """Compute the ball's height above the gel's face where it meets the gel in the circle, mm; negative in it."""
-    distance, reach = distance_from(sensor, one.contact), one.contact.radius * sensor.pitch[1]
+    distance, reach = distance_from(sensor, photograph.contact), photograph.contact.radius * sensor.pitch[1]
     ball = np.sqrt(radius**2 - reach**2) - np.sqrt(np.maximum(radius**2 - distance**2, 0))
     return (1e3 * np.where(distance < radius, ball, sensor.range)).astype(np.float32)
 
@@ -162,7 +162,7 @@ def _render(taxim: Any, shadow: bool, heights: NDArray[np.float32]) -> NDArray[n
 
 def least_ms(call: Callable[[], object], turns: int = 9) -> float:
     """Measure the least processor milliseconds of a call."""
-    return side_by_side({"": alone(call)}, turns)[""].least
+    return side_by_side({"": single_call(call)}, turns)[""].least
 
 
 def main() -> None:

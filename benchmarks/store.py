@@ -12,7 +12,7 @@ import numpy as np
 import zarr
 from zarr.storage import LocalStore
 
-from benchmarks.timing import Table, each, side_by_side, three_digits
+from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import group_spec
 from schemas.touch import TOUCH
@@ -25,7 +25,7 @@ MAPS = tuple(
 )
 """Depth maps and tactile images."""
 GRASP = (0, 0)
-"""Object and grasp of the one that is read alone."""
+"""Object and grasp that are read alone."""
 Arrays = dict[str, np.ndarray]
 
 
@@ -66,7 +66,7 @@ def formats(table: Table) -> dict[str, Format]:
         group: Any = zarr.open_group(str(folder / "touch.zarr"), mode="r")
         return nullcontext(group)
 
-    found: dict[str, Format] = {
+    available: dict[str, Format] = {
         OURS: (_write_zarr, open_zarr),
         NPY: (_write_npy, open_npy),
     }
@@ -79,8 +79,8 @@ def formats(table: Table) -> dict[str, Format]:
                     chunks = (1, 1, *array.shape[2:]) if name in MAPS else True
                     file.create_dataset(name, data=array, chunks=chunks, compression="gzip", shuffle=True)
 
-        found[HDF5] = write_hdf5, lambda folder: h5py.File(folder / "touch.h5", "r")
-    return found
+        available[HDF5] = write_hdf5, lambda folder: h5py.File(folder / "touch.h5", "r")
+    return available
 
 
 def compare(table: Table, formats: dict[str, Format], arrays: Arrays, turns: int) -> None:
@@ -95,12 +95,14 @@ def compare(table: Table, formats: dict[str, Format], arrays: Arrays, turns: int
         folders = {name: Path(temporary) / str(number) for number, name in enumerate(formats)}
         for folder in folders.values():
             folder.mkdir()
-        ways: tuple[Callable[[str], object], ...] = (
+        operations: tuple[Callable[[str], object], ...] = (
             lambda name: formats[name][0](folders[name], arrays),
             lambda name: _read(*formats[name], folders[name], list(arrays), ...),
             lambda name: _read(*formats[name], folders[name], MAPS, GRASP),
         )
-        write, whole, grasp = (side_by_side({name: each(way, [name]) for name in formats}, turns) for way in ways)
+        write_times, read_times, grasp_times = (
+            side_by_side({name: over_items(operation, [name]) for name in formats}, turns) for operation in operations
+        )
         sizes = {name: [path.stat().st_size for path in folder.rglob("*") if path.is_file()] for name, folder in folders.items()}
         for name in formats:
             for keys, index in ((list(arrays), ...), (MAPS, GRASP)):
@@ -110,8 +112,8 @@ def compare(table: Table, formats: dict[str, Format], arrays: Arrays, turns: int
             per_grasp = sum(sizes[name]) / int(np.prod(arrays[MAPS[0]].shape[:2]))
             table.add(
                 *(name, f"{per_grasp:,.0f}", f"{sum(sizes[name]) / sum(sizes[OURS]):.2f}", len(sizes[name])),
-                *(write[name], write[name].over(write[OURS]), whole[name], whole[name].over(whole[OURS])),
-                three_digits(grasp[name].least),
+                *(write_times[name], write_times[name].over(write_times[OURS]), read_times[name], read_times[name].over(read_times[OURS])),
+                three_digits(grasp_times[name].least),
             )
 
 

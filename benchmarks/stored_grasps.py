@@ -1,8 +1,8 @@
 """Measure how sound the grasps of a dataset are: `python -m benchmarks.stored_grasps DATA`.
 
-Penetration by other means than those that chose the grasps (random points on the collision boxes against igl's signed distance with
+Measures penetration independently of the grasp search (random points on the collision boxes against igl's signed distance with
 winding numbers, and random points on the object against the boxes), and whether touches outlast 500 more steps of physics. Meshes
-that are not watertight have no inside for a winding number: of them only the object's points in the hand count.
+that are not watertight have no inside for a winding number: for them only the object's points in the hand count.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from stages.simulate_grasps.settings import GraspSettings
 MORE_STEPS = 500
 """Steps that must not change a touch."""
 POINTS = 200_000
-"""Random points on the hand, and on the object, that look for penetration: about 1 mm apart."""
+"""Random points on the hand and on the object for measuring penetration: about 1 mm apart."""
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A stored grasp: how deep it is, measured and as recorded, m; which sensors touch, and for which 500 steps change that."""
+class ExaminedGrasp:
+    """Hold penetration, measured and recorded, m, which sensors touch, and for which sensors `MORE_STEPS` steps change that."""
 
     depth: float
     recorded: float
@@ -47,13 +47,13 @@ class Seen:
     watertight: bool
 
 
-def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
+def examine(data: Path, points: int = POINTS) -> dict[str, list[ExaminedGrasp]]:
     """Measure every grasp of a dataset, by object, with this number of points on hand and object."""
     surfaces, grasps = DataDirectory(data).collection(SURFACES), DataDirectory(data).collection(GRASPS)
-    stated = grasps.first.attributes["settings"]
-    prepared = prepare_hand(GraspSettings(hand=stated["hand"], sensor=stated.get("sensor")))
-    hand, worn = prepared.hand, prepared.sensors
-    found: dict[str, list[Seen]] = {}
+    settings = grasps.first.attributes["settings"]
+    prepared = prepare_hand(GraspSettings(hand=settings["hand"], sensor=settings.get("sensor")))
+    hand, sensors = prepared.hand, prepared.sensors
+    examined: dict[str, list[ExaminedGrasp]] = {}
     with Simulation(hand) as physics:
         for object_id in grasps:
             if not grasps.view(object_id)["ok"]:
@@ -69,16 +69,16 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[Seen]]:
                 later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
                 after = [
                     touch_success(ray_depth(faces, at, sensor), sensor)
-                    for at, sensor in zip(sensor_poses(hand, pose, later), worn, strict=True)
+                    for at, sensor in zip(sensor_poses(hand, pose, later), sensors, strict=True)
                 ]
-                found.setdefault(object_id, []).append(
-                    Seen(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
+                examined.setdefault(object_id, []).append(
+                    ExaminedGrasp(depth, recorded, touched, touched != np.array(after), bool(surface["watertight"]))
                 )
-    return found
+    return examined
 
 
 def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.random.Generator, points: int = POINTS) -> float:
-    """Measure the deepest of random points on the collision boxes in the object, or on the object in the boxes, m; 0 if none is."""
+    """Measure how deep random points on the collision boxes lie in the object, or points on the object in the boxes, m; 0 if none does."""
     boxes = prepared.ik.boxes
     frames = forward_kinematics(prepared.hand, grasp.hand_pose, grasp.joint_angles)[boxes.link] @ boxes.frames  # (C, 4, 4)
     half = boxes.half
@@ -104,13 +104,13 @@ def independent_depth(prepared: PreparedHand, mesh: Mesh, grasp: Grasp, rng: np.
 
 def main() -> None:
     """Print the figures."""
-    seen = [grasp for found in examine(Path(sys.argv[1])).values() for grasp in found]
+    examined = [grasp for of_object in examine(Path(sys.argv[1])).values() for grasp in of_object]
     table = Table("Stored grasps", ["grasps", "≤ 1 mm inside, %", "mm inside: median / 99 % / most", "most as recorded, mm"])
     for name, closed in (("watertight", True), ("other", False)):
-        mm = 1e3 * np.array([[grasp.depth, grasp.recorded] for grasp in seen if grasp.watertight == closed]).reshape(-1, 2)
+        mm = 1e3 * np.array([[grasp.depth, grasp.recorded] for grasp in examined if grasp.watertight == closed]).reshape(-1, 2)
         if len(mm):
             table.add(name, len(mm), f"{100 * np.mean(mm[:, 0] <= 1):.1f}", quantiles(mm[:, 0]), f"{mm[:, 1].max():.3f}")
-    changed = np.array([grasp.changed for grasp in seen])
+    changed = np.array([grasp.changed for grasp in examined])
     shares = f"{100 * changed.mean():.2f} % of touches, {100 * changed.any(axis=1).mean():.2f} % of grasps"
     print(table.markdown(f"{MORE_STEPS} more steps change {shares}."))
 

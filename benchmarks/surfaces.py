@@ -1,4 +1,4 @@
-"""Points on the outside of meshes: beside trimesh's sampling and voxel carving."""
+"""Measure points on the outside of meshes beside trimesh's sampling and voxel carving."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from benchmarks.cases import touched_objects
-from benchmarks.timing import Table, alone, each, quantiles, side_by_side, three_digits
+from benchmarks.timing import Table, over_items, quantiles, side_by_side, single_call, three_digits
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.exterior_sampling import MIN_ESCAPES, EscapeTest, sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
@@ -24,7 +24,7 @@ POINTS = 10_000
 JUDGES = 2048
 """Directions that decide whether a place sees the outside: eight times those of the sampler."""
 FAR = 0.01
-"""m: an exterior place without a point so near is missed. 10,000 points drawn from 0.25 m² leave 3e-6 of it so far from all."""
+"""m: an exterior place without a point within this distance is missed. 10,000 points on 0.25 m² leave a share of 3e-6 that far from all."""
 VOXELS = (64, 128)
 """Along the object's longest side."""
 OURS = "exterior samples (ours)"
@@ -52,17 +52,17 @@ def measure(data: Path, turns: int) -> Table:
         **{f"voxel carving, {n}³": lambda mesh, n=n: _carved(mesh, n) for n in VOXELS},
     }
     meshes = [case.mesh for case in cases]
-    times = side_by_side({name: each(sampler, meshes) for name, sampler in samplers.items()}, turns)
+    times = side_by_side({name: over_items(sampler, meshes) for name, sampler in samplers.items()}, turns)
     for name, sampler in samplers.items():
         judged = [_judge(mesh, sampler(mesh)) for mesh in meshes]
-        off = quantiles(np.concatenate([errors for errors, _, _ in judged]))
+        deviations = quantiles(np.concatenate([errors for errors, _, _ in judged]))
         shares = [three_digits(100 * float(np.mean([row[k] for row in judged]))) for k in (1, 2)]
-        table.add(name, times[name], times[name].over(times[OURS]), off, *shares)
+        table.add(name, times[name], times[name].over(times[OURS]), deviations, *shares)
     surfaces = DataDirectory(data).collection(SURFACES)
-    every = {name: read_mesh(surfaces.view(name)) for name in surfaces if surfaces.view(name)["ok"]}
-    ours = side_by_side({name: alone(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in every.items()}, turns)
+    meshes_by_name = {name: read_mesh(surfaces.view(name)) for name in surfaces if surfaces.view(name)["ok"]}
+    ours = side_by_side({name: single_call(lambda mesh=mesh: samplers[OURS](mesh)) for name, mesh in meshes_by_name.items()}, turns)
     worst = max(ours, key=lambda name: ours[name].least)
-    middle = median(taken.least for taken in ours.values())
+    middle = median(measured.least for measured in ours.values())
     note = f"Ours, of all {len(ours)} objects: median {three_digits(middle)} ms, worst {three_digits(ours[worst].least)} ms ({worst})."
     table.notes = [*table.notes, note]
     return table

@@ -1,4 +1,4 @@
-"""Time several ways to do the same work in turns, and print the results as Markdown tables.
+"""Time several methods for the same work in turns, and print the results as Markdown tables.
 
 Times are processor times of all threads of the process: a second thread brings no gain, and other work on the machine counts little.
 """
@@ -49,7 +49,7 @@ def quantiles(values: Any) -> str:
     return " / ".join(three_digits(float(np.quantile(values, q))) for q in (0.5, 0.99, 1))
 
 
-def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
+def over_items(call: Callable[[T], object], items: Sequence[T]) -> Round:
     """Make a round that calls with every item, and returns the mean milliseconds of one call."""
 
     def once() -> float:
@@ -61,20 +61,20 @@ def each(call: Callable[[T], object], items: Sequence[T]) -> Round:
     return once
 
 
-def alone(call: Callable[[], object]) -> Round:
+def single_call(call: Callable[[], object]) -> Round:
     """Make a round of one call without arguments."""
-    return each(lambda _: call(), [None])
+    return over_items(lambda _: call(), [None])
 
 
 def side_by_side(rounds: Mapping[K, Round], count: int) -> dict[K, Times]:
-    """Time every way in turn, `count` times, after one turn to warm up."""
-    taken: dict[K, list[float]] = {name: [] for name in rounds}
+    """Time the rounds in turn, `count` times, after one turn to warm up."""
+    samples: dict[K, list[float]] = {name: [] for name in rounds}
     for turn in range(count + 1):
         for name, once in rounds.items():
             milliseconds = once()
             if turn:
-                taken[name].append(milliseconds)
-    return {name: Times(min(times), median(times)) for name, times in taken.items()}
+                samples[name].append(milliseconds)
+    return {name: Times(min(times), median(times)) for name, times in samples.items()}
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -85,7 +85,7 @@ def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
 
 @dataclass
 class Table:
-    """A comparison: `columns` name the cells of every row after its name, `notes` say what is not comparable."""
+    """Hold a comparison: `columns` name the cells of every row after its name, `notes` say what is not comparable."""
 
     title: str
     columns: Sequence[str]

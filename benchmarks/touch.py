@@ -1,4 +1,4 @@
-"""Depth and tactile image of one sensor beside TACTO and Taxim."""
+"""Measure depth and tactile image of one sensor beside TACTO and Taxim."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Depth = Callable[[int, NDArray[np.float64]], NDArray[np.float32]]
 
 
 def measure(data: Path, turns: int) -> Table:
-    """Measure all sensors of the dataset's cases, `turns` rounds of each way."""
+    """Measure all sensors of the dataset's cases, `turns` rounds of each method."""
     cases, small = touched_objects(data), load_sensor("gel_16mm")
     faces = [len(case.mesh.faces) for case in cases]
     table = Table(
@@ -60,25 +60,27 @@ def measure(data: Path, turns: int) -> Table:
     large = small.model_copy(update={"rows": 480, "cols": 640})
     gelsight = load_sensor("gelsight")
     assert gelsight.calibrated is not None
-    both = {"lights": None, "calibrated": gelsight.calibrated, "membrane": 9e-4}
-    neither = both | {"calibrated": gelsight.calibrated.model_copy(update={"shadows": ()}), "membrane": 0.0}
+    with_membrane = {"lights": None, "calibrated": gelsight.calibrated, "membrane": 9e-4}
+    colours_only = with_membrane | {"calibrated": gelsight.calibrated.model_copy(update={"shadows": ()}), "membrane": 0.0}
     rounds: dict[str, Round] = {}
     for name, sensor in ((OURS, small), (OURS_LARGE, large)):
         colours = name.replace("vt-pipeline", "vt-pipeline, a GelSight's colours")
-        for label, changes in ((name, {}), (colours, neither), (f"{colours}, membrane and shadows", both)):
+        for label, changes in ((name, {}), (colours, colours_only), (f"{colours}, membrane and shadows", with_membrane)):
             rounds[label] = _our_round(cases, sensor.model_copy(update=changes))
     taxim_names = [f"Taxim on our depth, {size}{shadows}" for size in ("100 × 100", LARGE) for shadows in ("", ", shadows")]
     with table.peer(*taxim_names):
         taxim = load_taxim()
-        ways = [(sensor, shadow) for sensor in (small, large) for shadow in (False, True)]
-        rounds |= {name: _taxim_round(taxim, cases, *way) for name, way in zip(taxim_names, ways, strict=True)}
+        variants = [(sensor, shadow) for sensor in (small, large) for shadow in (False, True)]
+        rounds |= {name: _taxim_round(taxim, cases, *variant) for name, variant in zip(taxim_names, variants, strict=True)}
     times = side_by_side(rounds, turns)
     errors = {
-        OURS: np.concatenate([_off(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)])
+        OURS: np.concatenate(
+            [_mesh_distances(case, our_points(case, number, our_depth(cases, small), small)) for number, case in enumerate(cases)]
+        )
     }
     with table.peer(*SIZES):
-        for name, (taken, off) in tacto(cases, small, turns).items():
-            times[name], errors[name] = taken, off
+        for name, (measured, distances) in tacto(cases, small, turns).items():
+            times[name], errors[name] = measured, distances
     for name in sorted(times, key=lambda name: LARGE in name):
         ratio = times[name].over(times[OURS_LARGE if LARGE in name else OURS])
         table.add(name, times[name], f"{1e3 / times[name].least:.0f}", ratio, quantiles(errors[name]) if name in errors else "–")
@@ -133,19 +135,19 @@ def tacto(cases: Sequence[Case], sensor: Sensor, turns: int) -> dict[str, tuple[
             arrays: dict[str, Any] = {"vertices": case.mesh.vertices, "faces": case.mesh.faces, "poses": case.poses, "w": sensor.w}
             np.savez(Path(folder) / f"{number}.npz", **arrays)
         command = [str(TACTO), "-m", "benchmarks.peers.tacto_worker", folder, str(turns), json.dumps(list(SIZES.values()))]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(f"TACTO ended with status {done.returncode}: {(done.stderr.strip().splitlines() or [''])[-1]}")
+        process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+        if process.returncode:
+            raise RuntimeError(f"TACTO ended with status {process.returncode}: {(process.stderr.strip().splitlines() or [''])[-1]}")
         measured = {}
         for name, (width, height) in SIZES.items():
             points = [np.load(Path(folder) / f"{number}-{width}-{height}.npy") for number in range(len(cases))]
-            off = np.concatenate([_off(case, found) for case, found in zip(cases, points, strict=True)])
+            distances = np.concatenate([_mesh_distances(case, cloud) for case, cloud in zip(cases, points, strict=True)])
             ms = np.load(Path(folder) / f"ms-{width}-{height}.npy").tolist()
-            measured[name] = Times(min(ms), median(ms)), off
+            measured[name] = Times(min(ms), median(ms)), distances
         return measured
 
 
-def _off(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mesh_distances(case: Case, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute distances from the mesh, µm."""
     squared = igl.point_mesh_squared_distance(points, case.mesh.vertices, case.mesh.faces.astype(np.int64))[0]
     return np.asarray(1e6 * np.sqrt(squared))

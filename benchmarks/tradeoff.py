@@ -74,44 +74,44 @@ def main(
     manifest = load_manifest(str(MANIFEST))
     objects = manifest.objects(None)
     started = time.monotonic()
-    whole = Setup(data / "dataset", manifest.name, objects, manifest.seed, "draft")
-    few = Setup(data / "learning", manifest.name, stratified(objects, LEARNING, manifest.seed), manifest.seed, "draft")
-    some = stratified(objects, END_OBJECTS, manifest.seed)
-    ends = Setup(data / "end", manifest.name, some, manifest.seed, "draft", (f"train-gcn.epochs={END_EPOCHS}",))
+    full_setup = Setup(data / "dataset", manifest.name, objects, manifest.seed, "draft")
+    learning_setup = Setup(data / "learning", manifest.name, stratified(objects, LEARNING, manifest.seed), manifest.seed, "draft")
+    end_objects = stratified(objects, END_OBJECTS, manifest.seed)
+    end_setup = Setup(data / "end", manifest.name, end_objects, manifest.seed, "draft", (f"train-gcn.epochs={END_EPOCHS}",))
     if only == "end":
-        measure_end_to_end(ends, np.inf, console)
+        measure_end_to_end(end_setup, np.inf, console)
         return
-    beside = None if only else subprocess.Popen([sys.executable, "-m", "benchmarks.tradeoff", "--data", str(data), "--only", "end"])
+    end_process = None if only else subprocess.Popen([sys.executable, "-m", "benchmarks.tradeoff", "--data", str(data), "--only", "end"])
     for stage in TRADED:
-        measure_trade(stage, whole if stage in DATASET else few, limit=LIMIT, deadline=np.inf, console=console)
-    if beside is not None and beside.wait():
+        measure_trade(stage, full_setup if stage in DATASET else learning_setup, limit=LIMIT, deadline=np.inf, console=console)
+    if end_process is not None and end_process.wait():
         raise SystemExit("the measurement end to end failed; see above")
     if write is not None:
         minutes = (time.monotonic() - started) / 60
-        trades = [read_trade((whole if stage in DATASET else few).data, stage) for stage in TRADED]
-        _write(write, [trade for trade in trades if trade], read_trade(ends.data, END_TO_END), minutes)
+        trades = [read_trade((full_setup if stage in DATASET else learning_setup).data, stage) for stage in TRADED]
+        _write(write, [trade for trade in trades if trade], read_trade(end_setup.data, END_TO_END), minutes)
 
 
 def _write(page: Path, trades: list[MeasuredTrade], end: MeasuredTrade | None, minutes: float) -> None:
     folder = page.with_suffix("")
     folder.mkdir(exist_ok=True)
     about = provenance("make tradeoff", "python -m benchmarks.tradeoff")
-    said = f"`{about['command']}`, commit {about['commit']}, {about['machine']}, {about['date']}: {minutes:.0f} minutes.\n"
-    parts = [INTRODUCTION, said]
+    provenance_line = f"`{about['command']}`, commit {about['commit']}, {about['machine']}, {about['date']}: {minutes:.0f} minutes.\n"
+    parts = [INTRODUCTION, provenance_line]
     if end is not None:
         parts += [END, *_section(end, page, title=False)]
     for trade in trades:
         parts += _section(trade, page)
     parts.append(_promises([trade for trade in trades if trade.stage in DATASET]))
     page.write_text("\n".join(parts))
-    written = io.StringIO()
-    rows = csv.writer(written, lineterminator="\n")
+    buffer = io.StringIO()
+    rows = csv.writer(buffer, lineterminator="\n")
     rows.writerow(["stage", "settings", "presets", "seconds", "kilobytes", "error", "low", "high", "unit", "metric"])
     for trade in [*([end] if end else []), *trades]:
         for point in trade.points:
             numbers = [f"{value:.4g}" for value in (point.seconds, point.kilobytes, point.error, point.interval.low, point.interval.high)]
             rows.writerow([trade.stage, point.label, " ".join(point.presets), *numbers, trade.unit, trade.metric])
-    write_at_once(folder / "tradeoff.csv", written.getvalue().encode())
+    write_at_once(folder / "tradeoff.csv", buffer.getvalue().encode())
 
 
 def _section(trade: MeasuredTrade, page: Path, *, title: bool = True) -> list[str]:
@@ -122,8 +122,8 @@ def _section(trade: MeasuredTrade, page: Path, *, title: bool = True) -> list[st
     unit = f", {trade.unit}" if trade.unit else ""
     lines += [f"| settings | {trade.cost} | {trade.metric}{unit} | 95 % interval |", "| --- | --- | --- | --- |"]
     best = {point.label for point in trade.front()}
-    shown = trade.points if trade.stage == END_TO_END else [one for one in trade.points if one.label in best or one.presets]
-    for point in sorted(shown, key=lambda point: point.seconds):
+    points = trade.points if trade.stage == END_TO_END else [point for point in trade.points if point.label in best or point.presets]
+    for point in sorted(points, key=lambda point: point.seconds):
         name = f"**{point.label}**" if point.label in best else point.label
         lines.append(f"| {name} | {point.seconds:.3g} | {point.error:.3g} | {point.interval.low:.3g} to {point.interval.high:.3g} |")
     return [*lines, "\nNo other setting beats those in bold.\n"]
@@ -133,7 +133,7 @@ def _half(trade: MeasuredTrade, names: set[str]) -> MeasuredTrade:
     """Keep what was measured on some of the objects."""
     points = [
         point.model_copy(
-            update={what: {name: value for name, value in getattr(point, what).items() if name in names} for what in ("times", "errors")}
+            update={field: {name: value for name, value in getattr(point, field).items() if name in names} for field in ("times", "errors")}
         )
         for point in trade.points
     ]
@@ -141,21 +141,26 @@ def _half(trade: MeasuredTrade, names: set[str]) -> MeasuredTrade:
 
 
 def _promises(trades: list[MeasuredTrade]) -> str:
-    """Ask for advice from one half of the objects, and compare it with the other half."""
+    """Take advice from one half of the objects, and compare it with what was measured on the other half."""
     rng, names = np.random.default_rng(0), np.array(sorted(trades[0].objects))
     rows, fast, true, bounds = [], 0, 0, 0
     for _ in range(TRIALS):
-        first = set(rng.permutation(names)[: len(names) // 2].tolist())
-        known, other = ([_half(trade, part) for trade in trades] for part in (first, set(names.tolist()) - first))
-        load = Workload(len(names) - len(first), 1)
-        least, most = (sum(end(point.seconds for point in trade.points) for trade in known) for end in (min, max))
-        asked = float(np.exp(rng.uniform(np.log(1.05 * least), np.log(most))))
-        chosen = within_time(known, load, asked * load.objects)
-        met = [next(point for point in trade.points if point.label == one.point.label) for trade, one in zip(other, chosen, strict=True)]
-        predicted, took = sum(one.seconds for one in chosen) / load.objects, sum(point.seconds for point in met)
-        kept = sum(point.error <= one.bound for point, one in zip(met, chosen, strict=True))
-        fast, true, bounds = fast + (abs(took / predicted - 1) <= 0.15), true + kept, bounds + len(chosen)
-        rows.append(f"| {asked:.3g} | {predicted:.3g} | {took:.3g} | {100 * (took / predicted - 1):+.0f} | {kept} of {len(chosen)} |")
+        sampled = set(rng.permutation(names)[: len(names) // 2].tolist())
+        measured, held_out = ([_half(trade, part) for trade in trades] for part in (sampled, set(names.tolist()) - sampled))
+        load = Workload(len(names) - len(sampled), 1)
+        fastest, slowest = (sum(end(point.seconds for point in trade.points) for trade in measured) for end in (min, max))
+        seconds = float(np.exp(rng.uniform(np.log(1.05 * fastest), np.log(slowest))))
+        choices = within_time(measured, load, seconds * load.objects)
+        outcomes = [
+            next(point for point in trade.points if point.label == choice.point.label)
+            for trade, choice in zip(held_out, choices, strict=True)
+        ]
+        predicted, took = sum(choice.seconds for choice in choices) / load.objects, sum(point.seconds for point in outcomes)
+        kept_bounds = sum(point.error <= choice.bound for point, choice in zip(outcomes, choices, strict=True))
+        fast, true, bounds = fast + (abs(took / predicted - 1) <= 0.15), true + kept_bounds, bounds + len(choices)
+        rows.append(
+            f"| {seconds:.3g} | {predicted:.3g} | {took:.3g} | {100 * (took / predicted - 1):+.0f} | {kept_bounds} of {len(choices)} |"
+        )
     return PROMISES.format(trials=TRIALS, fast=fast, true=true, bounds=bounds) + "\n".join(rows) + "\n"
 
 

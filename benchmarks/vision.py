@@ -1,4 +1,4 @@
-"""One image and its segmentation, of the dataset's objects in the hand and alone."""
+"""Time one image and its segmentation, of the dataset's objects in the hand and alone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.cases import touched_objects
-from benchmarks.timing import Table, each, side_by_side
+from benchmarks.timing import Table, over_items, side_by_side
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -25,11 +25,11 @@ def measure(data: Path, turns: int) -> Table:
         links = [(renderer.add(mesh, Label.HAND), frames[link]) for link, mesh in hand.visual_meshes]
         handles = [renderer.add(case.mesh, Label.OBJECT) for case in cases]
         scenes = {"unoccluded image": [], "occluded image": links}
-        draw = {name: lambda handle, rest=rest: renderer.render([(handle, np.eye(4)), *rest]) for name, rest in scenes.items()}
-        times = side_by_side({name: each(call, handles) for name, call in draw.items()}, turns)
+        draw = {name: lambda handle, posed=posed: renderer.render([(handle, np.eye(4)), *posed]) for name, posed in scenes.items()}
+        times = side_by_side({name: over_items(call, handles) for name, call in draw.items()}, turns)
     resolution = load_scene("supplement").camera.resolution
     note = f"Mean of {len(cases)} objects, {resolution} × {resolution} pixels, processor milliseconds; least / median."
     table = Table("Vision: one image with its segmentation", ["ms per image"], [note])
-    for name, taken in times.items():
-        table.add(name, taken)
+    for name, measured in times.items():
+        table.add(name, measured)
     return table

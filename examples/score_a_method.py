@@ -22,10 +22,10 @@ for name in objects.object_ids:
     touched = np.concatenate([cloud[:count] for cloud, count in zip(points, counts, strict=True)])
     touched = (touched if len(touched) >= 4 else poses[:, :3, 3]).astype(np.float64)  # nothing was felt: where the fingers are
     middle = touched.mean(axis=0)
-    # |p - c|² = r² is linear in c and r² - |c|²; rcond keeps a flat patch from a sphere of a mile
+    # |p - c|² = r² is linear in c and r² - |c|²; rcond avoids a huge sphere for a flat patch
     rows = np.column_stack([2 * (touched - middle), np.ones(len(touched))])
-    centre, rest = np.split(np.linalg.lstsq(rows, np.square(touched - middle).sum(axis=1), rcond=1e-3)[0], [3])
-    radius = float(np.clip(np.sqrt(max(rest[0] + centre @ centre, 0)), 0.02, 0.25))
+    centre, constant = np.split(np.linalg.lstsq(rows, np.square(touched - middle).sum(axis=1), rcond=1e-3)[0], [3])
+    radius = float(np.clip(np.sqrt(max(constant[0] + centre @ centre, 0)), 0.02, 0.25))
     sphere = trimesh.creation.icosphere(subdivisions=3, radius=radius)
     sphere.apply_translation(middle + np.clip(centre, -0.25, 0.25)).export(folder / f"{name}.ply")
 print(f"{len(objects)} spheres in {folder}; now: vt-pipeline score {folder} {data}")

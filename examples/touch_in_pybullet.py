@@ -27,9 +27,9 @@ pybullet.resetBaseVelocity(body, linearVelocity=[0.008, 0, 0])
 felt, spent, window = 0, 0.0, None
 for step in range(steps):
     pybullet.stepSimulation()
-    place, turn = pybullet.getBasePositionAndOrientation(body)
+    position, quaternion = pybullet.getBasePositionAndOrientation(body)
     ball_pose = np.eye(4)
-    ball_pose[:3, :3], ball_pose[:3, 3] = np.reshape(pybullet.getMatrixFromQuaternion(turn), (3, 3)), place
+    ball_pose[:3, :3], ball_pose[:3, 3] = np.reshape(pybullet.getMatrixFromQuaternion(quaternion), (3, 3)), position
     sensor_pose = np.eye(4)  # the gel faces up through the floor; the sensor sways
     sensor_pose[:3, 3] = 0.001 * np.sin(step / 50), 0, 0.001 - sensor.w
     began = time.perf_counter()

@@ -8,7 +8,7 @@ import sys
 import pytest
 import typer
 
-from pipeline.cli.failures import failures_as_words
+from pipeline.cli.failures import report_failures
 from pipeline.console import Meter, console_on, pluralise, print_line, print_table
 from pipeline.errors import InvalidInput
 
@@ -42,7 +42,7 @@ def test_control_characters_are_printed_as_their_codes(capsys):
 
 
 def test_an_errors_control_characters_do_not_reach_the_terminal(capsys):
-    @failures_as_words()
+    @report_failures()
     def command(error: Exception) -> None:
         raise error
 

@@ -17,7 +17,7 @@ from tools.picture_row import draw_row
 
 
 def draw_overview(data: Path, object_id: str, path: Path) -> None:
-    """Draw an object of the test split in two rows of pictures, as a PNG; what follows a colon or the network's name begins a line."""
+    """Draw an object of the test split in two rows of pictures, as a PNG; titles break after a colon or the network's name."""
     panels = overview_panels(ReportSource(data), object_id, 0)
     draw_row([(title.replace(": ", "\n").replace(", ", "\n", 1), image) for title, image in panels], path, columns=3, inches=2.6)
 

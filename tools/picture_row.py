@@ -1,4 +1,4 @@
-"""A row of titled pictures as one small file, for the documents."""
+"""Draw a row of titled pictures as one small file, for the documents."""
 
 from __future__ import annotations
 

@@ -41,10 +41,10 @@ def main() -> None:
 
 def regenerated(page: str, generated: str) -> str:
     """Replace what is below the marker of a page."""
-    written, marker, _ = page.partition(MARKER)
+    by_hand, marker, _ = page.partition(MARKER)
     if not marker:
         raise ValueError(f"the page has no line {MARKER!r}; add it below what is written by hand")
-    return f"{written}{MARKER}\n{generated}"
+    return f"{by_hand}{MARKER}\n{generated}"
 
 
 # ---- docs/data-format.md
@@ -98,18 +98,18 @@ def settings() -> str:
 
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
-    chosen = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in names_read(stage, chosen))
+    defaults = stage.settings_type()
+    reads = ", ".join(f"`{name}`" for name in names_read(stage, defaults))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
-    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(chosen)}`.\n"
+    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(defaults)}`.\n"
     yield _table(("setting", "type", "default", "in presets", "changes", "why"), _setting_rows(stage.settings_type, presets))
 
 
 def _setting_rows(kind: type[Settings], presets: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     for field, info in kind.model_fields.items():
-        others = [f"{preset}: `{_value(values[field])}`" for preset, values in presets.items() if field in values]
-        yield f"`{field}`", _type(info), f"`{_value(info.default)}`", ", ".join(others), kind.changes(field), str(info.description)
+        listed = [f"{preset}: `{_value(values[field])}`" for preset, values in presets.items() if field in values]
+        yield f"`{field}`", _type(info), f"`{_value(info.default)}`", ", ".join(listed), kind.changes(field), str(info.description)
 
 
 def _value(value: Any) -> str:
@@ -126,8 +126,8 @@ def _type(info: FieldInfo) -> str:
     return ", ".join([_type_name(info.annotation), *limits])
 
 
-def _type_name(kind: Any) -> str:
-    origin, inner = get_origin(kind), get_args(kind)
+def _type_name(annotation: Any) -> str:
+    origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return " or ".join(f"`{_value(choice)}`" for choice in inner)
     if origin is Annotated:
@@ -136,7 +136,7 @@ def _type_name(kind: Any) -> str:
         return f"list of {_type_name(inner[0])}"
     if inner:  # a union
         return " or ".join(map(_type_name, inner))
-    return "null" if kind is NoneType else str(kind.__name__)
+    return "null" if annotation is NoneType else str(annotation.__name__)
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
@@ -150,8 +150,8 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 def hand_and_sensor_entries() -> str:
     """Describe every entry of a hand file and of a sensor file."""
     parts = []
-    for title, kind in (("A hand", HandFile), ("A sensor", Sensor)):
-        schema = kind.model_json_schema()
+    for title, model_type in (("A hand", HandFile), ("A sensor", Sensor)):
+        schema = model_type.model_json_schema()
         inner = {TITLES[name]: model for name, model in schema["$defs"].items()}
         parts += [part for name, model in ({title: schema} | inner).items() for part in _entries(name, model)]
     return "\n".join(parts)
@@ -166,17 +166,17 @@ def observation_entries() -> str:
 
 
 def manifest_entries() -> str:
-    """Describe every entry of a manifest; those that several kinds of sources have once."""
+    """Describe every entry of a manifest; entries that several kinds of sources share are described once."""
     schema = Manifest.model_json_schema()
     models, source, meshes = schema["$defs"], Source.model_json_schema(), MeshSource.model_json_schema()
     parts = [
         _entries("A manifest", schema),
         _entries(TITLES["Splits"], models["Splits"]),
         _entries("Every source", source),
-        _entries("Every source of mesh files", meshes, known=source),
-        *(_entries(TITLES[name], models[name], known=meshes) for name in ("Directory", "Catalogue", "ShapeNet", "Pybullet")),
+        _entries("Every source of mesh files", meshes, described_model=source),
+        *(_entries(TITLES[name], models[name], described_model=meshes) for name in ("Directory", "Catalogue", "ShapeNet", "Pybullet")),
         _entries(TITLES["PybulletFile"], models["PybulletFile"]),
-        _entries(TITLES["Procedural"], models["Procedural"], known=source),
+        _entries(TITLES["Procedural"], models["Procedural"], described_model=source),
     ]
     return "\n".join(part for entries in parts for part in entries)
 
@@ -206,11 +206,11 @@ TITLES = {
 """Headings of the models in observations, hands, sensors and manifests."""
 
 
-def _entries(title: str, model: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> Iterator[str]:
-    """Describe a model of a YAML file; entries that another model has are described there."""
+def _entries(title: str, model: Mapping[str, Any], described_model: Mapping[str, Any] | None = None) -> Iterator[str]:
+    """Describe a model of a YAML file, without the entries of `described_model`."""
     yield f"### {title}\n"
     yield f"{model['description']}\n"
-    needed, elsewhere = model.get("required", ()), known["properties"] if known else {}
+    needed, elsewhere = model.get("required", ()), described_model["properties"] if described_model else {}
     rows = [
         (f"`{name}`", _schema_type(entry), "needed" if name in needed else _default(entry.get("default")), entry.get("description", ""))
         for name, entry in model["properties"].items()
@@ -228,7 +228,7 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     if "$ref" in entry:
         return TITLES[entry["$ref"].rpartition("/")[2]]
     if "anyOf" in entry:
-        return " or ".join(_schema_type(kind) for kind in entry["anyOf"] if kind != {"type": "null"})
+        return " or ".join(_schema_type(alternative) for alternative in entry["anyOf"] if alternative != {"type": "null"})
     if choices := entry.get("enum", [entry["const"]] if "const" in entry else []):
         return " or ".join(f"`{choice}`" for choice in choices)
     if "prefixItems" in entry:

@@ -74,19 +74,19 @@ def main() -> None:
     parser.add_argument("object")
     parser.add_argument("grasp", type=int)
     parser.add_argument("folder", type=Path)
-    given = parser.parse_args()
-    write_grasp(given.data, given.object, given.grasp, given.folder)
+    arguments = parser.parse_args()
+    write_grasp(arguments.data, arguments.object, arguments.grasp, arguments.folder)
 
 
 def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: str = "gel_16mm") -> Path:
     """Write images of a stored grasp, `rgbd.yaml`, which has no touches, and `grasp.yaml`; return the path of the latter."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = ObjectRows(data, ARRAYS, None)
-    seen, labels = rows.read("occluded", object_id, grasp, camera=0), rows.read("segmentation", object_id, camera=0)[1 + grasp]
-    drawn = (seen != seen[0, 0]).any(axis=2)  # at smooth edges, beyond the labels too
+    photograph, labels = rows.read("occluded", object_id, grasp, camera=0), rows.read("segmentation", object_id, camera=0)[1 + grasp]
+    drawn = (photograph != photograph[0, 0]).any(axis=2)  # at smooth edges, beyond the labels too
     hand = drawn & (labels != Label.OBJECT) & binary_dilation(labels == Label.HAND)
     points = rows.read("points", object_id)
-    _save(folder / "seen.png", seen)
+    _save(folder / "seen.png", photograph)
     _save(folder / "hand.png", 255 * hand.astype(np.uint8))
     _save(folder / "mask.png", 255 * (drawn & ~hand).astype(np.uint8))
     matrix = rows.read("projection", object_id)[0]

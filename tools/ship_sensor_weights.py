@@ -32,9 +32,9 @@ FITTED_TO = {
     "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",
     "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
 }
-"""The shipped sensors whose photographs are read: what the numbers of their files were fitted to."""
+"""The shipped sensors with networks, and what their sensor files were fitted to."""
 HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
-"""Photographs that errors are of."""
+"""Photographs on which errors are measured."""
 TRAINED_ON = (
     "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
     "none of which ships"
@@ -68,8 +68,8 @@ def photographed_balls(name: str, real: Path, scale: float) -> tuple[str, list[P
     """Read the photographs of balls that a shipped sensor was not fitted to: what they are, with their shapes, and the untouched one."""
     balls = gelsight_balls() if name == "gelsight" else mini_balls(real, "9.500")
     photographs = balls.photographs[1::2] if name == "gelsight" else balls.photographs
-    what = f"photographs of balls of {MM * balls.radius:g} mm radius, to which nothing was fitted: {HELD_OUT[name]}"
-    return what, [ball_press(one, MM * balls.radius, scale) for one in photographs], balls.untouched
+    description = f"photographs of balls of {MM * balls.radius:g} mm radius, to which nothing was fitted: {HELD_OUT[name]}"
+    return description, [ball_press(photograph, MM * balls.radius, scale) for photograph in photographs], balls.untouched
 
 
 def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarray, scale: float) -> SensorError:
@@ -102,8 +102,8 @@ def ship(
     model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
     errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
     if real is not None:
-        what, balls, untouched = photographed_balls(name, real, scale)
-        errors[what] = errors_of(model, balls, untouched, scale)
+        description, balls, untouched = photographed_balls(name, real, scale)
+        errors[description] = errors_of(model, balls, untouched, scale)
     card = SensorCard(
         sensor=name,
         presses=presses,
@@ -125,11 +125,11 @@ def main() -> None:
     """Train and write all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--real", type=Path, help="folder with a clone of rpl-cmu/gelslam; the package taxim must be installed too")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     torch.set_num_threads(1)
     for name in FITTED_TO:
-        card = ship(name, real=chosen.real)
-        print("\n".join(f"{name}, {what}: {error}" for what, error in card.errors.items()), flush=True)
+        card = ship(name, real=arguments.real)
+        print("\n".join(f"{name}, {label}: {error}" for label, error in card.errors.items()), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Copy a trained network and the U-Net that it needs to where weights ship, and write its card: `python -m tools.ship_weights DATA`."""
+"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m tools.ship_weights DATA`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NOT_FOR = (
     "does harm: parts that were neither seen nor felt are guesses"
 )
 MAX_BYTES = 5e6
-"""Of all that ships."""
+"""Size limit of all shipped weights."""
 
 
 def ship(data: Path) -> ModelCard:
@@ -38,16 +38,16 @@ def ship(data: Path) -> ModelCard:
     directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
     sources = commit()  # before files change
     check_origins(directory, [model_name(network)])
-    for old in models.glob("*"):
-        if old.name != SENSORS:  # which has a command of its own
-            shutil.rmtree(old) if old.is_dir() else old.unlink()
+    for path in models.glob("*"):
+        if path.name != SENSORS:  # which has a command of its own
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
     for name in (model_name(network), "models/unet"):
         record, folder = directory.folder_record(name), directory.whole_folder(name)
-        there = models / Path(name).relative_to("models")
+        destination = models / Path(name).relative_to("models")
         for file in directory.folder(name).files:
-            (copied := there.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
+            (copied := destination.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, copied)
-        there.with_name(f"{there.name}.json").write_bytes(record.read_bytes())
+        destination.with_name(f"{destination.name}.json").write_bytes(record.read_bytes())
     record_of_network = directory.folder(model_name(network))
     for left_out in score_shipped(place(data), progress):
         raise StageError(f"{data}: the network was not given everything, {left_out}")
@@ -71,7 +71,7 @@ def ship(data: Path) -> ModelCard:
 
 
 def check_size(weights: Path) -> None:
-    """Raise a `StageError` where more lies in a folder than may ship."""
+    """Raise a `StageError` if a folder of weights is larger than `MAX_BYTES`."""
     if (size := sum(path.stat().st_size for path in weights.rglob("*") if path.is_file())) > MAX_BYTES:
         raise StageError(f"{weights} holds {size / 1e6:.1f} MB, at most {MAX_BYTES / 1e6:.0f} ship; train smaller networks")
 
@@ -80,14 +80,16 @@ def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:
     """Read mean and median Chamfer distances, of the network by what it was given and of looked-up training objects, by class."""
     figures, categories = read_figures(evaluation), np.array(read_table(evaluation, "objects")["category"])
     classes = {str(name): categories == name for name in np.unique(categories)} | {"all": np.full(len(categories), True)}
-    found = {}
+    errors = {}
     for row, measured in figures.items():
         chamfer = TABLE_3_FACTOR * measured.per_object("chamfer")
-        found[row.replace(SHIPPED_ROWS, f"{network}-")] = {
-            name: Error(objects=int(who.sum()), mean=round(float(chamfer[who].mean()), 4), median=round(float(np.median(chamfer[who])), 4))
-            for name, who in classes.items()
+        errors[row.replace(SHIPPED_ROWS, f"{network}-")] = {
+            name: Error(
+                objects=int(mask.sum()), mean=round(float(chamfer[mask].mean()), 4), median=round(float(np.median(chamfer[mask])), 4)
+            )
+            for name, mask in classes.items()
         }
-    return found
+    return errors
 
 
 def _settings(settings: dict[str, object]) -> str:

@@ -33,7 +33,7 @@ from schemas.surfaces import SURFACES
 from stages.render_vision.renderer import Renderer
 
 LAMP_ABOVE = 0.6
-"""m that the lamp is above the camera: what is seen is lit."""
+"""m that the lamp is above the camera, so that visible surfaces are lit."""
 
 LOWEST, HIGHEST, NEAREST = 25.0, 30.0, 0.65
 """Degrees, and the least distance ratio, of the cited renderings."""
@@ -54,12 +54,12 @@ def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
         Nothing can be rendered here.
     """
     surfaces, synsets = DataDirectory(place(data)).collection(SURFACES), synsets_of("single-image")
-    found = [name for name in surfaces if not surfaces.row(name).failure]
-    if unknown := sorted({surfaces.row(name).category for name in found} - synsets.keys()):
+    names = [name for name in surfaces if not surfaces.row(name).failure]
+    if unknown := sorted({surfaces.row(name).category for name in names} - synsets.keys()):
         raise StageError(f"the manifest single-image has no class {unknown[0]}; it has {', '.join(synsets)}: add it there, with its synset")
-    meter = Meter(errors, "write-renderings", len(found), "objects")
+    meter = Meter(errors, "write-renderings", len(names), "objects")
     with written_to(folder) as fresh, Renderer(load_scene("supplement"), PIXELS) as renderer, meter:
-        for name in found:
+        for name in names:
             category = surfaces.row(name).category
             inner = Path(synsets[category]) / name.removeprefix(f"{category}-")
             mesh = read_mesh(surfaces.view(name))
@@ -68,7 +68,7 @@ def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
             images = np.stack([render(renderer, mesh, viewpoint) for viewpoint in viewpoints])
             write_renderings(fresh / "ShapeNetRendering" / inner / "rendering", images, viewpoints)
             meter.advance()
-    return len(found)
+    return len(names)
 
 
 def synsets_of(manifest: str) -> dict[str, str]:

@@ -89,25 +89,25 @@ def grasp(
         A setting or the hand file cannot be used, the object has no exterior, or the hand finds too few grasps; the message names the
         remedy.
     """
-    from stages.simulate_grasps.settings import GraspSettings  # with physics, which a user of `touch` does without
+    from stages.simulate_grasps.settings import GraspSettings  # imports physics, which `touch` does not need
     from stages.simulate_grasps.stage import SimulateGrasps
 
     object_ = as_object(object_)
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise TypeError(f"seed is a whole number, 0 or more; this is {seed!r}")
     try:
-        chosen = GraspSettings.model_validate({"hand": hand, "attempts": attempts, "grasps": grasps, **settings})
+        grasp_settings = GraspSettings.model_validate({"hand": hand, "attempts": attempts, "grasps": grasps, **settings})
     except ValidationError as error:
         raise InvalidInput(f"grasp: {invalid_entries(error, GraspSettings.model_fields)}") from error
     unit = Unit("object", seed=seed)
     points, normals = sample_exterior(object_.mesh, POINTS, unit.rng("sample-surfaces"))
     surface = {**mesh_row(object_.mesh), "points": points.astype(np.float32), "normals": normals.astype(np.float32)}
-    with SimulateGrasps().session(chosen, {}) as process:
+    with SimulateGrasps().session(grasp_settings, {}) as process:
         row = process(unit, cast(Inputs, {"surfaces": surface}))
     described = load_hand(hand)
     return Grasps(
         fingers=tuple(mount.name for mount in described.sensors),
-        sensors=load_worn_sensors(sensor_names(described, chosen.sensor)),
+        sensors=load_worn_sensors(sensor_names(described, grasp_settings.sensor)),
         hand_pose=row["hand_pose"],
         joint_angles=row["joint_angles"],
         sensor_pose=row["sensor_pose"],

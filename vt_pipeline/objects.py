@@ -72,7 +72,7 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
 
 
 def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and faces as arrays, where they are of one mesh."""
+    """Return vertices and faces as arrays, if they form a mesh."""
     try:
         vertices, faces = np.asarray(given_vertices, float), np.asarray(given_faces)
     except (TypeError, ValueError) as error:
@@ -85,6 +85,6 @@ def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndar
     return vertices, faces.astype(np.int64)
 
 
-def as_object(given: TouchObject | Source) -> TouchObject:
-    """Take an object as it is, and load what is none yet."""
-    return given if isinstance(given, TouchObject) else load_object(given)
+def as_object(source: TouchObject | Source) -> TouchObject:
+    """Return an object as it is, or load it from its source."""
+    return source if isinstance(source, TouchObject) else load_object(source)

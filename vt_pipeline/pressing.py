@@ -109,18 +109,18 @@ def press(
     object_, pose = as_object(object_), as_pose("pose", pose)
     if depth is None:
         return touch(object_, sensor, pose, rng=rng)
-    seen = ray_depth(object_.faces, pose, sensor)
-    if np.isinf(seen).all():
+    depth_map = ray_depth(object_.faces, pose, sensor)
+    if np.isinf(depth_map).all():
         raise InvalidInput(f"no surface lies within {sensor.range} m in front of the pose; move it towards the object:\n{pose}")
-    press_relief(-seen, sensor, depth)  # checks the depth
+    press_relief(-depth_map, sensor, depth)  # checks the depth
     pose = pose.copy()
-    pose[:3, 3] += (depth - float((gel_surface(sensor) - seen).max())) * pose[:3, 2]
+    pose[:3, 3] += (depth - float((gel_surface(sensor) - depth_map).max())) * pose[:3, 2]
     return touch(object_, sensor, pose, rng=rng)
 
 
-def _as_map(name: str, given: np.ndarray) -> np.ndarray:
+def _as_map(name: str, array: np.ndarray) -> np.ndarray:
     """Return a map of numbers as floats; a `TypeError` for anything else."""
-    if not isinstance(given, np.ndarray) or given.ndim != 2 or given.dtype.kind not in "fiu":
-        what = f"an array {given.shape} of {given.dtype}" if isinstance(given, np.ndarray) else type(given).__name__
-        raise TypeError(f"{name} is an array (rows, cols) of numbers; this is {what}")
-    return given if given.dtype in (np.float32, np.float64) else given.astype(np.float64)
+    if not isinstance(array, np.ndarray) or array.ndim != 2 or array.dtype.kind not in "fiu":
+        description = f"an array {array.shape} of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise TypeError(f"{name} is an array (rows, cols) of numbers; this is {description}")
+    return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)

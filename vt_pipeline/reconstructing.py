@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def load_observation(path: str | Path) -> RobotObservation:
     """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
-    from pipeline.inference.observation_checks import faults  # torch, which a user of `touch` does without
+    from pipeline.inference.observation_checks import faults  # imports torch, which `touch` does not need
 
     return observation_file.load_observation(path, faults)
 
@@ -69,7 +69,7 @@ def reconstruct(
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
     if not isinstance(resolution, int | np.integer) or not 8 <= resolution <= 400:
         raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 8 to 400")
-    given = Path(observation) if isinstance(observation, str) else observation
+    source = Path(observation) if isinstance(observation, str) else observation
     options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
     folder, network = predict.chosen_models(None if models is None else place(str(models)), None, configuration)
-    return predict.reconstruct(given, folder, network, accelerator=accelerator, **options)
+    return predict.reconstruct(source, folder, network, accelerator=accelerator, **options)

@@ -1,4 +1,4 @@
-"""Whether the packages that this one is built on are ours: their names are common, and a user's project may have its own."""
+"""Check that the packages this one builds on are ours: their names are common, and a user's project may have its own."""
 
 from __future__ import annotations
 

@@ -26,8 +26,8 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 
-WORTH_A_PROCESS = 32
-"""Touches that a process is started for at least."""
+MIN_TOUCHES_PER_PROCESS = 32
+"""Least number of touches for which a process is started."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,53 +190,53 @@ def touch_many(object_: TouchObject | Source, sensor: Sensor | str | Path, poses
     depth: NDArray[np.float32] = _shared((len(checked), *sensor.shape), np.float32)
     image: NDArray[np.uint8] = _shared((len(checked), *sensor.shape, 3), np.uint8)
 
-    def fill(some: range) -> None:
-        for number in some:
-            one = touch(object_, sensor, checked[number])
-            depth[number], image[number] = one.depth, one.image
+    def fill(numbers: range) -> None:
+        for number in numbers:
+            single = touch(object_, sensor, checked[number])
+            depth[number], image[number] = single.depth, single.image
 
     cores = len(os.sched_getaffinity(0)) if workers is None else workers
-    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // WORTH_A_PROCESS)) if workers is None else cores)
+    _in_processes(fill, len(checked), min(cores, max(1, len(checked) // MIN_TOUCHES_PER_PROCESS)) if workers is None else cores)
     return Touches(sensor, checked, depth, image)
 
 
-def as_pose(name: str, given: Any) -> NDArray[np.float64]:
-    """Return a pose (4, 4); of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
-    return _as_poses(name, given, (4, 4))
+def as_pose(name: str, pose: Any) -> NDArray[np.float64]:
+    """Return a pose (4, 4); the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
+    return _as_poses(name, pose, (4, 4))
 
 
-def _as_poses(name: str, given: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return a pose, or several; of a wrong shape or type, it says which is wanted, and of a wrong matrix, what is wrong with it."""
+def _as_poses(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return a pose, or several; the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
     try:
-        poses = np.asarray(given, np.float64)
+        poses = np.asarray(values, np.float64)
     except (TypeError, ValueError):  # no numbers, or not as many in each
         poses = np.zeros(())
     if len(shape) == 3 and poses.shape in ((4, 4), (0,)):
         poses = poses.reshape(-1, 4, 4)
     if poses.ndim != len(shape) or poses.shape[-2:] != (4, 4):
-        wanted = "(4, 4)" if len(shape) == 2 else "(N, 4, 4)"
+        expected = "(4, 4)" if len(shape) == 2 else "(N, 4, 4)"
         several = "; touch_many takes several" if poses.ndim == 3 and len(shape) == 2 else ""
-        what = f"an array {np.shape(given)}" if isinstance(given, np.ndarray) else type(given).__name__
-        raise TypeError(f"{name} is {wanted} numbers, a frame as a matrix; this is {what}{several}")
+        received = f"an array {np.shape(values)}" if isinstance(values, np.ndarray) else type(values).__name__
+        raise TypeError(f"{name} is {expected} numbers, a frame as a matrix; this is {received}{several}")
     for number, pose in enumerate(poses.reshape(-1, 4, 4)):
         check_pose(pose, name if len(shape) == 2 else f"{name}[{number}]")
     return poses
 
 
-def as_rng(given: np.random.Generator | None) -> np.random.Generator | None:
+def as_rng(rng: np.random.Generator | None) -> np.random.Generator | None:
     """Return a generator, or None; a `TypeError` for anything else, which a sensor without noise would ignore."""
-    if not isinstance(given, np.random.Generator | None):
-        raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(given).__name__}")
-    return given
+    if not isinstance(rng, np.random.Generator | None):
+        raise TypeError(f"rng is a numpy.random.Generator, or None; this is {type(rng).__name__}")
+    return rng
 
 
-def as_sensor(given: Sensor | str | Path) -> Sensor:
-    """Take a sensor as it is, and load what is named; a `TypeError` for anything else."""
-    if isinstance(given, Sensor):
-        return given
-    if isinstance(given, str | Path):
-        return load_sensor(given)
-    raise TypeError(f"a sensor is the name of a shipped one, a sensor file, or what load_sensor returns; this is {type(given).__name__}")
+def as_sensor(sensor: Sensor | str | Path) -> Sensor:
+    """Return a sensor as it is, or load it by name or path; a `TypeError` for anything else."""
+    if isinstance(sensor, Sensor):
+        return sensor
+    if isinstance(sensor, str | Path):
+        return load_sensor(sensor)
+    raise TypeError(f"a sensor is the name of a shipped one, a sensor file, or what load_sensor returns; this is {type(sensor).__name__}")
 
 
 def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> None:
@@ -255,18 +255,18 @@ def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> No
 
 
 def _shared(shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """Zeros in memory that forked processes share."""
+    """Make an array of zeros in memory that forked processes share."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     return np.frombuffer(mmap.mmap(-1, max(size, 1)), dtype, count=int(np.prod(shape))).reshape(shape)
 
 
 def _slope(surface: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Differences per pixel along an axis: central, one-sided where a neighbour is NaN, 0 where both are."""
+    """Compute differences per pixel along an axis: central, one-sided where a neighbour is NaN, 0 where both are."""
     ahead = np.full_like(surface, np.nan)
     step = np.diff(surface, axis=axis)
-    first = (slice(None),) * axis
-    ahead[(*first, slice(None, -1))] = step
+    leading = (slice(None),) * axis
+    ahead[(*leading, slice(None, -1))] = step
     behind = np.full_like(surface, np.nan)
-    behind[(*first, slice(1, None))] = step
-    both = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, (ahead + behind) / 2))
-    return np.nan_to_num(both)
+    behind[(*leading, slice(1, None))] = step
+    differences = np.where(np.isnan(ahead), behind, np.where(np.isnan(behind), ahead, (ahead + behind) / 2))
+    return np.nan_to_num(differences)

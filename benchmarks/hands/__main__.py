@@ -1,4 +1,4 @@
-"""Grasp a manifest's objects with each of some hands from PyPI; print how often they touch, minutes and memory: `make test-hands`."""
+"""Grasp a manifest's objects with several hands from PyPI; print touch rates, minutes and memory: `make test-hands`."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, int]:
-    """Check a hand, run the stages with it, and print the summary; add up its categories, and find the largest process, MB."""
+    """Check a hand, run the stages with it, and print the summary; return the tally of all categories and the peak memory, MB."""
     pipeline = [sys.executable, "-m", "pipeline"]
     peak = _peak([*pipeline, "check", str(hand)], cwd=data.parent)
     for stage in DATASET:
@@ -69,19 +69,19 @@ def _run(hand: Path, data: Path, options: argparse.Namespace) -> tuple[Tally, in
         peak = max(peak, _peak([*pipeline, *command, *(part for text in settings for part in ("--set", text))]))
     subprocess.run([*pipeline, "summary", str(data)], check=False)
     try:
-        found = tally(data).values()
+        tallies = tally(data).values()
     except StoreError as error:
         print(f"{hand.stem}: {error}")
-        found = {}.values()
-    return Tally([t for entry in found for t in entry.touched], [t for entry in found for t in entry.tried]), peak
+        tallies = {}.values()
+    return Tally([t for entry in tallies for t in entry.touched], [t for entry in tallies for t in entry.tried]), peak
 
 
 def _peak(command: list[str], cwd: Path | None = None) -> int:
-    """Run a command to its end; the most memory that one of its processes held at a time, MB."""
+    """Run a command to its end; return the peak memory of its largest process, MB."""
     process, peak = psutil.Popen(command, cwd=cwd), 0
     while process.poll() is None:
         with suppress(psutil.Error):
-            peak = max([peak, *(each.memory_info().rss for each in (process, *process.children(recursive=True)))])
+            peak = max([peak, *(member.memory_info().rss for member in (process, *process.children(recursive=True)))])
         time.sleep(0.1)
     if process.returncode:
         sys.exit(f"{' '.join(command)} ended with status {process.returncode}")
@@ -91,11 +91,11 @@ def _peak(command: list[str], cwd: Path | None = None) -> int:
 def _installed(name: str, folders: list[Path], data: Path) -> Path:
     """Write a hand file with the absolute path of its URDF."""
     described = yaml.safe_load((HERE / f"{name}.yaml").read_text())
-    found = [folder / described["urdf"] for folder in folders if (folder / described["urdf"]).is_file()]
-    if not found:
+    urdfs = [folder / described["urdf"] for folder in folders if (folder / described["urdf"]).is_file()]
+    if not urdfs:
         sys.exit(f"{described['urdf']} is in none of {', '.join(map(str, folders))}; `make test-hands` installs it")
     path = (data / f"{name}.yaml").resolve()
-    path.write_text(yaml.safe_dump(described | {"urdf": str(found[0].resolve())}))
+    path.write_text(yaml.safe_dump(described | {"urdf": str(urdfs[0].resolve())}))
     return path
 
 

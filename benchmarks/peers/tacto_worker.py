@@ -23,7 +23,7 @@ import numpy as np
 GEL = np.array([0.022, 0.0, 0.015])
 """The middle of a DIGIT's gel in TACTO's sensor frame, m (`config_digit.yml`), whose +x is the outward normal."""
 TOUCHING = 1e-5
-"""m, by which the object must stand in the gel for a pixel to show it and not the gel."""
+"""m, least indentation at which a pixel counts as in contact."""
 
 
 def main(folder: Path, turns: int, sizes: list[list[int]]) -> None:
@@ -38,17 +38,17 @@ def main(folder: Path, turns: int, sizes: list[list[int]]) -> None:
     poses = [[tacto_pose(pose, float(case["w"])) for pose in case["poses"]] for case in cases]
     meshes = {str(number): trimesh.Trimesh(case["vertices"], case["faces"], process=False) for number, case in enumerate(cases)}
     renderers = {(width, height): tacto.Renderer(width, height, None, tacto.get_digit_config_path()) for width, height in sizes}
-    for made, (name, mesh) in itertools.product(renderers.values(), meshes.items()):
-        made.add_object(mesh, name)
-    taken: dict[tuple[int, int], list[float]] = {size: [] for size in renderers}
+    for renderer, (name, mesh) in itertools.product(renderers.values(), meshes.items()):
+        renderer.add_object(mesh, name)
+    times: dict[tuple[int, int], list[float]] = {size: [] for size in renderers}
     for turn in range(turns + 1):
-        for size, made in renderers.items():
+        for size, renderer in renderers.items():
             start = time.process_time()
-            images = [[touch(made, number, *pose) for pose in own] for number, own in enumerate(poses)]
-            taken[size].append((time.process_time() - start) * 1e3 / sum(map(len, poses)))
-            for number, seen in enumerate(images if turn == turns else []):
-                np.save(folder / f"{number}-{size[0]}-{size[1]}.npy", np.concatenate([points(made, *image) for image in seen]))
-    for (width, height), milliseconds in taken.items():
+            images = [[touch(renderer, number, *pose) for pose in case_poses] for number, case_poses in enumerate(poses)]
+            times[size].append((time.process_time() - start) * 1e3 / sum(map(len, poses)))
+            for number, case_images in enumerate(images if turn == turns else []):
+                np.save(folder / f"{number}-{size[0]}-{size[1]}.npy", np.concatenate([points(renderer, *image) for image in case_images]))
+    for (width, height), milliseconds in times.items():
         np.save(folder / f"ms-{width}-{height}.npy", milliseconds[1:])
 
 
@@ -61,22 +61,22 @@ def tacto_pose(pose: Any, gel: float) -> tuple[Any, Any]:
     return position, Rotation.from_matrix(axes).as_euler("xyz")
 
 
-def touch(made: Any, case: int, position: Any, angles: Any) -> tuple[Any, Any, Any]:
+def touch(renderer: Any, case: int, position: Any, angles: Any) -> tuple[Any, Any, Any]:
     """Render camera, depth and indentation of one sensor by the steps of `tacto.Sensor.render`, without its queries to PyBullet."""
-    made.update_camera_pose(position, angles)
-    _, depths = made.render({str(case): ([0, 0, 0], [0, 0, 0])}, {str(case): 0.0})  # no force: the object stays where it is
-    return made.camera_nodes[0].matrix, depths[0], made.depth0[0] - depths[0]
+    renderer.update_camera_pose(position, angles)
+    _, depths = renderer.render({str(case): ([0, 0, 0], [0, 0, 0])}, {str(case): 0.0})  # no force: the object stays where it is
+    return renderer.camera_nodes[0].matrix, depths[0], renderer.depth0[0] - depths[0]
 
 
-def points(made: Any, camera: Any, depth: Any, pressed: Any) -> Any:
-    """Compute (N, 3) world points, m, of the pixels in which the object stands in the gel; the camera looks along its -z."""
+def points(renderer: Any, camera: Any, depth: Any, pressed: Any) -> Any:
+    """Compute (N, 3) world points, m, of the pixels in contact; the camera looks along its -z."""
     height, width = depth.shape
-    half = np.tan(made.camera_nodes[0].camera.yfov / 2)
+    tangent = np.tan(renderer.camera_nodes[0].camera.yfov / 2)
     row, col = np.nonzero((pressed > TOUCHING) & (depth > 0))
-    far = depth[row, col].astype(np.float64)
-    x = ((col + 0.5) / width * 2 - 1) * half * width / height
-    y = (1 - (row + 0.5) / height * 2) * half
-    return np.stack([x * far, y * far, -far], axis=1) @ camera[:3, :3].T + camera[:3, 3]
+    distance = depth[row, col].astype(np.float64)
+    x = ((col + 0.5) / width * 2 - 1) * tangent * width / height
+    y = (1 - (row + 0.5) / height * 2) * tangent
+    return np.stack([x * distance, y * distance, -distance], axis=1) @ camera[:3, :3].T + camera[:3, 3]
 
 
 if __name__ == "__main__":

@@ -79,12 +79,12 @@ def methods(photographs: PhotographSet, seeds: range, models: Path | None) -> It
 
 
 def integrated(slopes: Slopes, photographs: PhotographSet) -> Method:
-    """Make a method of slopes."""
+    """Make a method that integrates slopes to depth."""
     return lambda image: Reading(depth_of(slopes(image), photographs.mm_per_pixel))
 
 
 def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
-    """Make a method of a trained network."""
+    """Make a method that reads with a trained network."""
 
     def read(image: NDArray[np.uint8]) -> Reading:
         indentation, contact = model.read(image[None], photographs.untouched)
@@ -93,36 +93,36 @@ def read_by(model: LocalTouchModel, photographs: PhotographSet) -> Method:
     return read
 
 
-def compare(photographs: PhotographSet, found: list[tuple[str, list[Reading]]], least_ms: dict[str, float]) -> Table:
+def compare(photographs: PhotographSet, results: list[tuple[str, list[Reading]]], least_ms: dict[str, float]) -> Table:
     """Tabulate each method's means, the worst press, and the least processor milliseconds per photograph."""
-    lost = f"{len(photographs.not_found)} photographs are left out, as their contact was not found." if photographs.not_found else ""
-    note = f"{len(photographs.balls)} balls to fit to, {len(photographs.presses)} presses to test on. {lost}"
+    left_out = f"{len(photographs.not_found)} photographs are left out, as their contact was not found." if photographs.not_found else ""
+    note = f"{len(photographs.balls)} balls to fit to, {len(photographs.presses)} presses to test on. {left_out}"
     table = Table(photographs.name, [*COLUMNS, "worst press, mm", "ms per photograph"], [note.strip()])
     by_kind: dict[str, list[Scores]] = {}
-    for name, readings in found:
+    for name, readings in results:
         scores = scores_of(readings, photographs)
         table.add(name, *cells(mean_scores(scores)), number(worst(scores)), f"{least_ms[name]:.1f}" if name in least_ms else "–")
         by_kind.setdefault(name.rpartition(", seed")[0], []).extend(scores)
-    for kind, scores in by_kind.items():
-        if kind:
-            table.add(f"**{kind}, mean**", *cells(mean_scores(scores)), number(worst(scores)), "")
+    for method, scores in by_kind.items():
+        if method:
+            table.add(f"**{method}, mean**", *cells(mean_scores(scores)), number(worst(scores)), "")
     return table
 
 
-def by_press(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) -> Table:
+def by_press(photographs: PhotographSet, results: list[tuple[str, list[Reading]]]) -> Table:
     """Tabulate the RMSE of each press (of balls of unknown depth, of their shape), mm: methods in columns, seeds averaged."""
-    kinds: dict[str, list[list[Scores]]] = {}
-    for name, readings in found:
-        kinds.setdefault(name.partition(", seed")[0], []).append(scores_of(readings, photographs))
-    table = Table(f"{photographs.name}: each press, mm", list(kinds))
+    by_method: dict[str, list[list[Scores]]] = {}
+    for name, readings in results:
+        by_method.setdefault(name.partition(", seed")[0], []).append(scores_of(readings, photographs))
+    table = Table(f"{photographs.name}: each press, mm", list(by_method))
     for index, press in enumerate(photographs.presses):
-        each = [[seed[index].rmse if press.absolute else seed[index].shape for seed in seeds] for seeds in kinds.values()]
-        table.add(press.name, *(number(float(np.mean(values))) for values in each))
+        errors = [[seed[index].rmse if press.absolute else seed[index].shape for seed in seeds] for seeds in by_method.values()]
+        table.add(press.name, *(number(float(np.mean(values))) for values in errors))
     return table
 
 
 def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> Table:
-    """Tabulate the depth that methods read around the balls that all were fitted to, mm, by distance in contact radii."""
+    """Tabulate the depth that methods read around the balls they were fitted to, mm, by distance in contact radii."""
     table = Table(f"{photographs.name}: the gel around the balls", [f"{distance:g}" for distance in AROUND])
     for name, method in methods_by_name.items():
         rows = []
@@ -134,15 +134,17 @@ def drawn_in(photographs: PhotographSet, methods_by_name: dict[str, Method]) -> 
     return table
 
 
-def radii(photographs: PhotographSet, found: list[tuple[str, list[Reading]]]) -> Table:
-    """Tabulate the radius that each method reads of the tested balls of unknown depth."""
+def radii(photographs: PhotographSet, results: list[tuple[str, list[Reading]]]) -> Table:
+    """Tabulate the radius that each method recovers of the tested balls of unknown depth."""
     table = Table(f"{photographs.name}: radius of the balls", ["true, mm", "median, mm", "within 10 %", "within 25 %"])
-    for name, readings in found:
+    for name, readings in results:
         pairs = zip(readings, photographs.presses, strict=True)
-        read = np.array([ball_radius(one.depth, ball_footprint(one, press), photographs.mm_per_pixel) for one, press in pairs])
-        off = np.abs(read / photographs.tested_radius - 1)
-        shares = [f"{100 * float((off < limit).mean()):.0f} %" for limit in (0.1, 0.25)]
-        table.add(name, number(photographs.tested_radius), number(float(np.median(read)), 2), *shares)
+        read_radii = np.array(
+            [ball_radius(reading.depth, ball_footprint(reading, press), photographs.mm_per_pixel) for reading, press in pairs]
+        )
+        deviation = np.abs(read_radii / photographs.tested_radius - 1)
+        shares = [f"{100 * float((deviation < limit).mean()):.0f} %" for limit in (0.1, 0.25)]
+        table.add(name, number(photographs.tested_radius), number(float(np.median(read_radii)), 2), *shares)
     return table
 
 
@@ -154,7 +156,7 @@ def scores_of(readings: list[Reading], photographs: PhotographSet) -> list[Score
 
 def worst(scores: list[Scores]) -> float:
     """Find the largest RMSE, or error of shape."""
-    return max(one.shape if np.isnan(one.rmse) else one.rmse for one in scores)
+    return max(entry.shape if np.isnan(entry.rmse) else entry.rmse for entry in scores)
 
 
 def cells(scores: Scores) -> list[str]:
@@ -168,7 +170,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def predicted(folder: Path, photographs: PhotographSet) -> list[Reading]:
-    """Read somebody's predictions of a set."""
+    """Read predictions of a set from files."""
     readings = []
     for press in photographs.presses:
         path = folder / photographs.name / f"{press.name.replace('/', '_')}.npy"
@@ -190,49 +192,51 @@ def main() -> None:
     parser.add_argument("--models", type=Path, help="folder that keeps trained networks, which a later run loads")
     parser.add_argument("--predictions", type=Path, help="score these alone")
     parser.add_argument("--write", type=Path, help="page to write")
-    chosen = parser.parse_args()
+    arguments = parser.parse_args()
     torch.set_num_threads(1)
-    sets = [one for one in read_sets(chosen.real, chosen.set or sorted(SETS.glob("*.yaml"))) if chosen.only in (None, one.name)]
+    sets = [
+        entry for entry in read_sets(arguments.real, arguments.set or sorted(SETS.glob("*.yaml"))) if arguments.only in (None, entry.name)
+    ]
     pages = []
     for photographs in sets:
-        if chosen.predictions:
-            found = [("predictions", predicted(chosen.predictions, photographs))]
+        if arguments.predictions:
+            results = [("predictions", predicted(arguments.predictions, photographs))]
             least_ms: dict[str, float] = {}
-            first: dict[str, Method] = {}
+            first_methods: dict[str, Method] = {}
         else:
-            found, least_ms, first = [], {}, {}
-            for name, method in methods(photographs, range(chosen.seeds), chosen.models):
+            results, least_ms, first_methods = [], {}, {}
+            for name, method in methods(photographs, range(arguments.seeds), arguments.models):
                 readings, times = [], []
                 for press in photographs.presses:
                     start = time.process_time()
                     readings.append(method(press.image))
                     times.append(1e3 * (time.process_time() - start))
-                found.append((name, readings))
+                results.append((name, readings))
                 least_ms[name] = min(times)
-                first.setdefault(name.partition(", seed")[0], method)
-        tables = [compare(photographs, found, least_ms), by_press(photographs, found)]
+                first_methods.setdefault(name.partition(", seed")[0], method)
+        tables = [compare(photographs, results, least_ms), by_press(photographs, results)]
         notes = ["Means over the presses.", "RMSE; of balls of unknown depth, of their shape. Means over the seeds."]
-        if not chosen.predictions:
-            tables.append(drawn_in(photographs, first))
+        if not arguments.predictions:
+            tables.append(drawn_in(photographs, first_methods))
             notes.append(
                 "Depth, mm, by the distance from the ball's middle in contact radii; mean of the balls that were fitted to, seed 0."
             )
         if not any(press.absolute for press in photographs.presses):
-            tables.append(radii(photographs, found))
+            tables.append(radii(photographs, results))
             notes.append(
                 "Of the sphere nearest to the depth in 0.85 of the contact: of that which a method reads itself, where it reads one."
             )
         for table, note in zip(tables, notes, strict=True):
             pages.append(table.markdown(note))
             print(pages[-1], flush=True)
-        if chosen.write and any(press.absolute for press in photographs.presses):
-            picture = chosen.write.with_name(f"{chosen.write.stem}-{photographs.name}.png")
-            draw_presses(photographs, found[-1][1], picture)
+        if arguments.write and any(press.absolute for press in photographs.presses):
+            picture = arguments.write.with_name(f"{arguments.write.stem}-{photographs.name}.png")
+            draw_presses(photographs, results[-1][1], picture)
             pages.append(f"![Depth read by the last network, truth, difference; mm]({picture.name})\n")
-    if chosen.write:
-        sources = " and ".join(f"<{one.source}>" for one in sets)
+    if arguments.write:
+        sources = " and ".join(f"<{entry.source}>" for entry in sets)
         head = PAGE_HEAD.format(f"commit {commit()}, {machine()}", sources)
-        chosen.write.write_text(head + "\n".join(pages) + PAGE_END)
+        arguments.write.write_text(head + "\n".join(pages) + PAGE_END)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What one would use instead: a look-up table, and a per-pixel network, both fitted to photographs of balls."""
+"""Baselines: a look-up table, and a per-pixel network, both fitted to photographs of balls."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from pipeline.kernels.networks.slope_integration import integrate_slopes
 Slopes = Callable[[NDArray[np.uint8]], NDArray[np.float64]]
 """Reads (2, rows, cols) slopes of depth along x and y in a photograph."""
 BIN = 4
-"""Levels of 255 per bin of the look-up table and colour."""
+"""Width of a bin of the look-up table, per colour, levels of 255."""
 FLAT_BEYOND = 2.5
-"""Contact radii from a ball beyond which its photograph shows a flat gel, to fit to as well."""
+"""Contact radii from a ball beyond which the gel is flat; methods are fitted to such pixels too."""
 FLAT_SHARE = 0.05
-"""Share of those pixels that is taken."""
+"""Share of the flat pixels that is used."""
 WIDTH, STEPS, BATCH, RATE, SCALE = 64, 1500, 2048, 3e-3, 50.0
-"""Of the per-pixel network: three hidden layers of 64 make 8,834 parameters; levels that it sees as 1."""
+"""Of the per-pixel network: three hidden layers of 64 make 8,834 parameters; `SCALE` is the number of levels that it sees as 1."""
 
 
 def look_up_table(photographs: PhotographSet) -> Slopes:
-    """Fit the mean slope of each bin of colours; a colour that no ball shows has the slope of the nearest that one does."""
+    """Fit the mean slope of each bin of colours; a colour outside all bins gets the slope of the nearest bin."""
     change, _, slope = ball_pixels(photographs, np.random.default_rng(0))
-    bins, of = np.unique(np.round(change / BIN), axis=0, return_inverse=True)
-    counts = np.bincount(of.ravel())
-    means = np.stack([np.bincount(of.ravel(), weights=part) / counts for part in slope.T], axis=1)
+    bins, inverse = np.unique(np.round(change / BIN), axis=0, return_inverse=True)
+    counts = np.bincount(inverse.ravel())
+    means = np.stack([np.bincount(inverse.ravel(), weights=part) / counts for part in slope.T], axis=1)
     tree = cKDTree(bins)
 
     def read(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-        colours, of = np.unique((image.astype(float) - photographs.untouched).reshape(-1, 3), axis=0, return_inverse=True)
-        nearest = tree.query(colours / BIN)[1][of.ravel()]
+        colours, inverse = np.unique((image.astype(float) - photographs.untouched).reshape(-1, 3), axis=0, return_inverse=True)
+        nearest = tree.query(colours / BIN)[1][inverse.ravel()]
         return means[nearest].T.reshape(2, *image.shape[:2])
 
     return read
@@ -50,27 +50,27 @@ def per_pixel_network(photographs: PhotographSet, seed: int) -> Slopes:
         torch.manual_seed(seed)
         sizes = [(5, WIDTH), (WIDTH, WIDTH), (WIDTH, WIDTH)]
         network = nn.Sequential(*(layer for size in sizes for layer in (nn.Linear(*size), nn.ReLU())), nn.Linear(WIDTH, 2))
-    given = torch.cat([change / SCALE, position], dim=1)
+    inputs = torch.cat([change / SCALE, position], dim=1)
     optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, STEPS)
     for _ in range(STEPS):
-        items = torch.randint(len(given), (BATCH,), generator=generator)
+        items = torch.randint(len(inputs), (BATCH,), generator=generator)
         optimizer.zero_grad()
-        smooth_l1_loss(network(given[items]), slope[items], beta=0.1).backward()
+        smooth_l1_loss(network(inputs[items]), slope[items], beta=0.1).backward()
         optimizer.step()
         schedule.step()
 
     def read(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-        seen = torch.tensor((image.astype(np.float32) - photographs.untouched).reshape(-1, 3) / SCALE)
-        where = torch.tensor(positions(image.shape[:2]).reshape(-1, 2), dtype=torch.float32)
+        colours = torch.tensor((image.astype(np.float32) - photographs.untouched).reshape(-1, 3) / SCALE)
+        pixel_positions = torch.tensor(positions(image.shape[:2]).reshape(-1, 2), dtype=torch.float32)
         with torch.inference_mode():
-            return network(torch.cat([seen, where], dim=1)).double().numpy().T.reshape(2, *image.shape[:2])
+            return network(torch.cat([colours, pixel_positions], dim=1)).double().numpy().T.reshape(2, *image.shape[:2])
 
     return read
 
 
 def depth_of(slopes: NDArray[np.float64], pitch: float) -> NDArray[np.float64]:
-    """Integrate slopes to depth, of the pitch's unit; what lies above the gel's rest is at its rest."""
+    """Integrate slopes to depth, in the pitch's unit; negative depths become 0."""
     return np.maximum(integrate_slopes(torch.tensor(slopes)[None], (pitch, pitch))[0].numpy(), 0)
 
 
@@ -90,8 +90,8 @@ def ball_pixels(
         toward = np.stack([circle.x - cols, circle.y - rows], axis=-1) * scale
         height = depth + np.sqrt(max(photographs.ball_radius**2 - (scale * circle.radius) ** 2, 0))
         slope = np.where(inside[..., None], toward / np.maximum(height, 1e-6)[..., None], 0.0)
-        used = inside | flat
-        parts.append(((ball.image.astype(float) - photographs.untouched)[used], positions(distance.shape)[used], slope[used]))
+        selected = inside | flat
+        parts.append(((ball.image.astype(float) - photographs.untouched)[selected], positions(distance.shape)[selected], slope[selected]))
     change, position, slope = (np.concatenate(part) for part in zip(*parts, strict=True))
     return change, position, slope
 

@@ -1,4 +1,4 @@
-"""Ours: a sensor calibrated with photographs of balls, and a network that has seen simulated presses of it alone."""
+"""Our method: a sensor calibrated with photographs of balls, and a network trained only on simulated presses of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, fit_colours
 from pipeline.kernels.touch.sensor import Sensor
 
 THICKNESS = 4e-3
-"""m, assumed of the gel: it limits how deep a press can be, and no photograph tells it."""
+"""m, assumed thickness of the gel: it limits the depth of a press, and photographs do not show it."""
 
 
 def calibrated_sensor(photographs: PhotographSet) -> Sensor:

@@ -1,4 +1,4 @@
-"""Sets of photographs with known shapes, described in YAML: those of public repositories in `sets/`, or one's own."""
+"""Sets of photographs with known shapes, described in YAML: those of public repositories in `sets/`, or your own."""
 
 from __future__ import annotations
 
@@ -96,34 +96,34 @@ class PhotographSet:
 
 
 def read_sets(real: Path, descriptions: list[Path]) -> list[PhotographSet]:
-    """Read the sets that are below a folder; say which are missing."""
+    """Read the sets that are below a folder; print which are missing."""
     described = [SetDescription.model_validate(yaml.safe_load(path.read_text())) for path in descriptions]
-    there = [one for one in described if (real / one.folder).is_dir()]
-    for one in described:
-        if one not in there:
-            print(f"{one.name}: {real / one.folder} is missing; it is in {one.source}")
-    if not there:
+    present = [description for description in described if (real / description.folder).is_dir()]
+    for description in described:
+        if description not in present:
+            print(f"{description.name}: {real / description.folder} is missing; it is in {description.source}")
+    if not present:
         raise SystemExit(f"{real} holds none of the {len(described)} sets; clone them into it")
-    return [_read(real / one.folder, one) for one in there]
+    return [_read(real / description.folder, description) for description in present]
 
 
 def _read(folder: Path, described: SetDescription) -> PhotographSet:
     untouched = read_image(folder / described.untouched)
     balls, not_found = _balls(folder, described.fitted, untouched)
-    presses = [_press(folder, one, described.mm_per_pixel) for one in described.presses]
+    presses = [_press(folder, press, described.mm_per_pixel) for press in described.presses]
     if described.tested:
-        tested, lost = _balls(folder, described.tested, untouched)
-        presses += [ball_press(one, described.tested.radius, described.mm_per_pixel) for one in tested]
-        not_found += lost
+        tested, tested_not_found = _balls(folder, described.tested, untouched)
+        presses += [ball_press(ball, described.tested.radius, described.mm_per_pixel) for ball in tested]
+        not_found += tested_not_found
     path = folder / described.untouched
     scale, radii = described.mm_per_pixel, (described.fitted.radius, described.tested.radius if described.tested else np.nan)
     return PhotographSet(described.name, described.source, scale, untouched, path, *radii, balls, presses, not_found)
 
 
 def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[list[Photograph], list[str]]:
-    """Read photographs of balls with their contacts, and name those whose contact is not found."""
+    """Read photographs of balls with their contacts; list those whose contact is not found."""
     circles = _circles(folder / balls.circles) if balls.circles else {}
-    photographs, lost = [], []
+    photographs, not_found = [], []
     for path in sorted(folder.glob(balls.files)):
         if circles and path.name not in circles:
             continue
@@ -131,8 +131,8 @@ def _balls(folder: Path, balls: Balls, untouched: NDArray[np.uint8]) -> tuple[li
         try:
             photographs.append(Photograph(name, image, circles.get(path.name) or find_contact(image, untouched)))
         except ValueError as error:
-            lost.append(f"{name}: {error}")
-    return photographs, lost
+            not_found.append(f"{name}: {error}")
+    return photographs, not_found
 
 
 def _circles(path: Path) -> dict[str, Circle]:
@@ -154,7 +154,7 @@ def _press(folder: Path, described: PressDescription, scale: float) -> Press:
 
 
 def ball_press(photograph: Photograph, radius: float, scale: float) -> Press:
-    """Make the truth of a ball whose contact is known: its shape there, and not how deep it is."""
+    """Make the truth of a ball whose contact is known: its shape there, without its depth."""
     contact = photograph.contact
     distance = distances(photograph.image.shape[:2], contact.x, contact.y)
     height = np.sqrt(np.maximum(radius**2 - (scale * distance) ** 2, 0)) - np.sqrt(max(radius**2 - (scale * contact.radius) ** 2, 0))

@@ -1,4 +1,4 @@
-"""Pictures of depth that was read, of the truth and of the difference; no photograph is in them."""
+"""Draw depth as read, the truth and the difference, without photographs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from benchmarks.real_touch.scores import Reading
 SHOWN = 4
 """Presses in a picture, evenly among those of known depth."""
 FARTHEST = 0.3
-"""mm of the difference's colours."""
+"""mm at which the difference's colours end."""
 
 
 def draw_presses(photographs: PhotographSet, readings: list[Reading], path: Path) -> None:
     """Draw depth, truth and difference of some presses."""
-    known = [pair for pair in zip(photographs.presses, readings, strict=True) if pair[0].absolute]
-    chosen = [known[index] for index in np.linspace(1, len(known) - 2, SHOWN).round().astype(int)]
+    with_depth = [pair for pair in zip(photographs.presses, readings, strict=True) if pair[0].absolute]
+    selected = [with_depth[index] for index in np.linspace(1, len(with_depth) - 2, SHOWN).round().astype(int)]
     figure, axes = plt.subplots(SHOWN, 3, figsize=(6, 2 * SHOWN), squeeze=False, layout="constrained")
-    for row, (press, reading) in zip(axes, chosen, strict=True):
+    for row, (press, reading) in zip(axes, selected, strict=True):
         truth = np.where(press.footprint, press.depth, np.nan)
         deepest = max(float(np.nanmax(truth)), float(reading.depth.max()))
         difference = (reading.depth - truth, -FARTHEST, FARTHEST, "RdBu")
         maps = [(reading.depth, 0.0, deepest, "viridis"), (truth, 0.0, deepest, "viridis"), difference]
-        for ax, (values, least, most, colours), title in zip(row, maps, (f"{press.name}: read", "truth", "difference"), strict=True):
-            figure.colorbar(ax.imshow(values, vmin=least, vmax=most, cmap=colours), ax=ax, shrink=0.8)
+        for ax, (values, low, high, colours), title in zip(row, maps, (f"{press.name}: read", "truth", "difference"), strict=True):
+            figure.colorbar(ax.imshow(values, vmin=low, vmax=high, cmap=colours), ax=ax, shrink=0.8)
             ax.set_title(title, fontsize=8)
             ax.set_axis_off()
     figure.savefig(path, dpi=80)

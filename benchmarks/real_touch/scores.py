@@ -1,4 +1,4 @@
-"""How far depth and contact that were read in a photograph lie from the truth."""
+"""Score depth and contact that were read in a photograph against the truth."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def angles(depth: NDArray[np.float64], truth: NDArray[np.float64], scale: float)
 
 
 def ball_footprint(reading: Reading, press: Press) -> NDArray[np.bool_]:
-    """Choose the pixels in which a ball's radius is read: a disc in the contact that the method reads, else the press's own footprint."""
+    """Choose the pixels for recovering a ball's radius: a disc in the contact that the method reads, else the press's footprint."""
     if reading.contact is None or not reading.contact.any():
         return press.footprint
     row, col = np.nonzero(reading.contact)
@@ -89,7 +89,7 @@ def ball_radius(depth: NDArray[np.float64], footprint: NDArray[np.bool_], scale:
 
 def mean_scores(scores: list[Scores]) -> Scores:
     """Average scores, each over the presses that have it."""
-    columns = np.array([[getattr(one, field.name) for field in fields(Scores)] for one in scores])
-    there = ~np.isnan(columns)
-    sums = np.where(there, columns, 0).sum(axis=0)
-    return Scores(*np.where(there.any(axis=0), sums / np.maximum(there.sum(axis=0), 1), np.nan).tolist())
+    columns = np.array([[getattr(press_scores, field.name) for field in fields(Scores)] for press_scores in scores])
+    defined = ~np.isnan(columns)
+    sums = np.where(defined, columns, 0).sum(axis=0)
+    return Scores(*np.where(defined.any(axis=0), sums / np.maximum(defined.sum(axis=0), 1), np.nan).tolist())

@@ -1,4 +1,4 @@
-"""`vt-pipeline advise`: which settings a time, or an error, allows."""
+"""`vt-pipeline advise`: choose settings for a time or an error."""
 
 from __future__ import annotations
 
@@ -50,36 +50,36 @@ def advise(
     described, place = load_manifest(manifest), Path(data or default_place(manifest, None) / preset)
     trades = _current(Setup(place, described.name, (), described.seed, preset, tuple(assignments or ())))
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
-    chosen = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
-    show_tables(console, [_table(chosen, workload)])
+    choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
+    show_tables(console, [_table(choices, workload)])
     print_line(f"measured on {pluralise(len(trades[0].objects))}, {', '.join(sorted({trade.machine for trade in trades}))}")
     work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
-    print_line(f"{work}: {_duration(sum(choice.seconds for choice in chosen))}, and seconds to start each stage, with these settings:")
-    changed = [*(assignments or ()), *(line for choice in chosen for line in choice.assignments())]
+    print_line(f"{work}: {_duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:")
+    changed = [*(assignments or ()), *(line for choice in choices for line in choice.assignments())]
     print_line(f"  --preset {preset}" + "".join(f" --set {shlex.quote(line)}" for line in changed))
 
 
 def _current(setup: Setup) -> list[MeasuredTrade]:
-    """Read the trades that were measured under these settings and this code; those that make a dataset are needed."""
+    """Read the trades that were measured with these settings and this code; fail if one that makes a dataset is missing."""
     from pipeline.tradeoff.measure import trade_key
     from pipeline.tradeoff.measured import read_trade
 
-    found = []
+    trades = []
     for stage in TRADED:
         trade = read_trade(setup.data, stage)
         if trade is not None and trade.points and trade.key == trade_key(stage, setup):
-            found.append(trade)
+            trades.append(trade)
         elif trade is not None or stage in DATASET:
             how = "not measured yet" if trade is None else "measured with other settings or other code"
             options = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
             command = f"vt-pipeline tradeoff {stage} --data {setup.data} --preset {setup.preset}{options}"
             fail(f"{stage}: {how}; run `{command}`, with your manifest and objects")
-    return found
+    return trades
 
 
-def _table(chosen: list[Choice], workload: Workload) -> Table:
+def _table(choices: list[Choice], workload: Workload) -> Table:
     rows = []
-    for choice in chosen:
+    for choice in choices:
         point, trade = choice.point, choice.trade
         megabytes = point.kilobytes * (1 if trade.trained else workload.objects) / 1e3
         rows.append(

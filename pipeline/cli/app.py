@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli import advise, calibrate, check, export, inspection, learn, read, recipe, run, submit, tradeoff
-from pipeline.cli.failures import AGAIN, KEPT, failures_as_words
+from pipeline.cli.failures import CONTINUE_HINT, REPEAT_HINT, report_failures
 
 PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Make": (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, advise.advise),
@@ -29,11 +29,11 @@ app = typer.Typer(
 )
 for panel, commands in PANELS.items():
     for command in commands:
-        app.command(rich_help_panel=panel)(failures_as_words(KEPT if command in CONTINUED else AGAIN)(command))
+        app.command(rich_help_panel=panel)(report_failures(CONTINUE_HINT if command in CONTINUED else REPEAT_HINT)(command))
 
 
-def _print_version(asked: bool) -> None:
-    if asked:
+def _print_version(requested: bool) -> None:
+    if requested:
         typer.echo(f"vt-pipeline {version('vt-pipeline')}")
         raise typer.Exit
 

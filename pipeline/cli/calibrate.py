@@ -22,15 +22,17 @@ def calibrate_sensor(
     folder: Annotated[Path, typer.Argument(help="Photographs of a ball in the gel; circles.csv there may give the contacts.")],
     out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT-calibration.png.")],
     untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
-    ball_radius: Annotated[float, typer.Option(min=1e-3, help="mm.")],
-    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm; of the gel's surface.")],
-    thickness: Annotated[float, typer.Option(min=1e-3, help="Of the gel, mm: how far something can press in.")] = 4.0,
-    normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Of the polynomial in the gel's normal.")] = 3,
+    ball_radius: Annotated[float, typer.Option(min=1e-3, help="Radius of the ball, mm.")],
+    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm per pixel on the gel's surface.")],
+    thickness: Annotated[float, typer.Option(min=1e-3, help="Thickness of the gel, mm: the depth of the deepest press.")] = 4.0,
+    normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the polynomial in the gel's normal.")] = 3,
     position_degree: Annotated[
-        int | None, typer.Option(min=0, max=6, help="Of that in the position; by default the one that predicts best.")
+        int | None, typer.Option(min=0, max=6, help="Degree of the polynomial in the position; by default the one that predicts best.")
     ] = None,
-    shadows: Annotated[int, typer.Option(min=0, max=12, help="How many are sought.")] = 3,
-    background_degree: Annotated[int | None, typer.Option(min=0, max=6, help="Background as a polynomial; else the photograph.")] = None,
+    shadows: Annotated[int, typer.Option(min=0, max=12, help="Number of shadows to look for.")] = 3,
+    background_degree: Annotated[
+        int | None, typer.Option(min=0, max=6, help="Degree of a polynomial background; else a photograph.")
+    ] = None,
     train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
@@ -50,8 +52,8 @@ def calibrate_sensor(
     rows, cols = image.shape[:2]
     pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
     began = time.perf_counter()
-    usual = FIT_FOR_DEPTH if train else ColourFitOptions()
-    options = replace(usual, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
+    defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
+    options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
         sensor = Sensor.model_validate(
             {
@@ -66,32 +68,32 @@ def calibrate_sensor(
                 "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
             }
         )
-        found = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
+        result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
-    for name, reason in found.left_out.items():
+    for name, reason in result.left_out.items():
         errors.print(f"[yellow]left out[/] {name}: {reason}")
-    fit, half = found.fit, found.half
-    note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(found.photographs)} photographs of a ball of {ball_radius:g} mm radius."
-    write_sensor(found, out, untouched, background_degree=background_degree, note=note)
+    fit, half_fit = result.fit, result.half
+    note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(result.photographs)} photographs of a ball of {ball_radius:g} mm radius."
+    write_sensor(result, out, untouched, background_degree=background_degree, note=note)
     table = Table("mean error, levels of 255", "photographs", "contact", "ring around it", "untouched: contact", "ring", box=None)
-    for title, image_errors in (("fitted to", found.fitted_errors), ("held out", found.tested_errors)):
-        means = np.mean([[one.contact, one.ring, one.untouched_contact, one.untouched_ring] for one in image_errors], axis=0)
+    for title, image_errors in (("fitted to", result.fitted_errors), ("held out", result.tested_errors)):
+        means = np.mean([[entry.contact, entry.ring, entry.untouched_contact, entry.untouched_ring] for entry in image_errors], axis=0)
         table.add_row(title, str(len(image_errors)), *(f"{mean:.1f}" for mean in means))
     console.print(table)
-    worst = max(found.tested_errors, key=lambda one: one.contact)
+    worst = max(result.tested_errors, key=lambda entry: entry.contact)
     print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
     gel = fit.sensor.gel
     shape = f"elastic gel {1e3 * (gel.thickness or fit.sensor.w):.2f} mm thick" if gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
-    print_line(f"then fitted to all {len(found.photographs)}; {shape}, position degree {fit.position_degree}")
+    print_line(f"then fitted to all {len(result.photographs)}; {shape}, position degree {fit.position_degree}")
     for line in fitted_range(fit.calibration):
         print_line(line)
     for line in fit.at_end:
         errors.print(f"[yellow]at the end of its range:[/] {line}")
-    for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in found.photographs]):
+    for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
         errors.print(f"[yellow]missing:[/] {line}")
-    shown = [render_contact(half.sensor, half.calibration, one, image, radius) for one in found.tested]
-    draw_calibration(found.tested, shown, report := out.with_name(f"{out.stem}-calibration.png"))
+    images = [render_contact(half_fit.sensor, half_fit.calibration, photograph, image, radius) for photograph in result.tested]
+    draw_calibration(result.tested, images, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
     if train:
         from pipeline.formats.sensor_file import load_sensor

@@ -1,4 +1,4 @@
-"""`vt-pipeline check`: what a description file says, and what is wrong with it."""
+"""`vt-pipeline check`: describe a description file and list its faults."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def check(
     from pipeline.reports.description_checks import check_file, is_observation
     from pipeline.reports.manifest_check import MeshFiles
 
-    given = None
+    inputs = None
     if models is not None or is_observation(file):
         from pipeline.inference.predict import chosen_models, model_reader
 
-        given = model_reader(*chosen_models(None if models is None else place(models), None, configuration)).inputs
+        inputs = model_reader(*chosen_models(None if models is None else place(models), None, configuration)).inputs
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
-    lines = check_file(file, picture, given, meshes)
+    lines = check_file(file, picture, inputs, meshes)
     for line in lines:
         print_line(line)
     if any(line.startswith("fault:") for line in lines):

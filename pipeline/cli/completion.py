@@ -1,4 +1,4 @@
-"""What a shell's <TAB> completes: stages, presets, manifests, description files, settings, objects."""
+"""Complete stages, presets, manifests, description files, settings and objects in a shell."""
 
 from __future__ import annotations
 
@@ -20,47 +20,47 @@ from stages.registry import STAGES, load_settings_type
 
 def complete_stage(incomplete: str) -> list[str]:
     """Complete the name of a stage."""
-    return _beginning(incomplete, STAGES)
+    return _with_prefix(incomplete, STAGES)
 
 
 def complete_preset(incomplete: str) -> list[str]:
     """Complete the name of a preset."""
-    return _beginning(incomplete, load_presets())
+    return _with_prefix(incomplete, load_presets())
 
 
 def complete_described(*kinds: Kind) -> Callable[[str], list[str]]:
     """Make a function that completes the name of a shipped file of these kinds; the shell completes paths."""
-    return lambda incomplete: _beginning(incomplete, [name for kind in kinds for name in shipped_files(kind)])
+    return lambda incomplete: _with_prefix(incomplete, [name for kind in kinds for name in shipped_files(kind)])
 
 
 def complete_object(context: typer.Context, incomplete: str) -> list[str]:
-    """Complete the name of an object of the manifest; of none that needs a folder."""
+    """Complete the name of an object of the manifest; nothing if the manifest needs a folder that is not given."""
     try:
         objects = load_manifest(context.params.get("manifest") or "toy").objects(context.params.get("objects"))
     except (PipelineError, OSError):
         return []
-    return _beginning(incomplete, (item.object_id for item in objects))
+    return _with_prefix(incomplete, (item.object_id for item in objects))
 
 
 def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
     """Complete the name of an object of the data directory."""
     data = context.params.get("data")
     try:
-        return _beginning(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
+        return _with_prefix(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
     except (PipelineError, OSError):
         return []
 
 
 def complete_setting(incomplete: str) -> list[str]:
-    """Complete STAGE.SETTING=VALUE: the stages, then the settings of one, then the values of one, its default where it may be any.
+    """Complete STAGE.SETTING=VALUE: stages, then a stage's settings, then a setting's values, or its default if any value is allowed.
 
-    Nothing follows the equals sign of one that is misspelt: shells keep what is typed, and its value would hide the fault.
+    A misspelt setting gets no values: the shell keeps what is typed, and a value would hide the mistake.
     """
     before, equals, text = incomplete.partition("=")
     if equals:
         stage, _, name = before.partition(".")
         fields = load_settings_type(stage).model_fields if stage in STAGES else {}
-        return [f"{before}={value}" for value in _beginning(text, _values(name, fields[name]) if name in fields else ())]
+        return [f"{before}={value}" for value in _with_prefix(text, _values(name, fields[name]) if name in fields else ())]
     stages = [name for name in STAGES if f"{name}.".startswith(incomplete) or incomplete.startswith(f"{name}.")]
     if len(stages) != 1:
         return [f"{name}." for name in stages]
@@ -73,12 +73,12 @@ def complete_setting(incomplete: str) -> list[str]:
 
 
 def _values(name: str, field: FieldInfo) -> list[str]:
-    """List what a setting may be, or its default."""
+    """List the allowed values of a setting, or its default."""
     if name in ("hand", "sensor", "scene"):
         return list(shipped_files(cast(Kind, name)))
     choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else (field.default,)
     return [choice if isinstance(choice, str) else json.dumps(choice) for choice in choices]
 
 
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+def _with_prefix(incomplete: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if name.startswith(incomplete)]

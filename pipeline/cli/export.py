@@ -18,7 +18,7 @@ from pipeline.store.storage import names_in, place
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
-"""Formats of meshes that are not written: a folder of such a name would be a mistake."""
+"""Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
 
 
 def view(
@@ -35,9 +35,9 @@ def view(
     """
     from pipeline.export.rerun_view import view_grasps
 
-    shown = view_grasps(place(data), object_id, grasp, save)
+    grasps = view_grasps(place(data), object_id, grasp, save)
     if save:
-        print_line(f"{save}: {pluralise(len(shown), 'grasp')} of {object_id}; `rerun {save}` shows them")
+        print_line(f"{save}: {pluralise(len(grasps), 'grasp')} of {object_id}; `rerun {save}` shows them")
 
 
 def export(
@@ -46,9 +46,7 @@ def export(
     to: Annotated[
         Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]', dexgraspbench those of '.\\[mujoco]'.")
     ] = "mesh",
-    objects: Annotated[
-        list[str] | None, typer.Option("--object", help="With --to mesh: this object alone; several times for several.")
-    ] = None,
+    objects: Annotated[list[str] | None, typer.Option("--object", help="With --to mesh: only this object; repeat for several.")] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
     ] = None,
@@ -70,10 +68,10 @@ def export(
 
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
-    there = names_in(out)
-    taken = out.is_file() and (to != "mesh" or out.suffix.lower() != ".glb")
-    if taken or (there and UNFINISHED not in there):  # an export that was killed is begun again
-        fail(f"{out} is {'a file' if taken else 'not empty'}; name a folder that is not there yet")
+    existing = names_in(out)
+    blocked = out.is_file() and (to != "mesh" or out.suffix.lower() != ".glb")
+    if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
+        fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
         print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, objects or []), 'scene')}")
         return
@@ -82,10 +80,10 @@ def export(
     if about and to != "parquet":
         fail(f"--about is for --to parquet; --to {to} writes no card")
     publisher = read_description("about", about, About) if about else About()
-    robots = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
-    tables = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
-    frames = None if to in robots else GraspFrames(place(data))
-    write = partial(tables[to], frames) if frames else partial(robots[to], GraspedObjects(place(data)))
+    grasp_writers = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
+    table_writers = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
+    frames = None if to in grasp_writers else GraspFrames(place(data))
+    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(place(data)))
     with written_to(out) as folder:
         count = write(folder)
         if to == "parquet" and frames:
@@ -93,6 +91,6 @@ def export(
             write_card(place(data), facts, publisher, folder)
             write_croissant(facts, publisher, folder)
     print_line(f"{out}: {pluralise(count, 'grasp')}")
-    lacking = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
-    if to == "parquet" and lacking:
-        print_line(f"README.md and croissant.json lack {', '.join(lacking)}, which only you know: give --about FILE with these entries")
+    missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
+    if to == "parquet" and missing:
+        print_line(f"README.md and croissant.json lack {', '.join(missing)}, which only you know: give --about FILE with these entries")

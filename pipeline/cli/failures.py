@@ -1,4 +1,4 @@
-"""How commands end when something is wrong."""
+"""End commands with a message when something is wrong."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from pipeline.console import errors
 from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
-KEPT = "what is finished is kept, run the same command to continue"
-AGAIN = "run the same command again"
-"""What to do after a command was stopped: one that makes many things keeps those it made, others begin again."""
+CONTINUE_HINT = "what is finished is kept, run the same command to continue"
+REPEAT_HINT = "run the same command again"
+"""What to do after a command was stopped: some commands keep finished results, others start again."""
 
-AGAIN_SECONDS = 0.5
-"""After which Ctrl-C is raised again where it was swallowed."""
+RAISE_AGAIN_SECONDS = 0.5
+"""Seconds after which Ctrl-C is raised again if it was swallowed."""
 
 
 class _Terminated(KeyboardInterrupt):
-    """SIGTERM came, which ends a command as Ctrl-C does."""
+    """Raised by SIGTERM, which ends a command as Ctrl-C does."""
 
 
 def fail(message: object, *, status: int = 1) -> NoReturn:
-    """Say what is wrong and end with this status."""
+    """Print an error and exit with this status."""
     errors.print(f"[bold red]error:[/] {escape(str(message))}")
     raise typer.Exit(status)
 
 
 @contextmanager
-def failures_as_words(then: str = KEPT) -> Iterator[None]:
-    """End a command with words for whatever a person can mend, and for Ctrl-C and SIGTERM; decorates every command.
+def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
+    """End a command with a message for faults that a user can fix, and for Ctrl-C and SIGTERM; decorates every command.
 
     Parameters
     ----------
     then
-        What to do after it was stopped: `KEPT` or `AGAIN`.
+        What to do after it was stopped: `CONTINUE_HINT` or `REPEAT_HINT`.
     """
     with _stoppable(then) as stopped:
         try:
@@ -51,22 +51,22 @@ def failures_as_words(then: str = KEPT) -> Iterator[None]:
         except typer.Exit:
             raise
         except Exception as error:
-            if stopped:  # a library made another error of it
+            if stopped:  # a library turned it into another error
                 raise stopped[0] from error
             if isinstance(error, PipelineError | OSError):
                 fail(str(error) or f"{type(error).__name__}; {then}")  # a timeout may say nothing
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
-            kept = ". What is finished is kept" if then == KEPT else ""
-            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{kept}")
+            note = ". What is finished is kept" if then == CONTINUE_HINT else ""
+            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{note}")
 
 
 @contextmanager
 def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
-    """End a command with words on Ctrl-C and SIGTERM; yields a list that then names the exception.
+    """End a command with a message on Ctrl-C and SIGTERM; yield a list that then holds the exception.
 
-    Libraries that are being imported, callbacks of C code and destructors swallow exceptions. This one is raised until it is on its way.
+    Imports, callbacks of C code and destructors can swallow exceptions, so this one is raised again until it is being handled.
     """
     stopped: list[type[KeyboardInterrupt]] = []
     process, show_unraisable = os.getpid(), sys.unraisablehook
@@ -75,8 +75,8 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
         if number != signal.SIGALRM:
             stopped[:] = [_Terminated if number == signal.SIGTERM else KeyboardInterrupt]
         if os.getpid() == process:  # a forked one is ended by this one
-            signal.setitimer(signal.ITIMER_REAL, AGAIN_SECONDS)
-        if not _is_on_its_way(sys.exception()):
+            signal.setitimer(signal.ITIMER_REAL, RAISE_AGAIN_SECONDS)
+        if not _is_interrupting(sys.exception()):
             raise stopped[0]
 
     def hide(unraisable: sys.UnraisableHookArgs) -> None:
@@ -100,8 +100,8 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
             signal.signal(number, handler)
 
 
-def _is_on_its_way(error: BaseException | None) -> bool:
-    """Tell whether Ctrl-C, or an error that came of it, is being handled: then what was opened is being closed."""
+def _is_interrupting(error: BaseException | None) -> bool:
+    """Tell whether Ctrl-C, or an error that it caused, is being handled: then resources are being closed."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None

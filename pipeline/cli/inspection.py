@@ -1,4 +1,4 @@
-"""Commands that look: at the stages, at a data directory, at the machine."""
+"""Commands that inspect the stages, a data directory and the machine."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ def reshard(
     """
     from pipeline.store.reshard import reshard as split
 
-    written = sum(1 for _ in split(DataDirectory(data), shards))
-    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(written, 'group')} written")
+    count = sum(1 for _ in split(DataDirectory(data), shards))
+    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(count, 'group')} written")
 
 
 def collect_garbage(
     data: DataArgument,
-    older_than: Annotated[float, typer.Option(min=0, help="Minutes ago that it was written, at least: readers may still use it.")] = 60.0,
+    older_than: Annotated[float, typer.Option(min=0, help="Minimum age in minutes: readers may still use newer files.")] = 60.0,
 ) -> None:
     """Remove replaced groups and folders, and what killed runs left.
 
@@ -88,8 +88,8 @@ def collect_garbage(
 
 def validate(
     data: DataArgument,
-    strict: Annotated[bool, typer.Option(help="Object to artifacts that several kinds of processors computed, too.")] = False,
-    recipe: Annotated[Path | None, typer.Option(help="Compare the rows with those of this recipe, too.")] = None,
+    strict: Annotated[bool, typer.Option(help="Also reject artifacts that several kinds of processors computed.")] = False,
+    recipe: Annotated[Path | None, typer.Option(help="Also compare the rows with those of this recipe.")] = None,
 ) -> None:
     """Check a data directory against schemas and digests.
 
@@ -102,27 +102,27 @@ def validate(
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None
-    found = problems_below(place(data), strict=strict)
-    if found:
-        found |= report_problems(place(data))
-    for path, lines in found.items():
+    problems = problems_below(place(data), strict=strict)
+    if problems:
+        problems |= report_problems(place(data))
+    for path, lines in problems.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
             print_line(f"  {line}")
-    if not found:
+    if not problems:
         fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
-    if any(found.values()) or not equal:
+    if any(problems.values()) or not equal:
         raise typer.Exit(1)
 
 
 def doctor() -> None:
-    """Check that everything that the stages need is installed."""
+    """Check that everything the stages need is installed."""
     from pipeline.reports.doctor import examine
 
     healthy = True
     for check in examine():
-        console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.what)}")
+        console.print(f"[{'green' if check.ok else 'red'}]{'ok' if check.ok else 'missing':8}[/]{escape(check.subject)}")
         if not check.ok:
             print_line(f"        {check.remedy}")
             healthy = False
@@ -132,7 +132,7 @@ def doctor() -> None:
 
 def summary(
     data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Objects to draw at most, spread evenly.")] = 40,
+    most: Annotated[int, typer.Option(min=1, help="Maximum number of objects to draw, spread evenly.")] = 40,
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
@@ -142,9 +142,9 @@ def summary(
     directory = place(data)
     print_line(str(directory.resolve()))
     show_tables(console, touch_tables(tally(directory), sensors_of(directory), paper=has_paper_sizes(directory)))
-    lacking = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
-    if lacking:
-        print_line(f"no contact sheets: {' and '.join(lacking)} {'have' if len(lacking) > 1 else 'has'} not been made")
+    missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]
+    if missing:
+        print_line(f"no contact sheets: {' and '.join(missing)} {'have' if len(missing) > 1 else 'has'} not been made")
         return
     for path in contact_sheets(directory, most):
         print_line(f"contact sheet: {path}")

@@ -56,35 +56,36 @@ def sweep(
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
     if together := process_group():
-        fail(f"a sweep runs in one process, {together.launcher} started {together.count}; start `vt-pipeline run` so, point by point")
+        fail(f"a sweep runs in one process, {together.launcher} started {together.count}; run its points one by one with `vt-pipeline run`")
     loaded = load_stage(stage) if stage in STAGES else None
-    given = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
+    default_grid = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
     if not isinstance(loaded, DatasetStage) or not loaded.trains:
         fail(f"{stage} trains nothing: sweep over settings of {', '.join(name for name in STAGES if name.startswith('train-'))}")
-    if not (grid or given):
+    if not (grid or default_grid):
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
-    plain = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
-    found, failed = [], 0
+    request = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
+    finished, failed = [], 0
 
     def settings_of(point: Mapping[str, Any]) -> Settings:
         varied = [f"{stage}.{sweeps.assignment(setting, value)}" for setting, value in point.items()]
         return resolve(stage, preset, [*(assignments or ()), *varied])
 
-    points = [(point, settings_of(point)) for point in sweeps.grid_points(_grid(grid) if grid else given)]  # all are valid, or none is run
+    every_point = sweeps.grid_points(_grid(grid) if grid else default_grid)
+    points = [(point, settings_of(point)) for point in every_point]  # all are valid, or none is run
     for point, settings in points:
         folder = sweeps.point_folder(stage, loaded.writes(settings), point)
         if dry_run:
-            print_line(f"{plain.data / folder}")
+            print_line(f"{request.data / folder}")
             continue
         try:
-            (plan,) = make_plans(replace(plain, settings=settings, folder=folder))
+            (plan,) = make_plans(replace(request, settings=settings, folder=folder))
             run_plan(plan)
-            found.append((point, DataDirectory(plain.data).folder(folder)))
-        except StageError as error:  # a rate too high says something about that point alone
+            finished.append((point, DataDirectory(request.data).folder(folder)))
+        except StageError as error:  # a learning rate that is too high fails this point only
             failed += 1
             errors.print(f"[yellow]failed[/] {escape(folder)}: {escape(str(error))}")
-    if found:
-        sweeps.show_sweep(found, console)
+    if finished:
+        sweeps.show_sweep(finished, console)
     if failed:
         fail(f"{pluralise(failed, 'point')} failed, see above")
 
@@ -105,15 +106,15 @@ def predict(
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
     ] = None,
-    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="Of its grasps, from 0; several times for several.")] = None,
-    view: Annotated[int, typer.Option(min=0, help="Of its renderings, from 0; for single-image.")] = 0,
+    grasps: Annotated[list[int] | None, typer.Option("--grasp", min=0, help="A grasp of the object, from 0; repeat for several.")] = None,
+    view: Annotated[int, typer.Option(min=0, help="A rendering of the object, from 0; for single-image.")] = 0,
     observation: Annotated[
         Path | None, typer.Option(help="YAML file of what a robot saw and felt (docs/guide/own-photographs.md); instead of --data.")
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
-    resolution: Annotated[int, typer.Option(min=8, max=400, help="Of the closed mesh: edges along its longest side.")] = 128,
-    seed: Annotated[int, typer.Option(min=0, help="Of the chart fitting.")] = 0,
+    resolution: Annotated[int, typer.Option(min=8, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one or several grasps.
 
@@ -127,7 +128,7 @@ def predict(
         fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
     directory = place(data) if data else None
     folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
-    made = prediction.predict(
+    result = prediction.predict(
         out,
         folder,
         network,
@@ -141,15 +142,15 @@ def predict(
         training_seed=training_seed,
         seed=seed,
     )
-    for line in made.remarks:
+    for line in result.remarks:
         print_line(line)
-    touches = pluralise(int(made.touched.sum()), "touch") if made.touched.any() else "no touch, so that no place of it is certain"
-    if (mesh := made.closed) is not None:
+    touches = pluralise(int(result.touched.sum()), "touch") if result.touched.any() else "no touch, so that no place of it is certain"
+    if (mesh := result.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
-        print_line(f"{made.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
+        print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
         return
-    size = f"{len(made.reconstruction.vertices)} vertices, {len(made.reconstruction.faces)} faces, {touches}"
-    for path in made.files:
+    size = f"{len(result.reconstruction.vertices)} vertices, {len(result.reconstruction.faces)} faces, {touches}"
+    for path in result.files:
         print_line(f"{path}: {size}")
 
 
@@ -160,11 +161,11 @@ def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = P
     """
     from pipeline.inference.demo import demo as show
 
-    made = show(folder, console)
-    closed = made.prediction.closed
-    print_line(f"{made.seen}: the one image, with the hand in it; {made.prediction.touched.sum()} fingers touched")
-    print_line(f"{made.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {made.seconds:.0f} s")
-    print_line(f"{made.turntable}: the object, and its reconstruction, {1e3 * made.distance:.1f} mm from it on average")
+    result = show(folder, console)
+    closed = result.prediction.closed
+    print_line(f"{result.image}: the one image, with the hand in it; {result.prediction.touched.sum()} fingers touched")
+    print_line(f"{result.mesh}: closed, {0 if closed is None else len(closed.faces)} faces, made in {result.seconds:.0f} s")
+    print_line(f"{result.turntable}: the object, and its reconstruction, {1e3 * result.distance:.1f} mm from it on average")
 
 
 def score(
@@ -176,7 +177,7 @@ def score(
     grasps: Annotated[
         int, typer.Option(min=1, help="Grasps that the files were made from; more in folders grasps-N, or grasps-N-from-K, below.")
     ] = 1,
-    misplaced: Annotated[bool, typer.Option(help="Measure files too that are far from their object, or in another unit.")] = False,
+    misplaced: Annotated[bool, typer.Option(help="Also measure files that are far from their object, or in another unit.")] = False,
 ) -> None:
     """Measure another method's reconstructions as `evaluate` measures networks.
 
@@ -188,9 +189,9 @@ def score(
 
     directory = DataDirectory(data)
     plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
-    written = directory.whole_folder(plan.units[0].name)
-    show_tables(console, evaluation_tables(written))
-    print_line(f"{written / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
+    results = directory.whole_folder(plan.units[0].name)
+    show_tables(console, evaluation_tables(results))
+    print_line(f"{results / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
 
 
 def report(
@@ -231,22 +232,22 @@ def report(
     if pages:
         print_line(f"report: {write_report(directory.root, console, most)}")
     if not (evaluated or scored):
-        alone = ": the report shows the dataset alone" if pages else ""
-        print_line(f"no network has been evaluated on the grasps{alone}; `make report`, with the same variables, trains some")
+        note = ": the report shows the dataset alone" if pages else ""
+        print_line(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:
-    found = {}
+    grid = {}
     for option in options:
         setting, separator, values = option.partition("=")
         if not separator or not values:
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
-        if setting in found or "." in setting:
+        if setting in grid or "." in setting:
             fail(f"--grid {option}: name each setting once, with all its values, and without its stage: SETTING=VALUE,VALUE,…")
         try:
-            found[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
+            grid[setting] = yaml.safe_load(values if values.startswith("[") else f"[{values}]")
         except (yaml.YAMLError, ValueError, RecursionError):
             fail(f"--grid {option}: write SETTING=VALUE,VALUE,…")
-        if twice := [value for number, value in enumerate(found[setting]) if value in found[setting][:number]]:
+        if twice := [value for number, value in enumerate(grid[setting]) if value in grid[setting][:number]]:
             fail(f"--grid {option}: {twice[0]} is named twice; name each value once")
-    return found
+    return grid

@@ -14,7 +14,7 @@ from pipeline.cli.failures import fail
 from pipeline.console import pluralise, print_line
 
 if TYPE_CHECKING:
-    from pipeline.inference.photograph_stream import Named
+    from pipeline.inference.photograph_stream import NamedPhotograph
 
 MM, MM2 = 1e3, 1e6
 
@@ -45,10 +45,10 @@ def read_touch(
     if watch and camera is not None:
         fail("--watch is of a folder of photographs; leave it out with --camera")
     if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
-        fail(f"--out {out} is the folder of the photographs, among which what is written would be read; name another folder")
+        fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model)
     print_line(f"read by {reader.network}")
-    stream: Iterator[Named]
+    stream: Iterator[NamedPhotograph]
     if camera is not None:
         stream = camera_frames(camera)
     else:

@@ -1,4 +1,4 @@
-"""`vt-pipeline recipe` and `vt-pipeline remake`: publish a dataset as what makes it, make it again, compare."""
+"""`vt-pipeline recipe` and `vt-pipeline remake`: write a dataset's recipe, make the dataset again, and compare."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def recipe(
     """
     from pipeline.export.recipe_writing import recipe_of
 
-    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, whole=rows).text(), nl=False)
+    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, full_digests=rows).text(), nl=False)
 
 
 def remake(
@@ -55,47 +55,48 @@ def remake(
     """
     from pipeline.export.remake import prepare_remake, reasons, unusual_settings
 
-    given, where = read_recipe(recipe), place(data)
-    own = descriptions.expanduser() if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
-    asked = prepare_remake(given, objects and objects.expanduser(), own, sample)
-    differences = reasons(given)
-    print_line(f"{recipe}: {pluralise(len(asked.items))} of {len(given.rows)} to make; their sources are those of the recipe")
+    published, where = read_recipe(recipe), place(data)
+    description_folder = descriptions.expanduser() if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
+    prepared = prepare_remake(published, objects and objects.expanduser(), description_folder, sample)
+    differences = reasons(published)
+    print_line(f"{recipe}: {pluralise(len(prepared.items))} of {len(published.rows)} to make; their sources are those of the recipe")
     for line in differences:
         print_line(f"  {line}")
     with make_executor(executor, workers, None) as processes:
-        for request in asked.requests(where, shards, processes):
+        for request in prepared.requests(where, shards, processes):
             for plan in make_plans(request):
                 run_plan(plan)
-    found = compare(given, DataDirectory(where), [item.object_id for item in asked.items] if asked.sampled else None)
-    if print_comparison(found, recipe):
+    comparison = compare(published, DataDirectory(where), [item.object_id for item in prepared.items] if prepared.sampled else None)
+    if print_comparison(comparison, recipe):
         return
     for line in differences or ["code and libraries are those of the recipe: then a setting or digest in it is wrong, or the processor"]:
         print_line(f"  may come of this: {line}")
-    for stage in () if differences else found.differing:
-        if settings := unusual_settings(given, stage):
-            print_line(f"  settings of {stage} that differ from preset {given.preset}: {', '.join(settings)}")
+    for stage in () if differences else comparison.differing:
+        if settings := unusual_settings(published, stage):
+            print_line(f"  settings of {stage} that differ from preset {published.preset}: {', '.join(settings)}")
     raise typer.Exit(1)
 
 
-def print_comparison(found: Comparison, recipe: object) -> bool:
+def print_comparison(comparison: Comparison, recipe: object) -> bool:
     """Print how a data directory differs from a recipe, and report whether it is equal."""
-    if found.equal:
-        print_line(f"{recipe}: {pluralise(found.compared, 'row')} compared, all equal")
+    if comparison.equal:
+        print_line(f"{recipe}: {pluralise(comparison.compared, 'row')} compared, all equal")
         return True
-    console.print(f"{escape(str(recipe))}: [red]differs[/] in {escape(_counted(found))}")
-    for stage, names in found.absent.items():
+    console.print(f"{escape(str(recipe))}: [red]differs[/] in {escape(_counted(comparison))}")
+    for stage, names in comparison.absent.items():
         print_line(f"  {stage}: no row of {abbreviate(names)} ({pluralise(len(names))}); run the stage, or remake the dataset")
-    for stage, names in found.differing.items():
+    for stage, names in comparison.differing.items():
         print_line(f"  {stage}: other rows of {', '.join(names)}")
-    if found.following:
+    if comparison.following:
         print_line(
-            f"  {pluralise(found.following, 'row')} of later stages, made from these, {'differ' if found.following > 1 else 'differs'} too"
+            f"  {pluralise(comparison.following, 'row')} of later stages, made from these, "
+            f"{'differ' if comparison.following > 1 else 'differs'} too"
         )
-    for line in found.remarks:
+    for line in comparison.remarks:
         print_line(f"  {line}")
     return False
 
 
-def _counted(found: Comparison) -> str:
-    rows = sum(map(len, found.differing.values())) + found.following
-    return f"{rows} of {pluralise(found.compared, 'row')}"
+def _counted(comparison: Comparison) -> str:
+    rows = sum(map(len, comparison.differing.values())) + comparison.following
+    return f"{rows} of {pluralise(comparison.compared, 'row')}"

@@ -1,4 +1,4 @@
-"""The options that commands which run stages share, and what is made of them: a request, an executor."""
+"""Options shared by the commands that run stages, and the request and executor made from them."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead 
 
 
 class ExecutorName(StrEnum):
-    """What may process objects, as `--executor` names it."""
+    """Executors, as `--executor` names them."""
 
     serial = "serial"
     dask = "dask"
@@ -105,14 +105,14 @@ def make_request(
     units: str | None = None,
     up: str | None = None,
 ) -> Request[S]:
-    """Turn what the shared options say into a request."""
+    """Make a request from the shared options."""
     where = place(data or default_place(manifest, objects) / preset)
     if folder := on_disk(where):
-        there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not there.is_dir():
-            fail(f"--data {where}: {there} is a file; name a folder")
-        if there != folder and not os.access(there, os.W_OK):
-            fail(f"--data {where} cannot be made: {there} may not be written to; name another folder")
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            fail(f"--data {where}: {existing} is a file; name a folder")
+        if existing != folder and not os.access(existing, os.W_OK):
+            fail(f"--data {where} cannot be made: {existing} may not be written to; name another folder")
     objects = objects and objects.expanduser()
     settings = resolve(stage.name, preset, assignments or ())
     check_assignments(preset, assignments or (), stage.name)
@@ -131,7 +131,7 @@ def make_request(
 
 
 def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Executor:
-    """Make the executor that is asked for, by default with one process per core."""
+    """Make the requested executor, by default with one process per core."""
     if name is ExecutorName.serial:
         if workers or scheduler:
             fail("--executor serial has one process, this one; leave --workers and --scheduler out")
@@ -153,5 +153,5 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
 
 
 def default_place(manifest: str, objects: Path | None) -> Path:
-    """Name a data directory; a folder of meshes goes by its name: two of them do not share one."""
+    """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
     return Path("data") / (Path(manifest).stem + (f"-{objects.absolute().name}" if objects else ""))

@@ -1,4 +1,4 @@
-"""`vt-pipeline run`: make what is not there yet of one stage."""
+"""`vt-pipeline run`: make the missing rows of one stage."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def run(
 
     Objects that are up to date are left alone; a run that was killed continues where it stopped.
     """
-    console.quiet = (together := process_group()) is not None and together.rank > 0  # one of several processes speaks
+    console.quiet = (together := process_group()) is not None and together.rank > 0  # only the first of several processes prints
     if stage not in STAGES:
         fail(unknown("stage", stage, STAGES))
     shared = make_request(
@@ -116,7 +116,7 @@ def _print_forecast(stage: str, path: Place, foreseen: Forecast, check: bool) ->
 
 
 def run_plan(plan: Plan[Any]) -> None:
-    """Run a plan and say what was done; an object that failed is named with its reason."""
+    """Run a plan and print what was done, and the reason of each object that failed."""
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
@@ -125,21 +125,21 @@ def run_plan(plan: Plan[Any]) -> None:
         run_together(plan, console)
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
-        _warn_of_little_room(plan)
+        _warn_of_low_disk_space(plan)
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = run_together(plan, console)
-        what = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
+        text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
         without_input = sum(unit.failure is not None and not plan.is_own(unit.failure) for unit in plan.units)
-        left = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
-        left += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
+        note = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
+        note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
-            left = (
+            note = (
                 "; not published, because the others were made with other settings, inputs or code: run without --object, or, to look at "
                 f"{request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
             )
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
-        print_line(f"{stage} {plan.path}: {what} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + left)
+        print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
             for line in plan.stage.remarks(plan.settings, plan.output.shard):
                 print_line(line)
@@ -149,7 +149,7 @@ def run_plan(plan: Plan[Any]) -> None:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
 
 
-def _warn_of_little_room(plan: Plan[Any]) -> None:
+def _warn_of_low_disk_space(plan: Plan[Any]) -> None:
     """Warn where the disk has less room than the stage expects to write."""
     folder = on_disk(plan.request.data)
     if folder is None:
@@ -164,14 +164,14 @@ def _warn_of_little_room(plan: Plan[Any]) -> None:
 
 
 def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
-    """Let the stage look at the inputs of the objects that are asked for."""
+    """Yield the stage's warnings about the inputs of the requested objects."""
     units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
     objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
     yield from plan.stage.warnings(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:
-    """Name the objects that failed, those with one reason together."""
+    """Print the objects that failed, grouped by reason."""
     alike: dict[str, list[str]] = {}
     for object_id, failure in failures.items():
         alike.setdefault(re.sub(rf"^{re.escape(object_id)}\b", "…", failure.reason), []).append(object_id)

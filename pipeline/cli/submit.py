@@ -63,8 +63,8 @@ def submit(
     where = requests[0].data
     arguments = ["--manifest", manifest, "--preset", preset, "--data", str(where)]
     arguments += ["--objects", str(objects)] if objects else []
-    stated = {"--units": units, "--up": up, "--seed": seed}
-    arguments += [part for option, value in stated.items() if value is not None for part in (option, str(value))]
+    options = {"--units": units, "--up": up, "--seed": seed}
+    arguments += [part for option, value in options.items() if value is not None for part in (option, str(value))]
     submission = Submission(
         profile=load_cluster(cluster),
         arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),
@@ -78,6 +78,6 @@ def submit(
             print_line(f"# {job.name}" + (f", after {', '.join(job.waits_for)}" if job.waits_for else ""))
             typer.echo(script_of(job, submission))
         return
-    for made in slurm.submit(jobs, submission):
-        print_line(f"{made.name}: job {made.number}" + (f", {made.tasks} tasks" if made.tasks else ""))
+    for submitted in slurm.submit(jobs, submission):
+        print_line(f"{submitted.name}: job {submitted.number}" + (f", {submitted.tasks} tasks" if submitted.tasks else ""))
     print_line(f"`vt-pipeline status {shlex.quote(str(where))}` shows their states; scripts and logs are in {submission.folder}")

@@ -1,4 +1,4 @@
-"""`vt-pipeline tradeoff`: measure what settings cost and how wrong they are."""
+"""`vt-pipeline tradeoff`: measure the time and the error of settings."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ def tradeoff(
     from pipeline.tradeoff.measure import LONGEST, Setup, measure_trade
     from pipeline.tradeoff.sample import affordable
 
-    asked = tuple(stages or DATASET)
-    if strange := [name for name in asked if name not in TRADED]:
+    stage_names = tuple(stages or DATASET)
+    if strange := [name for name in stage_names if name not in TRADED]:
         fail(unknown("trade", strange[0], TRADED))
     if until not in (None, "evaluate"):
         fail(f"--until {until}: only evaluate ends a pipeline")
     if until and stages:
         fail(f"--until {until} measures whole pipelines; leave {' '.join(stages)} out")
     request = make_request(
-        load_stage(asked[0]), manifest, preset, data=data, objects=objects, assignments=assignments, seed=None, units=units, up=up
+        load_stage(stage_names[0]), manifest, preset, data=data, objects=objects, assignments=assignments, seed=None, units=units, up=up
     )
     if not isinstance(request.data, Path):
         fail(f"--data {request.data}: times in object storage say little; measure into a folder on this machine")
@@ -73,10 +73,10 @@ def tradeoff(
         _show(trades[0], request.data)
     else:
         setup = setup.with_objects(
-            affordable(request.objects, request.seed, seconds, lambda sample: _foreseen(asked, setup.with_objects(sample), seconds))
+            affordable(request.objects, request.seed, seconds, lambda sample: _foreseen(stage_names, setup.with_objects(sample), seconds))
         )
-        _announce(asked, setup, seconds)
-        for name in asked:
+        _announce(stage_names, setup, seconds)
+        for name in stage_names:
             trades.append(measure_trade(name, setup, limit=LONGEST * seconds, deadline=started + seconds, console=console))
             _show(trades[-1], request.data)
     if unfinished := [trade.stage for trade in trades if len(trade.points) < trade.total]:

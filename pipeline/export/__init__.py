@@ -1,1 +1,1 @@
-"""Datasets in the formats of others: LeRobot, Hugging Face parquet, WebDataset shards, glTF scenes."""
+"""Export datasets to other formats: LeRobot, Hugging Face parquet, WebDataset shards, glTF scenes."""

@@ -1,4 +1,4 @@
-"""Croissant metadata of an exported dataset: JSON-LD for search engines and loaders (http://mlcommons.org/croissant/1.1)."""
+"""Write Croissant metadata of an exported dataset: JSON-LD for search engines and loaders (http://mlcommons.org/croissant/1.1)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pipeline.export.dataset_card import CITATION, COLLECTION, HUB_SPLITS, LIMIT
 from pipeline.export.grasp_frames import Column
 
 CONFORMS = ("http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0")
-_OWN = """annotation arrayShape citeAs column containedIn equivalentProperty excludes extract field fileProperty fileObject fileSet format
-includes isArray isLiveDataset jsonPath key md5 parentField path readLines recordSet references regex repeated replace samplingRate
-sdVersion separator source subField transform unArchive value"""
+_CROISSANT_TERMS = """annotation arrayShape citeAs column containedIn equivalentProperty excludes extract field fileProperty fileObject
+fileSet format includes isArray isLiveDataset jsonPath key md5 parentField path readLines recordSet references regex repeated replace
+samplingRate sdVersion separator source subField transform unArchive value"""
 CONTEXT: dict[str, Any] = {
     "@language": "en",
     "@vocab": "https://schema.org/",
@@ -24,7 +24,7 @@ CONTEXT: dict[str, Any] = {
     "dct": "http://purl.org/dc/terms/",
     "prov": "http://www.w3.org/ns/prov#",
     "conformsTo": "dct:conformsTo",
-    **{name: f"cr:{name}" for name in _OWN.split()},
+    **{name: f"cr:{name}" for name in _CROISSANT_TERMS.split()},
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "examples": {"@id": "cr:examples", "@type": "@json"},
@@ -44,7 +44,7 @@ def write_croissant(facts: Facts, about: About, folder: Path) -> None:
 def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:
     """Describe an exported dataset: publisher, files with their SHA-256, and each column as a field with its unit.
 
-    What only the publisher knows is left out where `about` does not say it.
+    Facts that only the publisher knows are left out if `about` lacks them.
     """
     versions = facts.origins["grasps"].versions
     described = {

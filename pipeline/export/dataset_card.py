@@ -1,4 +1,4 @@
-"""The card of an exported dataset: what a reader learns of it before loading it. Croissant metadata says the same to programs."""
+"""Write the card of an exported dataset, for readers. Croissant metadata says the same to programs."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ CITATION = """@inproceedings{smith2020shape,
   volume = {33},
   year = {2020}
 }"""
-"""The paper whose dataset these rebuild: what to cite where the publisher names nothing else."""
+"""The paper whose dataset this project rebuilds; cited unless the publisher names another."""
 
 COLLECTION = (
     "Simulated, without people or places: a robot hand closes on the normalised mesh of each object in a physics engine; cameras are "
@@ -60,7 +60,7 @@ USES = (
 
 
 class About(BaseModel):
-    """What only the publisher of a dataset knows."""
+    """Entries that only the publisher of a dataset knows."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -84,7 +84,7 @@ class About(BaseModel):
 
 @dataclass(frozen=True)
 class Facts:
-    """What a data directory says of itself.
+    """Facts about a data directory, for its card.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Facts:
 
 
 def facts_of(data: Place, frames: GraspFrames) -> Facts:
-    """Collect what a card says of a data directory whose grasps are exported."""
+    """Collect the facts for the card of a data directory whose grasps are exported."""
     directory = DataDirectory(data)
     origins = {name: collection.first.record for name in SHOWN if (collection := directory.collection(ARTIFACTS[name])).shards}
     return Facts(
@@ -137,8 +137,8 @@ def facts_of(data: Place, frames: GraspFrames) -> Facts:
 
 def _licences(directory: DataDirectory, names: Sequence[str]) -> dict[str, int]:
     surfaces = directory.collection(SURFACES)
-    known = surfaces.shards and surfaces.first.has("licence")
-    counts = Counter(str(surfaces.view(name)["licence"]) if known else "" for name in names)
+    recorded = surfaces.shards and surfaces.first.has("licence")
+    counts = Counter(str(surfaces.view(name)["licence"]) if recorded else "" for name in names)
     return {licence or "not recorded": count for licence, count in counts.most_common()}
 
 
@@ -152,7 +152,7 @@ def meaning_of(column: str) -> tuple[str, str]:
 
 
 def write_card(data: Place, facts: Facts, about: About, folder: Path) -> None:
-    """Write README.md, and a picture where images and touches were made and hand and scene can be drawn here."""
+    """Write README.md, with a picture if images and touches were made and the hand and the scene can be drawn here."""
     drawn = {artifact.name for artifact in DataDirectory(data).artifacts()}.issuperset(SHOWN)
     if drawn:
         try:
@@ -172,8 +172,8 @@ def card(facts: Facts, about: About, *, picture: bool) -> str:
         about.description.strip() or f"Grasps of the objects of manifest {_line(facts.name)}.",
     ]
     if picture:
-        what = "Objects without and with the hand, a second view, touched places, tactile images, depth maps"
-        parts.append(f"![{what}]({PICTURE})")
+        alt_text = "Objects without and with the hand, a second view, touched places, tactile images, depth maps"
+        parts.append(f"![{alt_text}]({PICTURE})")
     failed = f"; {facts.failed} more failed and are left out" if facts.failed else ""
     splits = [[HUB_SPLITS[split], facts.objects[split], count] for split, count in facts.grasps.items()]
     parts += [
@@ -229,5 +229,5 @@ def _table(columns: Sequence[object], rows: Any) -> str:
 
 
 def _line(text: object) -> str:
-    """Write text that may be a stranger's into a line of Markdown."""
+    """Escape untrusted text for a line of Markdown."""
     return " ".join(str(text).replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;").replace("[", "\\[").split())

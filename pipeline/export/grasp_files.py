@@ -29,9 +29,9 @@ from schemas.surfaces import SURFACES
 
 @dataclass(frozen=True, eq=False)
 class GraspedObject:
-    """An object with its grasps, of which `held` tells which hold, None where no test was asked for.
+    """An object with its grasps; `held` tells which of them hold, None if they were not tested.
 
-    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a way.
+    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a shift.
     """
 
     name: str
@@ -45,19 +45,19 @@ class GraspedObject:
         """Metres per unit of the file."""
         return float(np.cbrt(np.linalg.det(self.placement[:3, :3])))
 
-    def own(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_object_frame(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Take points (..., 3) from the world, m, into the object's own frame and unit."""
         return (points - self.placement[:3, 3]) @ self.placement[:3, :3] / self.scale**2
 
-    def own_directions(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    def directions_to_object_frame(self, directions: NDArray[np.float64]) -> NDArray[np.float64]:
         """Turn directions (..., 3) from the world into the object's own frame."""
         return directions @ self.placement[:3, :3] / self.scale
 
-    def own_pose(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Take a pose (4, 4) likewise: its rotation stays one, its origin is in the object's unit."""
+    def pose_to_object_frame(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Take a pose (4, 4) into the object's own frame: it stays rigid, its origin is in the object's unit."""
         moved = np.eye(4)
-        moved[:3, :3] = self.own_directions(pose[:3, :3].T).T
-        moved[:3, 3] = self.own(pose[:3, 3])
+        moved[:3, :3] = self.directions_to_object_frame(pose[:3, :3].T).T
+        moved[:3, 3] = self.to_object_frame(pose[:3, 3])
         return moved
 
 
@@ -67,7 +67,7 @@ class GraspedObjects:
     Raises
     ------
     StoreError
-        `simulate-grasps` has not been run, or surfaces are of a version that did not keep how objects were placed, or no object has
+        `simulate-grasps` has not been run, or surfaces are of a version that does not record how objects were placed, or no object has
         grasps.
     """
 
@@ -100,9 +100,9 @@ def write_grasps(objects: GraspedObjects, folder: Path) -> int:
         for g, grasp in enumerate(grasps):
             for s, contact in enumerate(grasp.contacts):
                 if contact:
-                    points[g, s], normals[g, s] = grasped.own(contact.point), grasped.own_directions(contact.normal)
+                    points[g, s], normals[g, s] = grasped.to_object_frame(contact.point), grasped.directions_to_object_frame(contact.normal)
         arrays = {
-            "hand_pose": np.stack([grasped.own_pose(grasp.hand_pose) for grasp in grasps]),
+            "hand_pose": np.stack([grasped.pose_to_object_frame(grasp.hand_pose) for grasp in grasps]),
             "pregrasp": np.stack([grasp.pregrasp for grasp in grasps]),
             "grasp": np.stack([grasp.joint_angles for grasp in grasps]),
             "squeeze": np.stack([grasp.squeeze for grasp in grasps]),
@@ -133,7 +133,7 @@ def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
         scene = folder / "output" / f"vt-pipeline_{objects.hand.name}" / "graspdata" / grasped.name / "scale_pose000"
         scene.mkdir(parents=True)
         for number, grasp in enumerate(grasped.grasps):
-            root = grasped.own_pose(grasp.hand_pose)
+            root = grasped.pose_to_object_frame(grasp.hand_pose)
             placed = [*(root[:3, 3] * grasped.scale), *Rotation.from_matrix(root[:3, :3]).as_quat(scalar_first=True)]
             content: dict[str, Any] = {
                 "obj_path": str(assets),
@@ -151,13 +151,13 @@ def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
 def _write_object(grasped: GraspedObject, folder: Path) -> None:
     """Write an object's mesh and convex parts, and its volume as the mass of a density of 1."""
     (folder / "mesh").mkdir(parents=True)
-    whole = trimesh.Trimesh(grasped.own(grasped.mesh.vertices), grasped.mesh.faces, process=False)
-    whole.export(folder / "mesh" / "simplified.obj")
+    mesh = trimesh.Trimesh(grasped.to_object_frame(grasped.mesh.vertices), grasped.mesh.faces, process=False)
+    mesh.export(folder / "mesh" / "simplified.obj")
     meshes = folder / "urdf" / "meshes"
     meshes.mkdir(parents=True)
     volume = 0.0
     for number, part in enumerate(convex_parts(grasped.mesh)):
-        hull = trimesh.convex.convex_hull(grasped.own(part))
+        hull = trimesh.convex.convex_hull(grasped.to_object_frame(part))
         hull.export(meshes / f"convex_piece_{number:03d}.obj")
         volume += float(hull.volume)
     (folder / "info").mkdir()

@@ -1,4 +1,4 @@
-"""A dataset as frames, one per grasp, with the type of each column, for every table format."""
+"""Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Column:
 
 
 class GraspFrames:
-    """The grasps of a dataset's usable objects as frames; values are those that are stored, to the bit.
+    """The grasps of a dataset's usable objects as frames; values are as stored, to the bit.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class GraspFrames:
         By name: `object_id`, `category`, `split`, `grasp`, `touch_success`, `joint_angles`, `hand_pose`, `sensor_pose`, and where there are
         some `tactile_image.FINGER`, `depth.FINGER`, `unoccluded`, `occluded`.
     object_ids
-        By split: those that have some, in order.
+        By split, in order; splits without objects are left out.
 
     Raises
     ------
@@ -53,10 +53,10 @@ class GraspFrames:
         directory = DataDirectory(data)
         touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
         images = [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]
-        self._arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
-        self._felt = ["tactile_image", "depth"] if touch.shards else []
-        self._seen = images
-        self.rows = ObjectRows(data, [*self._arrays, *self._felt, *self._seen], split=None)
+        self._grasp_arrays = ["touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+        self._touch_arrays = ["tactile_image", "depth"] if touch.shards else []
+        self._image_arrays = images
+        self.rows = ObjectRows(data, [*self._grasp_arrays, *self._touch_arrays, *self._image_arrays], split=None)
         grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
@@ -71,11 +71,11 @@ class GraspFrames:
         """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""
         for grasp in range(self.grasps):
             frame: dict[str, Any] = {"object_id": object_id, "category": self._categories[object_id], "split": split, "grasp": grasp}
-            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._arrays}
-            for name in self._felt:
+            frame |= {name: self.rows.read(name, object_id, grasp) for name in self._grasp_arrays}
+            for name in self._touch_arrays:
                 values = self.rows.read(name, object_id, grasp)
                 frame |= {f"{name}.{finger}": value for finger, value in zip(self.fingers, values, strict=True)}
-            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._seen}
+            frame |= {name: self.rows.read(name, object_id, grasp, camera=0) for name in self._image_arrays}
             yield frame
 
     def _describe(self) -> dict[str, Column]:
@@ -87,17 +87,17 @@ class GraspFrames:
             "hand_pose": Column("float64", (4, 4)),
             "sensor_pose": Column("float64", (len(fingers), 4, 4), fingers),
         }
-        if self._felt:
+        if self._touch_arrays:
             rows, cols = (self.rows.size("depth", dim) for dim in ("row", "col"))
             columns |= {f"tactile_image.{finger}": Column("image", (rows, cols, 3)) for finger in fingers}
             columns |= {f"depth.{finger}": Column("float32", (rows, cols)) for finger in fingers}
-        for name in self._seen:
+        for name in self._image_arrays:
             columns[name] = Column("image", (*(self.rows.size(name, dim) for dim in ("row", "col")), 3))
         return columns
 
 
 def png(image: NDArray[np.uint8]) -> bytes:
     """Write an image as PNG: lossless."""
-    written = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(written, "PNG")
-    return written.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
+    return buffer.getvalue()

@@ -43,19 +43,19 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
         for split, ids in frames.object_ids.items():
             splits[split] = f"{len(episodes)}:{len(episodes) + len(ids)}"
             for object_id in ids:
-                made, first = [], index
+                rows, start = [], index
                 for grasp, frame in enumerate(frames.frames(object_id, split)):
                     task, episode = tasks.index(f"grasp a {frame['category']}"), len(episodes)
                     numbers = {"timestamp": grasp / FPS, "frame_index": grasp, "episode_index": episode, "index": index, "task_index": task}
                     named = {_name(name): value for name, value in frame.items()} | numbers
                     for name, column_statistics in statistics.items():
                         column_statistics.update(named[name])
-                    made.append(named)
+                    rows.append(named)
                     index += 1
-                chunk, file = files.write(table_of(made, columns))
+                chunk, file = files.write(table_of(rows, columns))
                 places = {"data/chunk_index": chunk, "data/file_index": file, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-                reach = {"dataset_from_index": first, "dataset_to_index": index}
-                episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(made), **places, **reach})
+                span = {"dataset_from_index": start, "dataset_to_index": index}
+                episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **places, **span})
                 meter.advance()
     files.close()
     _write_meta(pa, folder, episodes, tasks)
@@ -81,9 +81,9 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
 
 def _name(name: str) -> str:
     """Look up the name that LeRobot's policies know a column by."""
-    for prefix, theirs in PREFIXES.items():
+    for prefix, lerobot_prefix in PREFIXES.items():
         if name.startswith(prefix):
-            return theirs + name.removeprefix(prefix)
+            return lerobot_prefix + name.removeprefix(prefix)
     return NAMES.get(name, f"observation.{name}" if name in ("hand_pose", "sensor_pose", "touch_success") else name)
 
 
@@ -142,12 +142,12 @@ class _Statistics:
         parts = values.reshape(-1, 3).T[:, :, None] / 255 if self._image else values.reshape(1, *self._sum.shape)
         axis = 1 if self._image else 0
         finite = np.isfinite(parts)
-        known = np.where(finite, parts, 0)
+        finite_parts = np.where(finite, parts, 0)
         shape = self._sum.shape
         self._frames += 1
         self._count += finite.sum(axis=axis).reshape(shape)
-        self._sum += known.sum(axis=axis).reshape(shape)
-        self._squares += (known**2).sum(axis=axis).reshape(shape)
+        self._sum += finite_parts.sum(axis=axis).reshape(shape)
+        self._squares += (finite_parts**2).sum(axis=axis).reshape(shape)
         self._min = np.minimum(self._min, np.where(finite, parts, np.inf).min(axis=axis).reshape(shape))
         self._max = np.maximum(self._max, np.where(finite, parts, -np.inf).max(axis=axis).reshape(shape))
 

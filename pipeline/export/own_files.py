@@ -1,7 +1,7 @@
-"""Hand, sensor and scene files that come with no package, and the files that these name: a recipe carries them.
+"""Collect the user's own hand, sensor and scene files, and the files that these name, for a recipe.
 
-They keep their places relative to one another, so that what one names is found from it. Small text files are in the recipe; of others
-it has the SHA-256.
+They keep their places relative to one another, so that references between them stay valid. A recipe contains small text files, and the
+SHA-256 of others.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ def own_path(kind: Kind, name: str) -> Path:
 
 def find_files(settings: Iterable[Mapping[str, Any]]) -> dict[str, Path]:
     """Find the files of the user's own that stages with these settings read, by their paths below the folder that holds all of them."""
-    found = {path.resolve() for one in settings for kind, name in own_names(one) for path in _files(kind, name, one)}
-    if not found:
+    paths = {path.resolve() for values in settings for kind, name in own_names(values) for path in _files(kind, name, values)}
+    if not paths:
         return {}
-    root = os.path.commonpath([path.parent for path in found])
-    names = {path.relative_to(root).as_posix(): path for path in sorted(found)}
+    root = os.path.commonpath([path.parent for path in paths])
+    names = {path.relative_to(root).as_posix(): path for path in sorted(paths)}
     for name, path in names.items():
         try:
             check_file_name(name)
@@ -100,7 +100,7 @@ def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str
 
 
 def place_files(recipe: Recipe, folder: Path) -> None:
-    """Write the texts of a recipe that are not in a folder yet, after a look at the files that are or must be there.
+    """Check the files of a recipe in a folder, then write its texts that are missing there.
 
     Raises
     ------
@@ -109,12 +109,12 @@ def place_files(recipe: Recipe, folder: Path) -> None:
     """
     digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in recipe.texts.items()} | recipe.files
     faults = []
-    for name, wanted in digests.items():
+    for name, expected in digests.items():
         if not os.path.lexists(folder / name):
             if name in recipe.files:
-                faults.append(f"{folder / name} is missing, its SHA-256 is {wanted}")
-        elif (found := hashlib.sha256(read_file(folder / name, MAX_BYTES)).hexdigest()) != wanted:
-            faults.append(f"{folder / name} has SHA-256 {found}, the recipe says {wanted}")
+                faults.append(f"{folder / name} is missing, its SHA-256 is {expected}")
+        elif (actual := hashlib.sha256(read_file(folder / name, MAX_BYTES)).hexdigest()) != expected:
+            faults.append(f"{folder / name} has SHA-256 {actual}, the recipe says {expected}")
     if faults:
         where = f"they can be had at {recipe.files_url}" if recipe.files_url else "ask who published the recipe for them"
         raise InvalidInput(
@@ -134,7 +134,7 @@ def place_files(recipe: Recipe, folder: Path) -> None:
 
 
 def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
-    """List what a file names outside the folder `len(parts)` levels above it: whatever reads it as YAML could open that."""
+    """List paths in a file that lie outside the folder `len(parts)` levels above it: a reader of the YAML could open them."""
     try:
         content = read_yaml(file)
     except (ValueError, yaml.YAMLError, RecursionError):
@@ -151,7 +151,7 @@ def _outside(file: Path, parts: tuple[str, ...]) -> Iterator[str]:
 
 
 def _meshes_outside(urdf: Path, root: Path) -> Iterator[str]:
-    """List a URDF's meshes and their textures that lie outside a folder; what its reader refuses to open is not its concern."""
+    """List a URDF's meshes and their textures that lie outside a folder; files that its reader refuses to open are skipped."""
     with suppress(InvalidInput):
         for mesh in parse_urdf(urdf).iter("mesh"):
             name = mesh.get("filename", "")

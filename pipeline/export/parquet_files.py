@@ -23,9 +23,9 @@ def write_parquet(frames: GraspFrames, folder: Path) -> int:
         for split, ids in frames.object_ids.items():
             with pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd") as writer:
                 for object_id in ids:
-                    made = list(frames.frames(object_id, split))
-                    writer.write_table(table_of(made, frames.columns))
-                    count += len(made)
+                    rows = list(frames.frames(object_id, split))
+                    writer.write_table(table_of(rows, frames.columns))
+                    count += len(rows)
                     meter.advance()
     return count
 
@@ -65,27 +65,27 @@ def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column])
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _array(pa: Any, values: list[Any], column: Column, kind: Any) -> Any:
+def _array(pa: Any, values: list[Any], column: Column, arrow_type: Any) -> Any:
     if column.kind == "image":
-        return pa.array([{"bytes": png(value), "path": None} for value in values], kind)
+        return pa.array([{"bytes": png(value), "path": None} for value in values], arrow_type)
     if not column.shape:
-        return pa.array(values, kind)
+        return pa.array(values, arrow_type)
     flat = np.stack(values)
-    made = pa.array(flat.reshape(-1))
+    array = pa.array(flat.reshape(-1))
     if len(column.shape) == 1:
-        return pa.FixedSizeListArray.from_arrays(made, column.shape[0])
+        return pa.FixedSizeListArray.from_arrays(array, column.shape[0])
     for axis in range(flat.ndim - 1, 0, -1):  # lists of lists, the innermost first
         lists = int(np.prod(flat.shape[:axis]))
-        made = pa.ListArray.from_arrays(np.arange(lists + 1, dtype=np.int32) * flat.shape[axis], made)
-    return made
+        array = pa.ListArray.from_arrays(np.arange(lists + 1, dtype=np.int32) * flat.shape[axis], array)
+    return array
 
 
 def _type(pa: Any, column: Column) -> Any:
     if column.kind == "image":
         return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-    kind = {"bool": pa.bool_(), "string": pa.string()}.get(column.kind) or getattr(pa, column.kind)()
+    arrow_type = {"bool": pa.bool_(), "string": pa.string()}.get(column.kind) or getattr(pa, column.kind)()
     if len(column.shape) == 1:
-        return pa.list_(kind, column.shape[0])
+        return pa.list_(arrow_type, column.shape[0])
     for _ in column.shape:
-        kind = pa.list_(kind)
-    return kind
+        arrow_type = pa.list_(arrow_type)
+    return arrow_type

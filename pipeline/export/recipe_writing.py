@@ -29,7 +29,7 @@ Folders = Directory | Catalogue | ShapeNet
 
 
 def source_hash(source: Mapping[str, Any]) -> str:
-    """Compute how a recipe names an object's source.
+    """Compute the hash by which a recipe identifies an object's source.
 
     Returns
     -------
@@ -48,7 +48,7 @@ def source_hash(source: Mapping[str, Any]) -> str:
 
 
 def recipe_of(
-    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, whole: bool = False
+    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, full_digests: bool = False
 ) -> Recipe:
     """Make the recipe of a dataset.
 
@@ -62,8 +62,8 @@ def recipe_of(
         The folder of meshes; by default what the records say.
     files_url
         The web address of the user's own hand, sensor and scene files of which the recipe has only the SHA-256.
-    whole
-        Give the whole digest of every row.
+    full_digests
+        Whether to give all 64 digits of every row's digest.
 
     Raises
     ------
@@ -74,35 +74,35 @@ def recipe_of(
     """
     directory = DataDirectory(data)
     made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-    there = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
-    made = {name: collection for name in there if (collection := directory.collection(made_by[name])).shards}
-    if DATASET[0] not in made:
+    stage_names = [name for name in DATASET if made_by[name].name in directory.artifact_names()]
+    by_stage = {name: collection for name in stage_names if (collection := directory.collection(made_by[name])).shards}
+    if DATASET[0] not in by_stage:
         raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
-    first = made[DATASET[0]].first.record
-    named = manifest or first.options.get("--manifest", first.manifest)
-    described = load_manifest(named).with_units(first.options.get("--units"), first.options.get("--up"))
-    folder = objects or (Path(first.options["--objects"]) if "--objects" in first.options else None)
+    first_record = by_stage[DATASET[0]].first.record
+    named = manifest or first_record.options.get("--manifest", first_record.manifest)
+    described = load_manifest(named).with_units(first_record.options.get("--units"), first_record.options.get("--up"))
+    folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
     items = described.objects(folder and folder.expanduser())
     shards = directory.check_shard_count(None)
-    for name, collection in made.items():
+    for name, collection in by_stage.items():
         _check_current(_request_like(collection.first.record, name, items, data))
-    own = find_files(collection.first.record.settings for collection in made.values())
-    names = {path: name for name, path in own.items()}
-    texts, files = read_files(own)
-    collections = list(made.values())
+    description_files = find_files(collection.first.record.settings for collection in by_stage.values())
+    names = {path: name for name, path in description_files.items()}
+    texts, files = read_files(description_files)
+    collections = list(by_stage.values())
     records = [shard.record for collection in collections for shard in collection.shards]
-    digits = 64 if whole else SHORT
+    digits = 64 if full_digests else SHORT
     rows = [
         (item.object_id, RecipeRow(_readable_hash(item), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
         for item in items
     ]
     return Recipe(
         manifest=_portable(described, folder),
-        preset=first.preset,
-        seed=first.seed,
+        preset=first_record.preset,
+        seed=first_record.seed,
         shards=shards,
-        stages={name: _stage_recipe(name, collection, shards, names) for name, collection in made.items()},
-        versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first.versions},
+        stages={name: _stage_recipe(name, collection, shards, names) for name, collection in by_stage.items()},
+        versions={name: ", ".join(sorted({record.versions.get(name, "none") for record in records})) for name in first_record.versions},
         processors=tuple(sorted({kind for collection in collections for kind in collection.processors()})),
         texts=texts,
         files=files,
@@ -119,7 +119,7 @@ def _readable_hash(item: Object) -> str:
 
 
 def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
-    """Ask for what a record says that was made."""
+    """Make the request that repeats what a record says was made."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
     return Request(
@@ -128,7 +128,7 @@ def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data:
 
 
 def _check_current(request: Request[ObjectStage]) -> None:
-    """Refuse what was made by other code, of other files or in part."""
+    """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
     for plan in make_plans(request):
         if not plan.up_to_date():
             if (record := plan.output.record) is None:
@@ -157,16 +157,16 @@ def _stage_recipe(name: str, collection: Collection, shards: int, names: Mapping
 
 def _portable_settings(settings: Mapping[str, Any], names: Mapping[Path, str]) -> dict[str, Any]:
     """Name the user's own description files as the recipe does."""
-    new = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
+    recipe_names = {name: names[own_path(kind, name)] for kind, name in own_names(settings)}
     portable = dict(settings)
     for setting in DESCRIBED.keys() & settings.keys():
         value = settings[setting]
-        portable[setting] = [new.get(name, name) for name in value] if isinstance(value, list) else new.get(value, value)
+        portable[setting] = [recipe_names.get(name, name) for name in value] if isinstance(value, list) else recipe_names.get(value, value)
     return portable
 
 
 def _portable(manifest: Manifest, folder: Path | None) -> Manifest:
-    """Leave the paths of folders out of a manifest, and what its objects' hashes say better: the checksums and counts of files."""
+    """Remove the paths of folders from a manifest, and file checksums and counts, which the objects' hashes replace."""
     paths = [folder or source.path for source in manifest.sources if isinstance(source, Folders)]
     several = len(set(paths)) > 1
     if several and len({path.name for path in paths if path}) < len(set(paths)):

@@ -1,4 +1,4 @@
-"""Make a dataset again from its recipe: everything is checked before anything runs."""
+"""Make a dataset again from its recipe; everything is checked before anything runs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from stages.registry import DATASET, load_stage, resolve
 
 @dataclass(frozen=True)
 class Remake:
-    """What a recipe asks for, with the folders of the one who makes it again; nothing has been run.
+    """A recipe that is ready to run, with the user's folders; nothing has been run.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Remake:
     sampled: bool = False
 
     def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
-        """Ask for each stage in turn."""
+        """Yield the request of each stage in turn."""
         for name, settings in self.settings.items():
             yield Request(
                 stage=load_stage(name),
@@ -71,7 +71,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
     Parameters
     ----------
     recipe
-        Perhaps a stranger's.
+        Possibly from an untrusted source.
     objects
         The folder of its meshes; of the folders, where the recipe names several.
     descriptions
@@ -89,8 +89,8 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
             raise InvalidInput("the recipe has hand, sensor or scene files of its own; name a folder for them with --descriptions FOLDER")
         place_files(recipe, descriptions)
     settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
-    if wrong := [name for name, expected in zip(recipe.stages, DATASET, strict=False) if name != expected]:
-        raise InvalidInput(f"the recipe's stages must be {', '.join(DATASET)}, or the first of them; {wrong[0]} is out of place")
+    if misplaced := [name for name, expected in zip(recipe.stages, DATASET, strict=False) if name != expected]:
+        raise InvalidInput(f"the recipe's stages must be {', '.join(DATASET)}, or the first of them; {misplaced[0]} is out of place")
     manifest = _with_folders(recipe.manifest, objects)
     items = _listed(recipe, manifest, objects)
     if sample is not None and sample < len(items):
@@ -104,12 +104,12 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
     """Validate the settings of a stage, whose description files are shipped ones or the recipe's."""
     if name not in DATASET:
         raise InvalidInput(f"the recipe: {unknown('stage', name, DATASET)}")
-    said, stage = recipe.stages[name], load_stage(name)
-    values: dict[str, Any] = dict(said.settings)
+    recorded, stage = recipe.stages[name], load_stage(name)
+    values: dict[str, Any] = dict(recorded.settings)
     for setting in DESCRIBED.keys() & values.keys():
         value = values[setting]
         values[setting] = (
-            [_described(recipe, name, setting, one, descriptions) for one in value]
+            [_described(recipe, name, setting, item, descriptions) for item in value]
             if isinstance(value, list)
             else _described(recipe, name, setting, value, descriptions)
         )
@@ -119,27 +119,30 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
         faults = invalid_entries(error, stage.settings_type.model_fields)
         raise InvalidInput(f"the recipe's settings of {name}: {faults}; {_version_remedy(recipe)}") from error
     assert isinstance(stage, ObjectStage)
-    if said.schema_version != stage.output.version:
+    if recorded.schema_version != stage.output.version:
         raise InvalidInput(
-            f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {said.schema_version}; "
+            f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {recorded.schema_version}; "
             f"{_version_remedy(recipe)}"
         )
     try:
-        found = keys.assets_digest(stage.assets(settings))
+        files_digest = keys.assets_digest(stage.assets(settings))
     except OSError as error:  # a hand or sensor file of the recipe's names one that is not there
         raise InvalidInput(f"{name}: {error.filename!s:.300} cannot be read ({error.strerror}), which the recipe's files name") from error
-    if found != said.files:
-        named = ", ".join(str(said.settings[setting]) for setting in DESCRIBED if said.settings.get(setting))
+    if files_digest != recorded.files:
+        named = ", ".join(str(recorded.settings[setting]) for setting in DESCRIBED if recorded.settings.get(setting))
         raise InvalidInput(f"{name}: the files of {named or 'the stage'} are not those of the recipe; {_version_remedy(recipe)}")
     return settings
 
 
 def _described(recipe: Recipe, stage: str, setting: str, value: JsonValue, descriptions: Path | None) -> JsonValue:
-    shipped, own = shipped_files(DESCRIBED[setting]), [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))]
+    shipped, files = (
+        shipped_files(DESCRIBED[setting]),
+        [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))],
+    )
     if value is None or (isinstance(value, str) and value in shipped):
         return value
-    if descriptions is None or value not in own:
-        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(DESCRIBED[setting], value, [*shipped, *own])}")
+    if descriptions is None or value not in files:
+        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(DESCRIBED[setting], value, [*shipped, *files])}")
     return str((descriptions / str(value)).absolute())
 
 
@@ -148,7 +151,7 @@ def _version_remedy(recipe: Recipe) -> str:
 
 
 def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
-    """Let folders that the recipe names be those below the user's."""
+    """Resolve the folders that the recipe names below the user's folder."""
     named = [source.path for source in manifest.sources if isinstance(source, Folders) and source.path]
     if named and objects is None:
         raise InvalidInput(
@@ -162,18 +165,18 @@ def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
 
 
 def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
-    """List the objects, which must be those of the recipe: with others, splits would be drawn otherwise."""
+    """List the objects, which must be those of the recipe: others would change how splits are drawn."""
     folders = [source for source in manifest.sources if isinstance(source, Folders)]
     root = None if any(source.path for source in folders) or not folders else objects
     if objects is not None and not folders:
         raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
-    there = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, Folders) else None)}
-    if missing := sorted(recipe.rows.keys() - there):
+    found_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, Folders) else None)}
+    if missing := sorted(recipe.rows.keys() - found_ids):
         raise InvalidInput(
             f"{pluralise(len(missing))} of the recipe not found ({abbreviate(missing)}), whose files have these SHA-256: "
             f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
         )
-    if extra := sorted(there - recipe.rows.keys()):
+    if extra := sorted(found_ids - recipe.rows.keys()):
         raise InvalidInput(
             f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}), with which splits would be drawn otherwise; "
             f"move their files out of {objects}"
@@ -182,31 +185,31 @@ def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Ob
 
 
 def _where(manifest: Manifest) -> str:
-    """Say where sources can be had."""
+    """Say where sources can be obtained."""
     urls = [source.url for source in manifest.sources if source.url]
     return f"they can be had at {', '.join(urls)}" if urls else "the recipe does not say where they can be had; ask who published it"
 
 
 def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
     """Compare the files of objects, and the code of toy objects, with the recipe's hashes."""
-    other: list[str] = []
+    changed: list[str] = []
     toys: list[str] = []
     for item in items:
         try:
-            found = source_hash(item.source)
+            actual = source_hash(item.source)
         except (OSError, InvalidInput) as error:
             raise InvalidInput(f"{item.object_id} cannot be read: {error}; {_where(recipe.manifest)}") from error
-        wanted = recipe.rows[item.object_id].source
-        if found == wanted:
+        expected = recipe.rows[item.object_id].source
+        if actual == expected:
             continue
         if "file" not in item.source:
             toys.append(item.object_id)
             continue
-        beside = ", or a file that it names," if found[:64] == wanted[:64] else ""
-        other.append(f"{item.object_id}: {item.source['file']}{beside} has SHA-256 {found}, the recipe says {wanted}")
-    if other:
+        beside = ", or a file that it names," if actual[:64] == expected[:64] else ""
+        changed.append(f"{item.object_id}: {item.source['file']}{beside} has SHA-256 {actual}, the recipe says {expected}")
+    if changed:
         raise InvalidInput(
-            f"{pluralise(len(other), 'source')} changed: {'; '.join(other[:NAMED])}{'; …' if len(other) > NAMED else ''}. "
+            f"{pluralise(len(changed), 'source')} changed: {'; '.join(changed[:NAMED])}{'; …' if len(changed) > NAMED else ''}. "
             f"Put the files back that the dataset was made of: {_where(recipe.manifest)}"
         )
     if toys:
@@ -214,21 +217,25 @@ def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
 
 
 def reasons(recipe: Recipe) -> list[str]:
-    """List what may make rows differ from the recipe's, other code and other libraries, each with what to do."""
-    here = library_versions()
+    """List what may make rows differ from the recipe's, other code or other libraries, each with its remedy."""
+    installed = library_versions()
     lines = []
-    if changed := [name for name, said in recipe.stages.items() if keys.code_hash(load_stage(name)) != said.code]:
+    if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:
         lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
-    for name, said in recipe.versions.items():
-        if name == "vt-pipeline" or (name in PHYSICS and name not in here and here.keys() & set(PHYSICS)):  # either gives the same bits
+    for name, recorded in recipe.versions.items():
+        # either package of the physics engine gives the same bits
+        if name == "vt-pipeline" or (name in PHYSICS and name not in installed and installed.keys() & set(PHYSICS)):
             continue
-        if here.get(name, "").partition("+")[0] not in (one.partition("+")[0] for one in said.split(", ")):  # 2.13.0+cpu is 2.13.0
-            lines.append(f"{name} is {here.get(name, 'not installed')} here, {said} there: pip install {name}=={said.split(', ')[0]}")
+        # 2.13.0+cpu is 2.13.0
+        if installed.get(name, "").partition("+")[0] not in (version.partition("+")[0] for version in recorded.split(", ")):
+            lines.append(
+                f"{name} is {installed.get(name, 'not installed')} here, {recorded} there: pip install {name}=={recorded.split(', ')[0]}"
+            )
     return lines
 
 
 def unusual_settings(recipe: Recipe, stage: str) -> list[str]:
-    """List the settings of a stage that differ from the recipe's preset: where nothing else explains rows, one may be misstated."""
+    """List the settings of a stage that differ from the recipe's preset: if nothing else explains a difference, one may be wrong."""
     if recipe.preset not in load_presets():
         return []
     usual = resolve(stage, recipe.preset, ()).results()

@@ -28,7 +28,7 @@ POINT = 2e-4
 
 
 def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | None) -> list[int]:
-    """Show grasps of an object in a window of Rerun, or save them for one: a timeline `grasp`, an entity per thing in the scene.
+    """Show grasps of an object in Rerun's viewer, or save them to a file: a timeline `grasp`, and an entity per part of the scene.
 
     Parameters
     ----------
@@ -61,19 +61,19 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
     grasps = len(rows["grasps"]["hand_pose"])
     if grasp is not None and grasp >= grasps:
         raise InvalidInput(f"--grasp {grasp}: {object_id} has {pluralise(grasps, 'grasp')}, 0 to {grasps - 1}")
-    shown = list(range(grasps)) if grasp is None else [grasp]
+    selected = list(range(grasps)) if grasp is None else [grasp]
     recording = rerun.RecordingStream("vt-pipeline", recording_id=f"{data}/{object_id}")
     recorder = _Recorder(rerun, recording, source)
     if save is None:
         recording.spawn()
-        recorder.record(object_id, rows, shown)
-        return shown
+        recorder.record(object_id, rows, selected)
+        return selected
     save.parent.mkdir(parents=True, exist_ok=True)
     with errors_that_name(save), temporary(save) as beside:
         recording.save(beside)
-        recorder.record(object_id, rows, shown)
+        recorder.record(object_id, rows, selected)
         beside.replace(save)
-    return shown
+    return selected
 
 
 def _rerun() -> Any:
@@ -125,10 +125,10 @@ class _Recorder:
             log("camera/segmentation", rr.SegmentationImage(rows["vision"]["segmentation"][1 + grasp, 0]))
         fingers = zip(self.names, self.sensors, finger_colors(len(self.names)), strict=True)
         for number, (name, sensor, color) in enumerate(fingers):
-            half = [sensor.width / 2, sensor.height / 2, sensor.w / 2]
+            half_size = [sensor.width / 2, sensor.height / 2, sensor.w / 2]
             pose, depth = row["sensor_pose"][grasp, number], rows["touch"]["depth"][grasp, number]
             log(f"world/sensors/{name}", _transform(rr, pose))
-            log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, half[2]]], half_sizes=[half], colors=[color]))
+            log(f"world/sensors/{name}/gel", rr.Boxes3D(centers=[[0, 0, half_size[2]]], half_sizes=[half_size], colors=[color]))
             log(f"touch/{name}/tactile_image", rr.Image(rows["touch"]["tactile_image"][grasp, number]))
             log(f"touch/{name}/depth", rr.DepthImage(np.where(np.isfinite(depth), depth, 0), meter=1.0))
             points, count = local_points(depth, pose, sensor)
@@ -141,8 +141,8 @@ class _Recorder:
                     log(path, rr.Clear(recursive=False))
 
     def _mesh(self, path: str, vertices: NDArray[Any], faces: NDArray[Any], color: Any, *, static: bool = False) -> None:
-        made = self.rr.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=list(map(int, color)))
-        self.recording.log(path, made, static=static)
+        mesh = self.rr.Mesh3D(vertex_positions=vertices, triangle_indices=faces, albedo_factor=list(map(int, color)))
+        self.recording.log(path, mesh, static=static)
 
 
 def _transform(rr: ModuleType, pose: NDArray[np.float64]) -> Any:

@@ -1,4 +1,4 @@
-"""Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps, as other programs open them."""
+"""Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps."""
 
 from __future__ import annotations
 
@@ -35,22 +35,22 @@ def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int
     InvalidInput
         An object is unknown, or `out` is one file for several.
     """
-    chosen = list(objects) or source.object_ids
-    if unknown := [name for name in chosen if name not in source.object_ids]:
+    object_ids = list(objects) or source.object_ids
+    if unknown := [name for name in object_ids if name not in source.object_ids]:
         raise InvalidInput(f"{unknown[0]} is not a usable object of {source.directory.root}; it has {abbreviate(source.object_ids)}")
     one_file = out.suffix.lower() == ".glb"
-    if one_file and len(chosen) > 1:
-        raise InvalidInput(f"{out} is one file, and there are {len(chosen)} objects; name one with --object, or a folder")
+    if one_file and len(object_ids) > 1:
+        raise InvalidInput(f"{out} is one file, and there are {len(object_ids)} objects; name one with --object, or a folder")
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
 
     def glb(name: str) -> bytes:
         return scenes.glb(scenes.scene(source.rows(name)))
 
     if one_file:
-        write_at_once(out, glb(chosen[0]))
+        write_at_once(out, glb(object_ids[0]))
         return 1
-    with written_to(out) as folder, Meter(errors, "export", len(chosen), "objects") as meter:
-        for name in chosen:
+    with written_to(out) as folder, Meter(errors, "export", len(object_ids), "objects") as meter:
+        for name in object_ids:
             (folder / f"{name}.glb").write_bytes(glb(name))
             meter.advance()
-    return len(chosen)
+    return len(object_ids)

@@ -23,16 +23,16 @@ def write_webdataset(frames: GraspFrames, folder: Path) -> int:
     count = 0
     with Meter(errors, "export", sum(map(len, frames.object_ids.values())), "objects") as meter:
         for split, ids in frames.object_ids.items():
-            shard, within = None, 0
+            shard, index = None, 0
             for object_id in ids:
                 for frame in frames.frames(object_id, split):
-                    if within % SAMPLES == 0:
+                    if index % SAMPLES == 0:
                         if shard is not None:
                             shard.close()
-                        shard = tarfile.open(folder / f"{split}-{within // SAMPLES:06d}.tar", "w")  # noqa: SIM115 (closed above and below)
+                        shard = tarfile.open(folder / f"{split}-{index // SAMPLES:06d}.tar", "w")  # noqa: SIM115 (closed above and below)
                     assert shard is not None
-                    _add_sample(shard, f"{within:08d}", frame, frames.columns)
-                    within, count = within + 1, count + 1
+                    _add_sample(shard, f"{index:08d}", frame, frames.columns)
+                    index, count = index + 1, count + 1
                 meter.advance()
             if shard is not None:
                 shard.close()
@@ -46,9 +46,9 @@ def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns
         if column.kind == "image":
             _add(shard, f"{key}.{file}.png", png(value))
         elif column.shape:
-            written = io.BytesIO()
-            np.save(written, value, allow_pickle=False)
-            _add(shard, f"{key}.{file}.npy", written.getvalue())
+            buffer = io.BytesIO()
+            np.save(buffer, value, allow_pickle=False)
+            _add(shard, f"{key}.{file}.npy", buffer.getvalue())
         else:
             scalars[name] = value
     _add(shard, f"{key}.json", json.dumps(scalars).encode())

@@ -58,20 +58,20 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
             f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"
         )
     if len(photographs) < MIN_PHOTOGRAPHS:
-        said = reasons(left_out) or "it holds no others"
-        raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {said}")
+        causes = reasons(left_out) or "it holds no others"
+        raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
     return photographs, untouched, left_out
 
 
-def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], given: Circle | None) -> Circle:
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: Circle | None) -> Circle:
     if image.shape != untouched.shape:
-        own, other = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
-        raise InvalidInput(f"it has {own} pixels, the untouched photograph {other}")
-    return given or find_contact(image, untouched)
+        size, untouched_size = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
+        raise InvalidInput(f"it has {size} pixels, the untouched photograph {untouched_size}")
+    return annotated or find_contact(image, untouched)
 
 
 def reasons(left_out: dict[str, str]) -> str:
-    """Say in a line why photographs are left out."""
+    """Write on one line why photographs are left out."""
     return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
 
 

@@ -39,18 +39,18 @@ class ImageErrors:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """Hold a calibrated sensor and how well its like predicts photographs.
+    """Hold a calibrated sensor, and the errors of one fitted to half of the photographs.
 
     Attributes
     ----------
     fit
-        To all photographs: what is written.
+        The fit to all photographs, which is written.
     half
-        To every second one, which alone the errors are of.
+        The fit to every second photograph, from which the errors are computed.
     photographs
         All that were used; the odd ones are held out from `half`.
     fitted_errors, tested_errors
-        Of `half`, on the photographs that it was fitted to, and on the others.
+        Errors of `half` on the photographs that it was fitted to, and on the others.
     left_out
         Why other photographs are not used, by name.
     """
@@ -72,8 +72,8 @@ def check_name(path: Path, untouched_path: Path) -> None:
     """Raise an InvalidInput if the name of a sensor file is not a sensor's name, or its report would replace the untouched photograph."""
     if not SENSOR_NAME.fullmatch(path.stem) or path.suffix not in (".yaml", ".yml"):
         raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
-    for written in (f"{path.stem}-calibration.png", f"{path.stem}.png"):  # the report, and what `check` draws
-        if path.with_name(written).resolve() == untouched_path.resolve():
+    for picture_name in (f"{path.stem}-calibration.png", f"{path.stem}.png"):  # the report, and what `check` draws
+        if path.with_name(picture_name).resolve() == untouched_path.resolve():
             raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
 
 
@@ -130,8 +130,8 @@ def image_errors(
     model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
     distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
     contact, ring = distance < 1, (distance >= 1) & (distance < RING)
-    apart = [np.abs(image.astype(float) - photograph.image) for image in (model, untouched)]
-    means = [float(difference[at].mean()) if at.any() else 0.0 for difference in apart for at in (contact, ring)]
+    differences = [np.abs(image.astype(float) - photograph.image) for image in (model, untouched)]
+    means = [float(difference[region].mean()) if region.any() else 0.0 for difference in differences for region in (contact, ring)]
     return ImageErrors(photograph.name, *means)
 
 

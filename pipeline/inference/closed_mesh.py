@@ -31,10 +31,10 @@ class ClosedMesh:
 
     @classmethod
     def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
-        """Make one of which nothing was seen."""
+        """Make a closed mesh without colours, of which no image shows anything."""
         return cls(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
 
-    def coloured(self, image: NDArray[np.uint8], matrix: NDArray[np.float64], shown: NDArray[np.bool_]) -> ClosedMesh:
+    def coloured(self, image: NDArray[np.uint8], matrix: NDArray[np.float64], mask: NDArray[np.bool_]) -> ClosedMesh:
         """Colour the vertices that an image shows; parameters as of `seen_colors`."""
-        colors, seen = seen_colors(self.vertices, self.faces, image, matrix, shown)
+        colors, seen = seen_colors(self.vertices, self.faces, image, matrix, mask)
         return replace(self, colors=colors, seen=seen)

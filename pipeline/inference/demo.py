@@ -34,7 +34,7 @@ from stages.registry import DATASET, load_stage, resolve
 from stages.render_vision.renderer import Renderer
 
 MANIFEST, OBJECT = "toy", "bottle-0001"
-"""Of a class that the weights that ship know, and unseen by them: their manifest has other variants."""
+"""An object of a class that the shipped weights know, which is not in their training set."""
 SETTINGS = ("simulate-grasps.grasps=1",)
 FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
 """Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
@@ -44,23 +44,23 @@ GREY = (150, 170, 190)
 
 @dataclass(frozen=True)
 class Demo:
-    """What a demo made.
+    """Hold the results of a demo.
 
     Attributes
     ----------
-    mesh, turntable, seen
+    mesh, turntable, image
         Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
     prediction
         The reconstruction.
     distance
         Mean distance between reconstruction and object, m.
     seconds
-        That the reconstruction took, without the simulation and the pictures.
+        Duration of the reconstruction, without the simulation and the pictures.
     """
 
     mesh: Path
     turntable: Path
-    seen: Path
+    image: Path
     prediction: Prediction
     distance: float
     seconds: float
@@ -77,20 +77,20 @@ def demo(folder: Path, console: Console) -> Demo:
         No weights ship with this version, or the folder holds another dataset.
     """
     models, data = shipped_models(), folder / "data"
-    if others := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
-        raise StageError(f"{data} holds another dataset, of {min(others)} and so on; name another folder")
+    if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
+        raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
     item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
     simulate(item, data, console)
-    mesh, turntable, seen = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
+    mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
-    made = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    prediction = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
     seconds = time.perf_counter() - began
     rows = ObjectRows(data, ["occluded", "points"], None)
-    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(seen)
-    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(made), turntable)
-    assert made.closed is not None
-    apart = cloud_distances(made.closed.vertices, rows.read("points", OBJECT)).mean_distance
-    return Demo(mesh, turntable, seen, made, apart, seconds)
+    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(prediction), turntable)
+    assert prediction.closed is not None
+    mean_distance = cloud_distances(prediction.closed.vertices, rows.read("points", OBJECT)).mean_distance
+    return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
 
 
 def simulate(item: Object, data: Path, console: Console) -> None:
@@ -103,30 +103,30 @@ def simulate(item: Object, data: Path, console: Console) -> None:
                 run(plan, console)
 
 
-def reconstructed_mesh(made: Prediction) -> Mesh:
+def reconstructed_mesh(prediction: Prediction) -> Mesh:
     """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
-    assert made.closed is not None
-    closed = made.closed
+    assert prediction.closed is not None
+    closed = prediction.closed
     colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
     look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
     faces = closed.faces.astype(np.int32)
     return Mesh(closed.vertices, faces, replace(look, vertex_color=np.insert(colors, 3, 255, axis=1)))
 
 
-def draw_turntable(truth: Mesh, made: Mesh, path: Path) -> None:
+def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
     """Draw an object and its reconstruction side by side, once around, as an animated WebP."""
     scene = load_scene("supplement")
     with Renderer(scene, PIXELS) as renderer:
-        cameras, turns = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
-        for mesh in (truth, made):
+        cameras, views = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
+        for mesh in (truth, reconstruction):
             with renderer.added(mesh, Label.OBJECT) as handle:
-                turns.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
-        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*turns, strict=True)]
+                views.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
+        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*views, strict=True)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
 
 
 def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Turn a camera once around the middle of points, from where it stands, with a view that holds all of them."""
+    """Place cameras once around the middle of points, starting from a camera, each with a view of all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = ((low + high) / 2).tolist()
     size = float(np.linalg.norm(high - low)) / np.sqrt(12)

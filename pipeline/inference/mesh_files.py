@@ -30,8 +30,8 @@ Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From the world, z up, to glTF's frame, y up."""
 
 
-def write_charts(path: Path, made: Reconstruction, metres_per_unit: float = 1.0) -> None:
-    """Write a reconstruction's charts apart: each chart has its own vertices, colour and, in OBJ and GLB, its own named object.
+def write_charts(path: Path, reconstruction: Reconstruction, metres_per_unit: float = 1.0) -> None:
+    """Write a reconstruction's charts separately: each has its own vertices, colour and, in OBJ and GLB, its own named object.
 
     Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node turns
     it, z up, to glTF's y up, and scales it to metres. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
@@ -41,15 +41,17 @@ def write_charts(path: Path, made: Reconstruction, metres_per_unit: float = 1.0)
     StageError
         A vertex is NaN or infinite.
     """
-    _write(path, [*_vision_charts(made), *_touch_charts(made)], metres_per_unit)
+    _write(path, [*_vision_charts(reconstruction), *_touch_charts(reconstruction)], metres_per_unit)
 
 
-def write_joined(path: Path, made: Reconstruction, metres_per_unit: float = 1.0) -> None:
+def write_joined(path: Path, reconstruction: Reconstruction, metres_per_unit: float = 1.0) -> None:
     """Write a reconstruction's vision charts joined to one closed surface, with its touch charts beside it; frames as `write_charts`.
 
     Vertices that coincided before the deformation become one, in the middle of where they are now.
     """
-    _write(path, [("vision", _mesh(*join_vision_charts(made), VISION_COLORS[0])), *_touch_charts(made)], metres_per_unit)
+    _write(
+        path, [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0])), *_touch_charts(reconstruction)], metres_per_unit
+    )
 
 
 def write_closed(
@@ -68,30 +70,32 @@ def write_closed(
     _write(path, [("closed", _mesh(vertices, faces, painted))], metres_per_unit)
 
 
-def _vision_charts(made: Reconstruction) -> Parts:
-    if made.is_whole:
-        return [("surface", _mesh(made.vertices, made.faces, VISION_COLORS[0]))]
-    return _charts(made, "vision_{:03d}", range(0, made.vision, CHART_VERTICES), VISION_COLORS)
+def _vision_charts(reconstruction: Reconstruction) -> Parts:
+    if reconstruction.is_whole:
+        return [("surface", _mesh(reconstruction.vertices, reconstruction.faces, VISION_COLORS[0]))]
+    return _charts(reconstruction, "vision_{:03d}", range(0, reconstruction.vision, CHART_VERTICES), VISION_COLORS)
 
 
-def _touch_charts(made: Reconstruction) -> Parts:
-    return _charts(made, "touch_{:02d}", range(made.vision, len(made.vertices), made.side**2), (TOUCH_COLOR,))
+def _touch_charts(reconstruction: Reconstruction) -> Parts:
+    return _charts(
+        reconstruction, "touch_{:02d}", range(reconstruction.vision, len(reconstruction.vertices), reconstruction.side**2), (TOUCH_COLOR,)
+    )
 
 
-def _charts(made: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
+def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
     """Make the charts whose first vertices are `starts`, each with its number in its name."""
     parts = []
     for number, start in enumerate(starts):
         stop = start + starts.step
-        faces = made.faces[((made.faces >= start) & (made.faces < stop)).all(axis=1)] - start
-        parts.append((name.format(number), _mesh(made.vertices[start:stop], faces, colors[number % len(colors)])))
+        faces = reconstruction.faces[((reconstruction.faces >= start) & (reconstruction.faces < stop)).all(axis=1)] - start
+        parts.append((name.format(number), _mesh(reconstruction.vertices[start:stop], faces, colors[number % len(colors)])))
     return parts
 
 
 def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
-        bad = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
-        raise StageError(f"{bad} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")
+        count = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
+        raise StageError(f"{count} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")
     return trimesh.Trimesh(
         vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices) if np.ndim(color) == 1 else 1, 1)), process=False
     )

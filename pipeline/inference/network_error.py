@@ -1,4 +1,4 @@
-"""What is known of a network's error: by its evaluation, by the card of one that ships, or by its training alone."""
+"""Describe a network's error: from its evaluation, from the card of a shipped network, or from its training."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
 def error_note(reader: ObservationReader) -> str:
-    """Say how far the surfaces of a reader's network are from objects that it did not learn from, and warn if looking up is nearer.
+    """Describe the error of a reader's network on objects that it was not trained on; warn if looking up a training object is better.
 
     Raises
     ------
@@ -28,20 +28,23 @@ def error_note(reader: ObservationReader) -> str:
         The card of a network that ships cannot be read.
     """
     models, model = reader.models, reader.model
-    used = (model.configuration, model.image, model.touch)
-    alone = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
-    name = next((row for row, (of, given) in ROWS.items() if (of, given.image, given.touch) == used), alone)
+    model_inputs = (model.configuration, model.image, model.touch)
+    default_name = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
+    name = next(
+        (row for row, (configuration, row_inputs) in ROWS.items() if (configuration, row_inputs.image, row_inputs.touch) == model_inputs),
+        default_name,
+    )
     if note := _by_evaluation(reader, name):
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
-    if card and (of_all := card.errors.get(name, {}).get("all")):
-        mm, objects = _apart(of_all.mean), of_all.objects
+    if card and (overall := card.errors.get(name, {}).get("all")):
+        mm, objects = _rms_distance(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
     return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
 
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
-    """Compare the mean distance with that of the training object that the same inputs find; None if the network was not evaluated."""
+    """Compare the mean distance with that of the training object retrieved by the same inputs; None if the network was not evaluated."""
     directory, evaluated = DataDirectory(reader.models.parent), evaluation_name(reader.training_seed)
     if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
         return None
@@ -50,14 +53,14 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         figures = read_figures(directory.whole_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
-    found = retrieved_by(reader.model.image, reader.model.touch)
-    if name not in figures or (baseline := figures.get(found)) is None:
+    baseline_name = retrieved_by(reader.model.image, reader.model.touch)
+    if name not in figures or (baseline := figures.get(baseline_name)) is None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
     nearer = "" if ours < theirs else "warning: worse than looking up: "
     return (
         f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
-        f"the {LABELS[found.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"
+        f"the {LABELS[baseline_name.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"
     )
 
 
@@ -74,10 +77,10 @@ def _by_training(reader: ObservationReader, name: str) -> str:
     if isinstance(model.config, ImplicitConfig):
         return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
     if model.has_charts:
-        return f"{model.config.radius / RADIUS * _apart(loss):.1f} mm (root mean square) from the surfaces of validation objects"
+        return f"{model.config.radius / RADIUS * _rms_distance(loss):.1f} mm (root mean square) from the surfaces of validation objects"
     return f"validation loss {loss:.3g}"
 
 
-def _apart(chamfer: float) -> float:
+def _rms_distance(chamfer: float) -> float:
     """Convert a Chamfer distance, in Table 3's unit, to the root mean square distance of one direction, mm."""
     return 1e3 * math.sqrt(chamfer / (2 * TABLE_3_FACTOR))

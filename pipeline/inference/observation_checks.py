@@ -1,4 +1,4 @@
-"""Faults of a robot's observation: what its geometry, and a model that it is given to, tell about it."""
+"""Find faults of a robot's observation: in its geometry, and against the model that it is given to."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEAREST_SHARE = 2.0
 
 @dataclass(frozen=True)
 class ModelInputs:
-    """What a trained model was given.
+    """The inputs that a model was trained with.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class ModelInputs:
 
 
 def used_inputs(config: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
-    """Say what of an observation a network is given: all of its inputs, and of one that takes any those that are there.
+    """Choose the inputs that a network gets from an observation; a network that takes any inputs gets those that are present.
 
     An image in which a hand is marked is an occluded one: the hand is left in it.
     """
@@ -63,7 +63,7 @@ def used_inputs(config: NetworkInputs, observation: RobotObservation) -> Network
 
 @dataclass(frozen=True)
 class ObjectBox:
-    """Where an object is: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and what says so."""
+    """The place of an object: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and the source of both."""
 
     centre: NDArray[np.float64]
     diagonal: float | None
@@ -78,23 +78,23 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
     Of a depth image, the mask's width and height are the object's. It is taken to be as deep as the smaller of them, so that its middle is
     half of that behind its nearest point. Touches are the middle of the box around the gels; there must be two.
     """
-    said, unit = observation.object, observation.metres_per_unit
-    diagonal = None if said.diagonal is None else said.diagonal * unit
-    if said.centre is not None and diagonal is not None:
-        return ObjectBox(np.array(said.centre) * unit, diagonal, "as stated")
-    seen = _visible_box(observation)
-    if said.centre is not None:
-        return ObjectBox(np.array(said.centre) * unit, seen[1] if seen else None, "as stated")
-    if seen is not None:
-        return ObjectBox(seen[0], diagonal or seen[1], "estimated from depth and mask")
+    stated, unit = observation.object, observation.metres_per_unit
+    diagonal = None if stated.diagonal is None else stated.diagonal * unit
+    if stated.centre is not None and diagonal is not None:
+        return ObjectBox(np.array(stated.centre) * unit, diagonal, "as stated")
+    visible = _visible_box(observation)
+    if stated.centre is not None:
+        return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
+    if visible is not None:
+        return ObjectBox(visible[0], diagonal or visible[1], "estimated from depth and mask")
     felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if touch.touched is not False]
     if len(felt) < 2:
         return None
     return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
 
 
-def _why_not(observation: RobotObservation) -> str:
-    """Say why nothing tells where the object is, and what would."""
+def _why_not_located(observation: RobotObservation) -> str:
+    """Say why the object cannot be located, and what would locate it."""
     camera = observation.camera
     if camera is not None and camera.metres is not None and camera.mask is not None:
         return f"{UNMEASURED}, or state it, or give two touches"
@@ -105,16 +105,16 @@ def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], fl
     camera, matrix = observation.camera, observation.projection
     if camera is None or matrix is None or camera.metres is None or camera.mask is None:
         return None
-    depth, k = camera.metres[camera.shown & ~np.isnan(camera.metres)], camera.intrinsics
+    depth, k = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)], camera.intrinsics
     if not len(depth):
         return None
-    row, col = np.nonzero(camera.shown)
+    row, col = np.nonzero(camera.object_pixels)
     low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()]) + 1.0
     slopes = (high - low) / [k.fx, k.fy]  # width and height per metre of distance
     front = float(np.percentile(depth, NEAREST_SHARE))
-    away = front / max(1 - slopes.min() / 2, 0.1)  # of the middle: half the smaller of width and height behind the front
-    size = slopes * away
-    centre = np.array([*(((low + high) / 2 - [k.cx, k.cy]) / [k.fx, k.fy] * away), away])  # camera frame, as OpenCV's
+    distance = front / max(1 - slopes.min() / 2, 0.1)  # of the middle: half the smaller of width and height behind the front
+    size = slopes * distance
+    centre = np.array([*(((low + high) / 2 - [k.cx, k.cy]) / [k.fx, k.fy] * distance), distance])  # camera frame, as OpenCV's
     return optical_centre(matrix) + split_projection(matrix)[1].T @ centre, float(np.linalg.norm([*size, size.min()]))
 
 
@@ -125,31 +125,31 @@ def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
 
 
 def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
-    """Find what is wrong with an observation whose entries are sound by themselves, or with giving it to a model."""
+    """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
     if model is not None:
         model = replace(model, config=used_inputs(model.config, observation))
-    if far := list(_far(observation)):
-        return far + ([] if model is None else list(_unfit(observation, model)))
+    if too_far := list(_distant_positions(observation)):
+        return too_far + ([] if model is None else list(_unsuited_inputs(observation, model)))
     box = find_object(observation)
-    found = [] if model is None else list(_unfit(observation, model))
+    problems = [] if model is None else list(_unsuited_inputs(observation, model))
     if box is None:
-        return [*found, f"{NOWHERE}, and cannot be estimated: {_why_not(observation)}"]
-    return [*found, *_misplaced(observation, box, model)]
+        return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not_located(observation)}"]
+    return [*problems, *_misplaced(observation, box, model)]
 
 
-def _far(observation: RobotObservation) -> Iterator[str]:
-    """Name positions that are too far away, perhaps in another unit."""
+def _distant_positions(observation: RobotObservation) -> Iterator[str]:
+    """Yield positions that are too far away, perhaps in another unit."""
     positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
     positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
     positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
     for name, position in positions:
-        if position is not None and (away := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
+        if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
             remedy = "write unit: mm if these are millimetres" if observation.unit == "m" else "check the unit"
-            yield f"{name} is {away:g} {observation.unit} away (at most {FARTHEST:g} m): {remedy}, and take a frame near the object"
+            yield f"{name} is {distance:g} {observation.unit} away (at most {FARTHEST:g} m): {remedy}, and take a frame near the object"
 
 
-def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
-    """Name what the model needs and is not given."""
+def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
+    """Yield inputs that the model needs and that are missing or unsuitable."""
     name, config = model.configuration, model.config
     if config.image == "rendering":
         yield f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
@@ -166,9 +166,11 @@ def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
         return
     sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
     if not np.allclose(sizes[0], sizes[1], rtol=SIZE_TOLERANCE, atol=0):
-        given, known = (f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes)
+        observed_size, model_size = (
+            f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes
+        )
         yield (
-            f"sensor {theirs.name} has {given}, the model's {ours.name} {known}: "
+            f"sensor {theirs.name} has {observed_size}, the model's {ours.name} {model_size}: "
             "give photographs by such a sensor, or train a model with this one"
         )
     rows, cols = observation.touches[0].tactile_image.shape[:2]
@@ -177,16 +179,16 @@ def _unfit(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
 
 
 def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
-    """Name cameras and touches that do not fit the object's place."""
-    stated = observation.object.diagonal is not None
-    if model is not None and stated and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
+    """Yield cameras and touches that do not fit the object's place."""
+    is_stated = observation.object.diagonal is not None
+    if model is not None and is_stated and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
         yield (
             f"the object's diagonal is {box.diagonal:.3g} m ({box.source}), model {model.configuration} knows objects of at most "
             f"{2 * model.config.radius:.3g} m: train one on objects of this size"
         )
     if observation.camera is not None and observation.projection is not None:
-        if (away := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
-            yield f"the camera is {1e3 * away:.3g} mm from the object's centre; check camera.pose and object.centre"
+        if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
+            yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check camera.pose and object.centre"
         elif not _sees(observation, observation.projection, box):
             yield _unseen(observation, box)
         elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
@@ -197,30 +199,30 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
         limits.append((model.config.radius, f"model {model.configuration} knows objects within {model.config.radius:.3g} m of it"))
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, place in enumerate(gel_centres(observation)):
-        away = float(np.linalg.norm(place - box.centre))
-        most, reason = min(limits)
-        if observation.touches[number].touched is not False and away > most + margin:
+        distance = float(np.linalg.norm(place - box.centre))
+        limit, reason = min(limits)
+        if observation.touches[number].touched is not False and distance > limit + margin:
             yield (
-                f"{observation.name_of(number)} is {away:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, or "
-                "write touched: false"
+                f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, "
+                "or write touched: false"
             )
 
 
 def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> str | None:
-    """Say that the depth image does not show the object where it is; None where it does, or says nothing about that."""
+    """Describe a depth image that does not show the object at its place; None if it does, or if there is none."""
     camera = observation.camera
     if camera is None or camera.metres is None or camera.mask is None:
         return None
-    measured = camera.metres[camera.shown & ~np.isnan(camera.metres)]
+    measured = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)]
     if not len(measured):
         return UNMEASURED
-    seen, away = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
-    if seen > FARTHEST:
-        return f"camera.depth shows the object {seen:.3g} m away (at most {FARTHEST:g} m): check camera.depth_scale; floats are metres"
-    if abs(seen - away) <= (FARTHEST if box.diagonal is None else box.diagonal):
+    depth, distance = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
+    if depth > FARTHEST:
+        return f"camera.depth shows the object {depth:.3g} m away (at most {FARTHEST:g} m): check camera.depth_scale; floats are metres"
+    if abs(depth - distance) <= (FARTHEST if box.diagonal is None else box.diagonal):
         return None
     return (
-        f"camera.depth shows the object {seen:.3g} m from the camera, but its centre is {away:.3g} m away ({box.source}): check "
+        f"camera.depth shows the object {depth:.3g} m from the camera, but its centre is {distance:.3g} m away ({box.source}): check "
         "camera.depth_scale, camera.pose and object.centre"
     )
 
@@ -233,20 +235,20 @@ def _sees(observation: RobotObservation, matrix: NDArray[np.float64], box: Objec
 
 
 def _unseen(observation: RobotObservation, box: ObjectBox) -> str:
-    """Say that the camera does not see the object, and which other reading of its pose would make it."""
+    """Say that the camera does not see the object, and which other reading of its pose would."""
     camera = observation.camera
     assert camera is not None
-    other = "opengl" if camera.convention == "opencv" else "opencv"
+    other_convention = "opengl" if camera.convention == "opencv" else "opencv"
     inverse = invert_pose(camera.pose.array)
     readings: list[tuple[dict[str, Any], str]] = [
-        ({"convention": other}, f"with convention: {other} it would"),
+        ({"convention": other_convention}, f"with convention: {other_convention} it would"),
         ({"pose": inverse}, "with the inverse pose it would: give camera to frame, not frame to camera"),
-        ({"convention": other, "pose": inverse}, f"with the inverse pose and convention: {other} it would"),
+        ({"convention": other_convention, "pose": inverse}, f"with the inverse pose and convention: {other_convention} it would"),
     ]
     hint = "check camera.pose, convention, intrinsics and object.centre"
     for changes, words in readings:
-        read = observation.changed(camera=camera.changed(**changes))
-        if read.projection is not None and _sees(read, read.projection, box):
+        reinterpreted = observation.changed(camera=camera.changed(**changes))
+        if reinterpreted.projection is not None and _sees(reinterpreted, reinterpreted.projection, box):
             hint = words
             break
     centre = ", ".join(f"{value / observation.metres_per_unit:.4g}" for value in box.centre)

@@ -23,30 +23,30 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.vertex_colors import foreground
 
 NOWHERE = "object.centre is missing"
-"""How the fault begins that nothing tells where the object is."""
+"""Beginning of the fault that the object cannot be located."""
 
 MAX_TOUCHES = 256
 
 
-def _read(read: Callable[[Path], Any], kind: str) -> BeforeValidator:
+def _read(reader: Callable[[Path], Any], array_type: str) -> BeforeValidator:
     """Read a file that is named relative to the observation file; take an array as it is."""
 
-    def validate(given: Any, info: ValidationInfo) -> Any:
-        if isinstance(given, str | Path):
-            return read(((info.context or {}).get("folder") or Path()) / given)
-        if isinstance(given, np.ndarray) or given is None:
-            return given
-        raise ValueError(f"it must be the name of a file, or an array of {kind}")
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, str | Path):
+            return reader(((info.context or {}).get("folder") or Path()) / value)
+        if isinstance(value, np.ndarray) or value is None:
+            return value
+        raise ValueError(f"it must be the name of a file, or an array of {array_type}")
 
     return BeforeValidator(validate)
 
 
-def _sensor(given: Any, info: ValidationInfo) -> Any:
-    if not isinstance(given, str | Path):
-        if isinstance(given, Sensor):
-            return given
+def _sensor(value: Any, info: ValidationInfo) -> Any:
+    if not isinstance(value, str | Path):
+        if isinstance(value, Sensor):
+            return value
         raise ValueError("it must be the name of a shipped sensor, or of a sensor file")
-    return load_sensor(given if str(given) in shipped_files("sensor") else ((info.context or {}).get("folder") or Path()) / given)
+    return load_sensor(value if str(value) in shipped_files("sensor") else ((info.context or {}).get("folder") or Path()) / value)
 
 
 _FILE = WithJsonSchema({"type": "file"})
@@ -112,8 +112,8 @@ class ObservedCamera(Entries):
         if self.depth is not None:
             _check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
         for name in ("mask", "hand_mask", "depth"):
-            if (other := getattr(self, name)) is not None and other.shape != shape:
-                raise ValueError(f"{name} has {_size(other)} pixels, the image {_size(self.image)}; register them")
+            if (array := getattr(self, name)) is not None and array.shape != shape:
+                raise ValueError(f"{name} has {_size(array)} pixels, the image {_size(self.image)}; register them")
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
         if lacking := [name for name in ("depth", "mask") if getattr(self, name) is None and self.depth_as_touch]:
@@ -129,10 +129,10 @@ class ObservedCamera(Entries):
         return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
 
     @cached_property
-    def shown(self) -> NDArray[np.bool_]:
+    def object_pixels(self) -> NDArray[np.bool_]:
         """(rows, cols): where the photograph shows the object, by its mask or else by its border's colour, and not the robot."""
-        shown = foreground(self.image) if self.mask is None else self.mask
-        return shown if self.hand_mask is None else shown & ~self.hand_mask
+        mask = foreground(self.image) if self.mask is None else self.mask
+        return mask if self.hand_mask is None else mask & ~self.hand_mask
 
 
 class ObservedTouch(Entries):
@@ -193,7 +193,7 @@ class RobotObservation(Entries):
 
     @property
     def is_felt(self) -> bool:
-        """Tell whether networks with touch are given something: touches, or visible points in their place."""
+        """Tell whether there is input for networks with touch: touches, or visible points in their place."""
         return bool(self.touches) or (self.camera is not None and self.camera.depth_as_touch)
 
     def name_of(self, number: int) -> str:
@@ -223,15 +223,15 @@ class RobotObservation(Entries):
         return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
 
     def __repr__(self) -> str:
-        seen = "a photograph" if self.camera else "no photograph"
-        return f"RobotObservation({seen}, {pluralise(len(self.touches), 'touch')}, {self.unit})"
+        photograph = "a photograph" if self.camera else "no photograph"
+        return f"RobotObservation({photograph}, {pluralise(len(self.touches), 'touch')}, {self.unit})"
 
     __str__ = __repr__
 
 
-def _check_array(name: str, array: Any, kind: Any, dims: int) -> None:
-    if array.dtype != kind or array.ndim != dims or (dims == 3 and array.shape[2] != 3) or not array.size:
-        raise ValueError(f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(kind)} (rows, cols{', 3' * (dims == 3)})")
+def _check_array(name: str, array: Any, dtype: Any, dims: int) -> None:
+    if array.dtype != dtype or array.ndim != dims or (dims == 3 and array.shape[2] != 3) or not array.size:
+        raise ValueError(f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(dtype)} (rows, cols{', 3' * (dims == 3)})")
 
 
 def _size(array: NDArray[Any]) -> str:
@@ -273,7 +273,7 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
         observation = _usable_part(entries, error, context)
     else:
         hint = ""
-    if observation is not None:  # a camera or touches that cannot be used may have told where the object is
+    if observation is not None:  # invalid cameras or touches might have located the object
         lines += [line for line in faults(observation) if not (lines and line.startswith(NOWHERE))]
     if lines:
         raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
@@ -282,15 +282,15 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
 
 
 def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:
-    """Validate what is left without the entries that an error names, so that faults of the rest are found too."""
+    """Validate the entries that an error does not name, so that their faults are found too."""
     places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
     if not isinstance(entries, dict) or () in places:
         return None
-    left = {name: value for name, value in entries.items() if (name,) not in places}
-    if isinstance(left.get("touches"), list):
-        numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(left["touches"])]
-        left["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]
+    usable = {name: value for name, value in entries.items() if (name,) not in places}
+    if isinstance(usable.get("touches"), list):
+        numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(usable["touches"])]
+        usable["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]
     try:
-        return RobotObservation.model_validate(left, context=context)
+        return RobotObservation.model_validate(usable, context=context)
     except ValidationError:
         return None

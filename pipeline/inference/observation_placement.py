@@ -1,4 +1,4 @@
-"""A robot's observation in the world that a network was trained in: the object moved to its place, the photograph to its camera."""
+"""Move a robot's observation to the world of a network's training: the object to its place, the photograph to its camera."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
-SMALL, ROUGH, FAR_VIEW, LITTLE, INVERTED = 0.5, 1.2, 10.0, 0.9, 0.5
-"""Shares of the network's size below which an object is small, and above which an estimated one may be too large; degrees between views,
-share of an image, and of its border that a mask holds, that are worth a warning."""
+SMALL_OBJECT, LARGE_OBJECT, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 0.5, 1.2, 10.0, 0.9, 0.5
+"""Limits for warnings: shares of the network's size below which an object is small, and above which it is large; degrees between views;
+share of the training camera's image that the photograph shows; and share of the border that a mask covers."""
 
 
 @dataclass(frozen=True)
 class Placement:
-    """An observation as a network is given it.
+    """An observation in the form that a network is given.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Placement:
         if camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
             return np.zeros((0, side**2, 3), np.float32)
         intrinsic, rotation = split_projection(matrix)
-        charts = visible_charts(camera.metres, camera.shown, intrinsic, side)
+        charts = visible_charts(camera.metres, camera.object_pixels, intrinsic, side)
         return transform_points(self.to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
 
     def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -90,8 +90,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
             real = moved_projection(observation.projection, to_network)
             camera = carried_camera(training, real, centre)
             fill, photograph = _background(observation.camera, model)
-            image, shown = transfer_view(photograph, real, camera, model.resolution, fill)
-            remarks += [*_view_remarks(training, real, centre, shown), *_mask_remarks(observation, box, model)]
+            image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
+            remarks += [*_view_remarks(training, real, centre, shown_share), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
     placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
@@ -124,11 +124,11 @@ def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the turn (4, 4) by an angle about the vertical through a point."""
-    turn = np.eye(4)
-    turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    turn[:3, 3] = centre - turn[:3, :3] @ centre
-    return turn
+    """Make the rotation (4, 4) by an angle about the vertical through a point."""
+    rotation = np.eye(4)
+    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    rotation[:3, 3] = centre - rotation[:3, :3] @ centre
+    return rotation
 
 
 def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -140,25 +140,25 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
     shrinks = image.shape[0] > sensor.rows
-    made = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
-    return np.asarray(np.rint(made), np.uint8)
+    resized = resize(image, sensor.shape, order=1, preserve_range=True, anti_aliasing=shrinks)
+    return np.asarray(np.rint(resized), np.uint8)
 
 
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
-    """Choose the colour of what the photograph does not show, and paint what its mask leaves out."""
+    """Choose the colour of what the photograph does not show, and paint the pixels outside its mask."""
     if model.background is None:
         border = np.concatenate([camera.image[0], camera.image[-1], camera.image[:, 0], camera.image[:, -1]])
         red, green, blue = (int(level) for level in np.median(border, axis=0))
         return (red, green, blue), camera.image
     if camera.mask is None:
         return model.background, camera.image
-    kept = camera.mask
+    mask = camera.mask
     if camera.hand_mask is not None:
-        kept = kept | camera.hand_mask if model.config.image == "occluded" else kept & ~camera.hand_mask
-    return model.background, np.where(kept[..., None], camera.image, np.array(model.background, np.uint8))
+        mask = mask | camera.hand_mask if model.config.image == "occluded" else mask & ~camera.hand_mask
+    return model.background, np.where(mask[..., None], camera.image, np.array(model.background, np.uint8))
 
 
-# ---- what is said
+# ---- remarks
 
 
 def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
@@ -176,27 +176,28 @@ def degrees(angle: float) -> str:
 
 def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
     size = 2 * model.config.radius
-    if box.diagonal is not None and box.diagonal < SMALL * size:
+    if box.diagonal is not None and box.diagonal < SMALL_OBJECT * size:
         yield (
             f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "
             "of this size, if there were none"
         )
-    if box.diagonal is not None and box.diagonal > ROUGH * size:
+    if box.diagonal is not None and box.diagonal > LARGE_OBJECT * size:
         yield (
             f"warning: the object's diagonal seems to be {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: what is "
             "beyond is cut off; state object.diagonal and object.centre if you know them"
         )
 
 
-def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], shown: float) -> Iterator[str]:
-    now, before = (camera_direction(matrix, centre) for matrix in (real, training))
-    apart = abs(float(np.degrees(now.elevation - before.elevation)))
+def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], share: float) -> Iterator[str]:
+    view, training_view = (camera_direction(matrix, centre) for matrix in (real, training))
+    difference = abs(float(np.degrees(view.elevation - training_view.elevation)))
     yield (
-        f"{'warning: ' if apart > FAR_VIEW else ''}camera {now.distance:.3g} m from the object and {degrees(now.elevation)}° above "
-        f"its horizon; in training {before.distance:.3g} m and {degrees(before.elevation)}°: the views differ by {apart:.1f}°"
+        f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance:.3g} m from the object and {degrees(view.elevation)}° above "
+        f"its horizon; in training {training_view.distance:.3g} m and {degrees(training_view.elevation)}°: "
+        f"the views differ by {difference:.1f}°"
     )
-    if shown < LITTLE:
-        yield f"warning: the photograph shows {shown:.0%} of what the training camera would; the rest is background"
+    if share < MIN_SHOWN:
+        yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
 
 
 def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInputs) -> Iterator[str]:
@@ -204,12 +205,12 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
     if camera is None or observation.projection is None:
         return
     for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
-        if mask is not None and border(mask).mean() > INVERTED:
+        if mask is not None and border(mask).mean() > INVERTED_MASK:
             yield f"warning: camera.{name} holds most of the photograph's border: is it inverted?"
-    if not camera.shown.any():
+    if not camera.object_pixels.any():
         yield "warning: camera.hand_mask covers all of the object: is it inverted?"
     if camera.mask is None:
-        yield f"warning: no camera.mask: the {camera.shown.mean():.0%} of the photograph that differ from its border are the object"
+        yield f"warning: no camera.mask: the {camera.object_pixels.mean():.0%} of the photograph that differ from its border are the object"
         return
     if model.background is None:
         yield "the model does not state its images' background: what is outside the mask stays"
@@ -234,7 +235,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
         yield f"tactile images resampled from {cols} x {rows} to {sensor.cols} x {sensor.rows} pixels"
     if observation.untouched is None:
         yield f"untouched image: that of the model's sensor, {sensor.name}"
-    if turned := [observation.name_of(number) for number, away in enumerate(facing_away(observation, box)) if away]:
+    if turned := [observation.name_of(number) for number, is_away in enumerate(facing_away(observation, box)) if is_away]:
         yield f"warning: {', '.join(turned)} face away from the object's centre: +z must point out of the gel"
 
 

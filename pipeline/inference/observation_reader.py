@@ -1,4 +1,4 @@
-"""Inputs of a trained network: the image and touch charts of a stored object, or of a robot's observation."""
+"""Read the inputs of a trained network: image and touch charts of a stored object, or of a robot's observation."""
 
 from __future__ import annotations
 
@@ -96,29 +96,29 @@ class ObservationReader:
         if touches:
             images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
             vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
-        seen = placed.visible_charts(self.model.config.side)
+        visible = placed.visible_charts(self.model.config.side)
         return Observation(
-            placed.image, np.concatenate([vertices, seen]), np.concatenate([touched, np.ones(len(seen), bool)]), placed.camera
+            placed.image, np.concatenate([vertices, visible]), np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera
         )
 
     def suited_to(self, observed: RobotObservation) -> ObservationReader:
-        """Give a model that takes any inputs what an observation has."""
+        """Return a reader for an observation; a model that takes any inputs gets those that are present."""
         return replace(self, model=self.model.restricted_to(used_inputs(self.model.config, observed)))
 
     @cached_property
     def inputs(self) -> ModelInputs:
-        """What the model was given in its training."""
+        """Inputs that the model was trained with."""
         model = self.model
         sensor = self.unet.sensor if model.touch else None
         return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor)
 
     @cached_property
     def unet(self) -> TouchModel:
-        """Load the network beside the models by whose points charts were fitted: the U-Net, or the local one."""
-        name, called = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
+        """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
+        name, label = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
         if f"{name}.json" not in names_in(self.models):
             raise StageError(
-                f"{self.models} has no {called}, which makes points of tactile images; name the models of a data directory with one"
+                f"{self.models} has no {label}, which makes points of tactile images; name the models of a data directory with one"
             )
         return load_touch_model(DataDirectory(self.models).whole_folder(name), self.device)
 
@@ -142,10 +142,10 @@ class ObservationReader:
         """
         sensor, clouds = self.unet.sensor, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
-        given = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
-        generators = [torch_generator(self.seed, "predict", number) for number in range(len(given))]
+        touched_clouds = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
+        generators = [torch_generator(self.seed, "predict", number) for number in range(len(touched_clouds))]
         options = self._chart_settings().fit_options(sensor.width)
-        fits = fit_charts(given, sensor.width, generators, aspect=sensor.aspect, options=options)
+        fits = fit_charts(touched_clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
         vertices = [sensor_to_world(pose, *chart.T) for pose, chart in zip(poses, fits.vertices, strict=True)]
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
 
@@ -162,7 +162,7 @@ class ObservationReader:
         return settings
 
 
-def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequence[int], kind: str = "grasp") -> ObjectRows:
+def open_object(data: Place, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
     """Open arrays of a data directory, and check that an object with these grasps or viewpoints, from 0, is there.
 
     Raises
@@ -177,10 +177,10 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, chosen: Sequ
     if object_id not in rows.object_ids:
         raise StoreError(f"{data.resolve()} has no object {object_id}; it has {abbreviate(rows.object_ids)}")
     available = rows.size(counted, kind)
-    if wrong := [number for number in chosen if not 0 <= number < available]:
-        raise StoreError(f"{object_id} has no {kind} {wrong[0]}; there are {kind}s 0 to {available - 1}")
-    if len(set(chosen)) < len(chosen):
-        raise StoreError(f"{object_id}: {kind}s {', '.join(map(str, chosen))}; name each once")
+    if missing := [number for number in numbers if not 0 <= number < available]:
+        raise StoreError(f"{object_id} has no {kind} {missing[0]}; there are {kind}s 0 to {available - 1}")
+    if len(set(numbers)) < len(numbers):
+        raise StoreError(f"{object_id}: {kind}s {', '.join(map(str, numbers))}; name each once")
     return rows
 
 

@@ -33,7 +33,7 @@ class Entries(BaseModel):
                 yield name, f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else value
 
     def changed(self, **changes: Any) -> Self:
-        """Validate a copy with other values; what was computed of the old ones is computed again."""
+        """Return a validated copy with other values; cached properties are computed again."""
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
@@ -47,15 +47,15 @@ class Pose(Entries):
 
     @model_validator(mode="before")
     @classmethod
-    def _bare_matrix(cls, given: Any) -> Any:
-        if isinstance(given, np.ndarray | list | tuple):
-            return {"matrix": given.tolist() if isinstance(given, np.ndarray) else given}
-        return given
+    def _bare_matrix(cls, value: Any) -> Any:
+        if isinstance(value, np.ndarray | list | tuple):
+            return {"matrix": value.tolist() if isinstance(value, np.ndarray) else value}
+        return value
 
     @model_validator(mode="after")
     def _is_rigid(self) -> Pose:
-        given = [name for name in ("matrix", "quaternion", "rpy") if getattr(self, name) is not None]
-        if len(given) != 1 or (self.position is None) != (given == ["matrix"]):
+        rotations = [name for name in ("matrix", "quaternion", "rpy") if getattr(self, name) is not None]
+        if len(rotations) != 1 or (self.position is None) != (rotations == ["matrix"]):
             raise ValueError("a pose has a matrix, or a position and either a quaternion or rpy")
         if self.quaternion is not None and abs(float(np.linalg.norm(self.quaternion)) - 1) > QUATERNION_TOLERANCE:
             raise ValueError(f"the quaternion has the length {np.linalg.norm(self.quaternion):.4g}; it must be 1, as [x, y, z, w]")
@@ -79,6 +79,6 @@ class Pose(Entries):
             left, _, right = np.linalg.svd(np.array(self.matrix)[:3, :3])
             pose[:3, :3], pose[:3, 3] = left @ right, np.array(self.matrix)[:3, 3]
             return pose
-        turn = rotation_from_euler(self.rpy) if self.rpy is not None else Rotation.from_quat(self.quaternion).as_matrix()
-        pose[:3, :3], pose[:3, 3] = turn, self.position
+        rotation = rotation_from_euler(self.rpy) if self.rpy is not None else Rotation.from_quat(self.quaternion).as_matrix()
+        pose[:3, :3], pose[:3, 3] = rotation, self.position
         return pose

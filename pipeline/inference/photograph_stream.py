@@ -1,4 +1,4 @@
-"""Photographs as they come: those of a folder, new ones that appear in it, or the frames of a camera."""
+"""Read photographs as they arrive: those of a folder, new ones that appear in it, or the frames of a camera."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import SUFFIXES, image_files, read_image
 
 POLL_SECONDS = 0.05
-"""Between looks at a watched folder."""
-Named = tuple[str, NDArray[np.uint8]]
+"""Seconds between two scans of a watched folder."""
+NamedPhotograph = tuple[str, NDArray[np.uint8]]
 """A photograph, (rows, cols, 3) uint8, with its name."""
 
 
 def photographs_of(path: Path, leave_out: Path) -> list[Path]:
-    """List a photograph, or those of a folder in the order of their names, without one.
+    """List a photograph, or those of a folder in the order of their names, without the one to leave out.
 
     Raises
     ------
     InvalidInput
-        There are none, or two with one name, by which what is read in them is called.
+        There are none, or two would give output files of the same name.
     """
     if path.is_file():
         return [path]
@@ -41,25 +41,25 @@ def photographs_of(path: Path, leave_out: Path) -> list[Path]:
     return files
 
 
-def watched(folder: Path, leave_out: Path) -> Iterator[Named]:
-    """Yield the photographs of a folder, and then each that appears; a file that cannot be read yet is tried again. It does not end."""
+def watched(folder: Path, leave_out: Path) -> Iterator[NamedPhotograph]:
+    """Yield the photographs of a folder, and then each new one, without end; a file that cannot be read yet is tried again."""
     if not folder.is_dir():
         raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
-    done: set[Path] = set()
+    read_paths: set[Path] = set()
     while True:
         for path in image_files(folder.iterdir(), leave_out):
-            if path in done:
+            if path in read_paths:
                 continue
             try:
                 image = read_image(path)
             except InvalidInput:  # half written
                 continue
-            done.add(path)
+            read_paths.add(path)
             yield path.stem, image
         time.sleep(POLL_SECONDS)
 
 
-def camera_frames(number: int) -> Iterator[Named]:
+def camera_frames(number: int) -> Iterator[NamedPhotograph]:
     """Yield the frames of a camera that OpenCV opens, named by their number, until it gives no more.
 
     Raises
@@ -77,8 +77,8 @@ def camera_frames(number: int) -> Iterator[Named]:
             raise InvalidInput(f"OpenCV opens no camera {number}; is another program using it, or its number another one?")
         count = 0
         while True:
-            there, frame = capture.read()
-            if not there:
+            received, frame = capture.read()
+            if not received:
                 return
             yield f"{count:06d}", np.ascontiguousarray(frame[:, :, ::-1])  # BGR
             count += 1

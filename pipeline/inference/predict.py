@@ -63,8 +63,8 @@ class Prediction:
     files: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
-        made = self.closed or self.reconstruction
-        return f"Prediction({len(made.vertices)} vertices, {len(made.faces)} faces, {pluralise(int(self.touched.sum()), 'touch')})"
+        surface = self.closed or self.reconstruction
+        return f"Prediction({len(surface.vertices)} vertices, {len(surface.faces)} faces, {pluralise(int(self.touched.sum()), 'touch')})"
 
 
 def predict(
@@ -125,20 +125,20 @@ def predict(
         if data is None:
             if object_id is not None:
                 raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
-            made = _of_robot(reader, observation, surface, resolution)
+            prediction = _of_robot(reader, observation, surface, resolution)
         else:
             if observation is not None:
                 raise StageError("give a data directory and an object, or an observation, not both")
             if object_id is None:
                 raise StageError(f"data directory {data} needs an object; name one of its objects")
-            chosen = _views(configuration, view, grasps) if reader.model.image == "rendering" else _grasps(configuration, view, grasps)
+            selected = _views(configuration, view, grasps) if reader.model.image == "rendering" else _grasps(configuration, view, grasps)
             if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
                 check_origins(DataDirectory(data), [model_name(configuration, training_seed)])
-            made = _of_object(reader, data, object_id, chosen, surface, resolution)
+            prediction = _of_object(reader, data, object_id, selected, surface, resolution)
         meter.advance("the surface is made")
-        made = replace(made, files=_write(out, made, surface))
+        prediction = replace(prediction, files=_write(out, prediction, surface))
         meter.advance("and written")
-    return made
+    return prediction
 
 
 def _views(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequence[int]:
@@ -190,92 +190,92 @@ def reconstruct(
 
 
 def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
-    """Load a model with what reads its inputs."""
+    """Load a model and the reader of its inputs."""
     device = device_of(accelerator)
     return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed, training_seed)
 
 
-def _of_robot(reader: ObservationReader, given: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
+def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
     """Reconstruct from a robot's observation, in its frame and unit."""
     model = reader.model
-    if given is None:
+    if observation is None:
         if model.image or model.touch:
-            takes = [what for what, taken in (("an image", model.image), ("touches", model.touch)) if taken]
-            wanted = (" or " if model.image == "any" else " and ").join(takes)
-            raise StageError(f"model {model.configuration} needs {wanted}: give an observation, or a data directory and an object")
-        made = model.reconstruct([nothing := Observation(None)])[0]
-        closed = ClosedMesh.grey(*close_reconstruction(made, resolution)) if surface == "closed" else None
-        return Prediction(made, nothing.touched, closed, remarks=[error_note(reader)])
-    if isinstance(given, RobotObservation):
-        observed = given
+            needed_inputs = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
+            needed = (" or " if model.image == "any" else " and ").join(needed_inputs)
+            raise StageError(f"model {model.configuration} needs {needed}: give an observation, or a data directory and an object")
+        reconstruction = model.reconstruct([empty := Observation(None)])[0]
+        closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if surface == "closed" else None
+        return Prediction(reconstruction, empty.touched, closed, remarks=[error_note(reader)])
+    if isinstance(observation, RobotObservation):
+        observed = observation
         if lines := faults(observed, reader.suited_to(observed).inputs):
             raise InvalidInput(f"observation: {'; '.join(lines)}")
     else:
-        observed = load_observation(given, lambda part: faults(part, reader.suited_to(part).inputs))
+        observed = load_observation(observation, lambda part: faults(part, reader.suited_to(part).inputs))
     reader = reader.suited_to(observed)
     model = reader.model
     placed = place_observation(observed, reader.inputs)
-    seen = reader.of_robot(placed)
-    made = model.reconstruct([seen])[0]
-    whole = Prediction(
-        replace(made, vertices=placed.returned(made.vertices)),
-        seen.touched[: len(observed.touches)],
+    network_inputs = reader.of_robot(placed)
+    reconstruction = model.reconstruct([network_inputs])[0]
+    prediction = Prediction(
+        replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
+        network_inputs.touched[: len(observed.touches)],
         None,
         observed.metres_per_unit,
         [describe_object(observed, placed.box), *placed.remarks, error_note(reader)],
     )
     if surface != "closed":
-        return whole
-    vertices, faces = close_reconstruction(made, resolution, seen)
+        return prediction
+    vertices, faces = close_reconstruction(reconstruction, resolution, network_inputs)
     mesh = ClosedMesh.grey(placed.returned(vertices), faces)
     if observed.camera is not None and observed.projection is not None:
         matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
-        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.shown)
-    return replace(whole, closed=mesh)
+        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
+    return replace(prediction, closed=mesh)
 
 
 def _of_object(
-    reader: ObservationReader, data: Place, object_id: str, chosen: Sequence[int], surface: Surface, resolution: int
+    reader: ObservationReader, data: Place, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
     if reader.model.image == "any":
         reader = replace(reader, model=reader.model.restricted_to(INPUT_CHOICES["occluded-touch"]))
     model = reader.model
-    seen = reader.of_object(data, object_id, chosen)
-    made = model.reconstruct([seen])[0]
-    whole = Prediction(made, seen.touched, remarks=[error_note(reader)])
+    network_inputs = reader.of_object(data, object_id, numbers)
+    reconstruction = model.reconstruct([network_inputs])[0]
+    prediction = Prediction(reconstruction, network_inputs.touched, remarks=[error_note(reader)])
     if surface != "closed":
-        return whole
-    mesh = ClosedMesh.grey(*close_reconstruction(made, resolution, seen))
-    matrix = model.camera if seen.camera is None else seen.camera
-    if seen.image is not None and matrix is not None:
-        mask = object_mask(data, object_id, model.image, chosen)
-        mesh = mesh.coloured(seen.image, matrix, foreground(seen.image) if mask is None else mask)
-    return replace(whole, closed=mesh)
+        return prediction
+    mesh = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
+    matrix = model.camera if network_inputs.camera is None else network_inputs.camera
+    if network_inputs.image is not None and matrix is not None:
+        mask = object_mask(data, object_id, model.image, numbers)
+        mesh = mesh.coloured(network_inputs.image, matrix, foreground(network_inputs.image) if mask is None else mask)
+    return replace(prediction, closed=mesh)
 
 
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
     trained = trained_models(models, training_seed)
     if configuration not in trained:
         networks = sorted({network_of(name) for name in trained})
-        known = f"its models are {', '.join(networks)}" if networks else "there are none at all"
+        available = f"its models are {', '.join(networks)}" if networks else "there are none at all"
         guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
         train = f"{'choose one of these, or ' if networks else ''}train it with train-gcn, train-implicit, …"
-        way = f"did you mean {guess}?" if guess else train
+        advice = f"did you mean {guess}?" if guess else train
         seed = f"seed-{training_seed}" if training_seed else ""
-        raise StageError(f"{models / seed} has no model {configuration}: {known}; {way}")
+        raise StageError(f"{models / seed} has no model {configuration}: {available}; {advice}")
     return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(network_of(configuration)), device)
 
 
-def _write(out: Path, made: Prediction, surface: Surface) -> list[Path]:
+def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:
     """Write a prediction to one file, or two beside each other."""
-    if (mesh := made.closed) is not None:
-        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, made.metres_per_unit)
+    if (mesh := prediction.closed) is not None:
+        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, prediction.metres_per_unit)
         return [out]
-    if made.reconstruction.is_whole:  # joined already
+    if prediction.reconstruction.is_whole:  # joined already
         surface = "charts"
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
     files = {"charts": {out: write_charts}, "joined": {out: write_joined}}.get(surface, {out: write_charts, beside: write_joined})
     for path, write in files.items():
-        write(path, made.reconstruction, made.metres_per_unit)
+        write(path, prediction.reconstruction, prediction.metres_per_unit)
     return list(files)

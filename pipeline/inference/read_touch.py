@@ -1,4 +1,4 @@
-"""Depth, contact, normals and points that a sensor's network reads in photographs, and the files that hold them."""
+"""Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from pipeline.store.record import named_location
 
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
-"""Of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
+"""Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
-WAY_OUT = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
+REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
 @dataclass(frozen=True, eq=False)
 class TouchReading:
-    """What is read in a photograph.
+    """Depth and contact that are read in a photograph.
 
     Attributes
     ----------
@@ -106,14 +106,14 @@ class TouchReader:
             model = model.with_name(named)
         folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
         if not (folder / DESCRIPTION).is_file():
-            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {WAY_OUT}")
+            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {REMEDY}")
         loaded = load_touch_model(folder, device)
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
         if model is None and (differing := _differing(loaded.sensor, described)):
             raise InvalidInput(
-                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {WAY_OUT}, or name "
+                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
                 f"{folder} there if larger errors do no harm"
             )
         loaded.check_sides(described.rows, described.cols)
@@ -149,8 +149,8 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
         "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
     }
     files = []
-    for what, pixels in pictures.items():
-        files.append(folder / f"{name}-{what}.png")
+    for label, pixels in pictures.items():
+        files.append(folder / f"{name}-{label}.png")
         with io.BytesIO() as content:
             Image.fromarray(pixels).save(content, "PNG")
             write_at_once(files[-1], content.getvalue(), durable=False)

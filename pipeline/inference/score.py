@@ -1,4 +1,4 @@
-"""Scores beside a data directory's own networks: of another method's mesh files or point clouds, and of the network that ships."""
+"""Score another method's mesh files or point clouds, and the network that ships, as a data directory's own networks are."""
 
 from __future__ import annotations
 
@@ -71,9 +71,9 @@ def score(
     if f"scores/{name}" == SHIPPED_SCORES:
         raise InvalidInput(f"--name {name}: that is the network that ships, which `report --shipped` measures; choose another name")
     directory = DataDirectory(data)
-    reads = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
+    inputs = [artifact for artifact in (TOUCH, VISION) if directory.collection(artifact).shards]
     settings = ScoreSettings(**_settings(directory), method=name, files=files_digest(folder), given=grasps, misplaced=misplaced)
-    return _measured(directory, Score(folder, reads), settings, console)
+    return _measured(directory, Score(folder, inputs), settings, console)
 
 
 def files_digest(folder: Path) -> str:
@@ -92,7 +92,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
 
     Returns
     -------
-    What it was not given, and why.
+    The inputs that it was not given, and why.
 
     Raises
     ------
@@ -113,14 +113,14 @@ def score_shipped(data: Place, console: Console) -> list[str]:
 
 
 def _settings(directory: DataDirectory) -> dict[str, Any]:
-    """Choose how surfaces are measured: as the networks' were, if some were evaluated."""
+    """Choose the measuring settings: those of the networks' evaluation if there is one."""
     if exists(directory.folder_record(evaluation_name())):
         settings = read_root(directory.whole_folder(evaluation_name()))["settings"]
-        chosen = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
+        measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
     else:
         points = directory.collection(SURFACES).first.array("points").shape[1]
-        chosen = {"points": min(ScoreSettings.model_fields["points"].default, points)}
-    return chosen | {"closed_resolution": None, "grasps": (1,)}
+        measuring = {"points": min(ScoreSettings.model_fields["points"].default, points)}
+    return measuring | {"closed_resolution": None, "grasps": (1,)}
 
 
 def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, console: Console) -> Plan[FolderOutput]:

@@ -14,14 +14,14 @@ from stages.train_touch.presses import random_presses
 from stages.train_touch.settings import TouchTrainingSettings
 
 PIXELS = 160
-"""Along the longer side of what the network sees, as `simulate-presses` has it."""
+"""Pixels along the longer side of the network's input, as in `simulate-presses`."""
 PRESSES, WATCHED = 1200, 16
-"""To learn from, and to watch the training by."""
+"""Presses to train on, and to validate on."""
 STEPS = 1200
-"""Of the training: of all presses as many times."""
+"""Training steps, for any number of presses."""
 GEL = (0.6, 1.5)
-"""Least and greatest factor of the gel's thickness per press: photographs of balls tell it no better. Much thinner gels meet the object
-where thicker ones only sink beside it, and contact could not be told."""
+"""Least and greatest factor of the gel's thickness per press: photographs of balls do not determine it better. Much thinner gels touch the
+object where thicker ones only sink beside it, and contact would become ambiguous."""
 
 
 def train_sensor_network(
@@ -47,8 +47,10 @@ def train_sensor_network(
     if settings is None:
         settings = TouchTrainingSettings()
         settings = settings.model_copy(update={"epochs": max(1, round(STEPS * settings.batch_size / presses))})
-    seen = resample_longer_side(sensor, PIXELS)
-    training, watched = (random_presses(seen, count, own, gel=GEL) for count, own in ((presses, 2 * seed), (WATCHED, 2 * seed + 1)))
+    network_sensor = resample_longer_side(sensor, PIXELS)
+    training, watched = (
+        random_presses(network_sensor, count, press_seed, gel=GEL) for count, press_seed in ((presses, 2 * seed), (WATCHED, 2 * seed + 1))
+    )
     with tempfile.TemporaryDirectory() as folder:
         network, facts = train_local_network(training, watched, settings, folder=Path(folder), seed=seed)
     return LocalTouchModel(network, training.sensor, training.untouched), facts

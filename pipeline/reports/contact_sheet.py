@@ -1,4 +1,4 @@
-"""A dataset's contact sheets: the best grasps of objects, drawn again only if the shown rows have changed."""
+"""Draw a dataset's contact sheets, the best grasps of objects; they are drawn again only if the shown rows have changed."""
 
 from __future__ import annotations
 
@@ -44,40 +44,40 @@ DRAWN = "contact-sheet.key"
 
 
 class Sheets(WrittenFiles):
-    """The sheets of a data directory; no other file of it is ever replaced or removed."""
+    """The sheets of a data directory; no other file of it is replaced or removed."""
 
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
-def contact_sheets(data: Place, most: int) -> list[Place]:
-    """Draw the best grasp of at most `most` objects, spread evenly over the dataset; return the sheets' paths.
+def contact_sheets(data: Place, max_objects: int) -> list[Place]:
+    """Draw the best grasp of at most `max_objects` objects, spread evenly over the dataset; return the sheets' paths.
 
     Raises
     ------
     StoreError
         An artifact has not been made, or no object came through all stages.
     """
-    collections, shown = _shown(data, most)
-    key = digest.of_json([sources_hash(__name__), shown, [collection.digest() for collection in collections.values()]])
+    collections, object_ids = _choose_objects(data, max_objects)
+    key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
     if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
         with written_to(data) as folder:
-            _draw(collections, shown, folder / "contact-sheet.png")
-            made = Sheets(key=key, files=hashes_of(folder))
-            (folder / DRAWN).write_text(made.model_dump_json())
-            for old in drawn.files.keys() - made.files.keys() if drawn else ():
-                if exists(data / old):
-                    remove(data / old)
-        drawn = made
+            _draw(collections, object_ids, folder / "contact-sheet.png")
+            sheets = Sheets(key=key, files=hashes_of(folder))
+            (folder / DRAWN).write_text(sheets.model_dump_json())
+            for obsolete in drawn.files.keys() - sheets.files.keys() if drawn else ():
+                if exists(data / obsolete):
+                    remove(data / obsolete)
+        drawn = sheets
     return [data / name for name in sorted(drawn.files, key=lambda name: (len(name), name))]  # page 2 before page 10
 
 
-def draw_contact_sheet(data: Place, most: int, path: Path) -> list[Path]:
-    """Draw such a sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors are those of `contact_sheets`."""
-    return _draw(*_shown(data, most), path)
+def draw_contact_sheet(data: Place, max_objects: int, path: Path) -> list[Path]:
+    """Draw a contact sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors as `contact_sheets`."""
+    return _draw(*_choose_objects(data, max_objects), path)
 
 
-def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
+def _choose_objects(data: Place, max_objects: int) -> tuple[dict[str, Collection], list[str]]:
     """Choose the objects to draw."""
     directory = DataDirectory(data)
     collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
@@ -87,7 +87,7 @@ def _shown(data: Place, most: int) -> tuple[dict[str, Collection], list[str]]:
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
         raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
-    return collections, spread_evenly(sound, most)
+    return collections, spread_evenly(sound, max_objects)
 
 
 def _read_drawn(path: Place) -> Sheets | None:
@@ -97,15 +97,15 @@ def _read_drawn(path: Place) -> Sheets | None:
         return None
 
 
-def _draw(collections: Mapping[str, Collection], shown: list[str], path: Path) -> list[Path]:
+def _draw(collections: Mapping[str, Collection], ids: list[str], path: Path) -> list[Path]:
     attributes, grasps = {name: collection.first.attributes for name, collection in collections.items()}, collections["grasps"]
     bands = []
-    with band_maker(attributes) as maker, Meter(errors, "contact sheets", len(shown), "objects", after=1.0) as meter:
-        for object_id in shown:
+    with band_maker(attributes) as maker, Meter(errors, "contact sheets", len(ids), "objects", after=1.0) as meter:
+        for object_id in ids:
             bands.append(maker.band(object_id, {name: c.view(object_id) for name, c in collections.items()}))
             meter.advance()
     title = f"{attributes['grasps']['manifest']} · {grasps.first.record.preset}"
-    note = f"the best grasp of {len(shown)} of {len(grasps)} objects; a filled dot is a touch; mm: deepest point, from the sensor plane"
+    note = f"the best grasp of {len(ids)} of {len(grasps)} objects; a filled dot is a touch; mm: deepest point, from the sensor plane"
     return draw(bands, path, maker.sensors, title=title, note=note)
 
 
@@ -113,7 +113,7 @@ class BandMaker:
     """Make bands for one hand with its sensors in one scene; `band_maker` opens one."""
 
     def __init__(self, renderer: Renderer, *, scene: Scene, hand: Hand, sensors: Sequence[Sensor]) -> None:
-        """Take the hand's shapes into the renderer."""
+        """Add the hand's shapes to the renderer."""
         self.renderer, self.scene, self.hand, self.sensors = renderer, scene, hand, sensors
         self.shapes = [(link, renderer.add(mesh, Label.HAND), mesh) for link, mesh in hand.visual_meshes]
 
@@ -148,17 +148,17 @@ class BandMaker:
         images = {"unoccluded": vision["unoccluded"][0]} | ({"occluded": vision["occluded"][0, 0]} if "occluded" in list(vision) else {})
         size = len(images["unoccluded"])
         with self.grasp_view(rows, 0) as view:
-            held, felt = second_view(self.renderer, self.scene, size, view)
+            grasp_image, touch_image = second_view(self.renderer, self.scene, size, view)
             squeezed = squeeze_view(self.renderer, self.scene, size, view)
         masks = vision["segmentation"][:2, 0] > 0
         return Band(
             title=f"{object_id}, {size_note(rows['surfaces'])}",
             note=grasp_note(grasps, 0),
             pictures=[
-                *((f"{name}{scale}", shown) for name, image in images.items() for shown, scale in [enlarged(image, masks)]),
-                ("from a second side", held),
+                *((f"{name}{scale}", picture) for name, image in images.items() for picture, scale in [enlarged(image, masks)]),
+                ("from a second side", grasp_image),
                 *([] if squeezed is None else [(f"squeeze, motion × {EXAGGERATED}", squeezed)]),
-                ("touch sites", felt),
+                ("touch sites", touch_image),
             ],
             fingers=[mount.name for mount in self.hand.sensors],
             touched=touched,

@@ -37,7 +37,7 @@ MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([
 
 @dataclass(frozen=True)
 class Band:
-    """Hold what a sheet shows of one object in one grasp.
+    """Hold the content of a sheet for one object in one grasp.
 
     Attributes
     ----------
@@ -64,9 +64,9 @@ class Band:
     depths: NDArray[np.float32]
 
 
-def spread_evenly(items: Sequence[T], most: int) -> list[T]:
-    """Choose at most `most` items, spread evenly from the first to the last."""
-    return [items[place] for place in np.linspace(0, len(items) - 1, min(most, len(items))).astype(int)]
+def spread_evenly(items: Sequence[T], limit: int) -> list[T]:
+    """Choose at most `limit` items, spread evenly from the first to the last."""
+    return [items[place] for place in np.linspace(0, len(items) - 1, min(limit, len(items))).astype(int)]
 
 
 def finger_colors(count: int) -> list[Color]:
@@ -75,7 +75,7 @@ def finger_colors(count: int) -> list[Color]:
 
 
 def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
-    """Draw the bands on as many pages as it takes, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
+    """Draw the bands on as many pages as needed, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
 
     Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps' colours.
 
@@ -87,13 +87,13 @@ def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title:
     if not bands:
         raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")
     pages = [bands[start : start + PAGE] for start in range(0, len(bands), PAGE)]
-    written = []
+    files = []
     for number, page in enumerate(pages, start=1):
         file = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
         heading = title if len(pages) == 1 else f"{title}   {number} / {len(pages)}"
         _page(page, sensors, heading, note).save(file, optimize=True)
-        written.append(file)
-    return written
+        files.append(file)
+    return files
 
 
 def depth_colors(depth: NDArray[np.floating], sensor: Sensor) -> NDArray[np.uint8]:
@@ -145,19 +145,19 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
         left += TILE + GAP
 
 
-def enlarged(image: NDArray[np.uint8], shown: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
-    """Cut a camera image (R, C, 3) around what masks (view, R, C) show, if that is less than half as large, and note the factor."""
-    row, col = surroundings(shown)
+def enlarged(image: NDArray[np.uint8], masks: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
+    """Crop a camera image (R, C, 3) to what masks (view, R, C) show, if that is less than half as large, and return the factor as text."""
+    row, col = surroundings(masks)
     side = max(row.stop - row.start, col.stop - col.start)
     return (image[row, col], f", enlarged {image.shape[0] / side:.1f} ×") if 0 < 2 * side <= image.shape[0] else (image, "")
 
 
-def surroundings(shown: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Find the square part of images around what any of these masks (view, row, col) shows; none of nothing."""
-    found = np.argwhere(shown.any(axis=0))
-    if not len(found):
+def surroundings(masks: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Find the square part of images around what any of these masks (view, row, col) shows; it is empty if the masks are."""
+    pixels = np.argwhere(masks.any(axis=0))
+    if not len(pixels):
         return slice(0, 0), slice(0, 0)
-    middle, reach = (found.min(axis=0) + found.max(axis=0)) // 2, int(np.ptp(found, axis=0).max() * 0.6) + 1
+    middle, reach = (pixels.min(axis=0) + pixels.max(axis=0)) // 2, int(np.ptp(pixels, axis=0).max() * 0.6) + 1
     row, col = (slice(max(0, at - reach), at + reach) for at in middle)
     return row, col
 
@@ -182,11 +182,11 @@ def grasp_note(row: Mapping[str, NDArray[Any]], grasp: int) -> str:
     return note
 
 
-def depth_note(touched: bool, least: float) -> str:
-    """Describe the point of a sensor's depth map that is nearest to the sensor plane, at `least` mm."""
-    if not np.isfinite(least):
+def depth_note(touched: bool, nearest: float) -> str:
+    """Describe the point of a sensor's depth map that is nearest to the sensor plane, at `nearest` mm."""
+    if not np.isfinite(nearest):
         return "nothing in range"
-    return f"touch · {least:.1f} mm" if touched else f"no touch · {least:.1f} mm"
+    return f"touch · {nearest:.1f} mm" if touched else f"no touch · {nearest:.1f} mm"
 
 
 def _legend(page: Image.Image, sensor: Sensor) -> None:
@@ -205,9 +205,9 @@ def _legend(page: Image.Image, sensor: Sensor) -> None:
 
 
 def _scaled(image: NDArray[np.uint8], side: int) -> Image.Image:
-    """Scale an image (R, C, 3) into a square, with paper beside it where it is none."""
-    made = Image.fromarray(np.ascontiguousarray(image))
-    return made if made.size == (side, side) else ImageOps.pad(made, (side, side), Image.Resampling.LANCZOS, color=PAPER)
+    """Scale an image (R, C, 3) into a square, with white borders if it is not square."""
+    picture = Image.fromarray(np.ascontiguousarray(image))
+    return picture if picture.size == (side, side) else ImageOps.pad(picture, (side, side), Image.Resampling.LANCZOS, color=PAPER)
 
 
 def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:

@@ -30,10 +30,10 @@ ENTRIES: dict[Kind, set[str]] = {
     "manifest": {"sources", "splits"},
     "observation": {"object", "camera", "touches"},
 }
-"""Entries by which the kinds of description files are told apart."""
+"""Entries that identify the kinds of description files."""
 
 SIZE = 0.5
-"""m, diagonal of the objects that are looked for in the images."""
+"""m, diagonal of an object that must be visible in the images."""
 
 
 def check_file(name: str, picture: Path | None, model: ModelInputs | None = None, meshes: MeshFiles | None = None) -> list[str]:
@@ -46,7 +46,7 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
     picture
         PNG to write; by default NAME.png in the current folder.
     model
-        A model that an observation is given to.
+        A model to check an observation against.
     meshes
         The mesh files that a manifest is checked with.
 
@@ -84,7 +84,7 @@ def is_observation(name: str) -> bool:
 
 
 def _path_of(name: str) -> Path:
-    shipped = {known: kind for kind in ENTRIES for known in shipped_files(kind)}
+    shipped = {file_name: kind for kind in ENTRIES for file_name in shipped_files(kind)}
     path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
@@ -98,13 +98,13 @@ def _kind_of(path: Path) -> str:
         raise InvalidInput(f"{path} cannot be read as YAML: {error}") from error
     matches = {kind: len(entries & set(content)) for kind, entries in ENTRIES.items()} if isinstance(content, dict) else {}
     if not any(matches.values()):
-        known = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
-        raise InvalidInput(f"{path} has no entries of a description file: {known}")
+        hints = "; ".join(f"a{'n' * (kind == 'observation')} {kind} has {', '.join(sorted(entries))}" for kind, entries in ENTRIES.items())
+        raise InvalidInput(f"{path} has no entries of a description file: {hints}")
     return max(matches, key=lambda kind: matches[kind])
 
 
 def _place(file: Path) -> Path:
-    """Resolve the folder of a file; a link is a file of its own."""
+    """Resolve the folder of a file, but not a link to the file."""
     return file.parent.resolve() / file.name
 
 
@@ -137,8 +137,8 @@ def _camera_line(camera: NamedCamera) -> str:
     corners = POSITION + SIZE / 2 / np.sqrt(3) * np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     pixels = project_points(projection_matrix(camera), np.concatenate([POSITION[None], corners]))
     inside = np.all((pixels >= 0) & (pixels < [columns, rows]), axis=1)  # NaN, behind the camera, is not
-    away = np.linalg.norm(np.subtract(camera.position, POSITION))
-    summary = f"{camera.name}: {columns} x {rows} pixels, {away:.2f} m from the object's middle"
+    distance = np.linalg.norm(np.subtract(camera.position, POSITION))
+    summary = f"{camera.name}: {columns} x {rows} pixels, {distance:.2f} m from the object's middle"
     if not inside[0]:
         return f"fault: {summary}, which it does not see; turn it"
     return summary + ("" if inside.all() else f"; corners of a cube with a diagonal of {SIZE} m leave the image")

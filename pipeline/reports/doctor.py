@@ -1,4 +1,4 @@
-"""Check that everything is installed that the stages need, and say how to get what is not."""
+"""Check that everything the stages need is installed, and say how to install what is missing."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ MODULES = ("torch", "pybullet", "trimesh", "embreex", "igl", "numba", "zarr", "p
 
 @dataclass(frozen=True)
 class Check:
-    """Say whether one thing works, and what to do where it does not."""
+    """The result of one check, and the remedy if it failed."""
 
-    what: str
+    subject: str
     ok: bool
     remedy: str = ""
 
 
 def examine() -> Iterator[Check]:
-    """Look at the interpreter, the packages, headless rendering and the graphics card, in that order."""
+    """Check the interpreter, the packages, headless rendering and the graphics card, in that order."""
     version = ".".join(map(str, sys.version_info[:3]))
     yield Check(f"Python {version}", (3, 11) <= sys.version_info < (3, 14), "use Python 3.11, 3.12 or 3.13")
     attempts: list[tuple[str, Callable[[], str], str]]
     attempts = [(f"import {name}", partial(_version, name), "pip install -c constraints.txt -e .") for name in MODULES]
-    for what, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:
+    for subject, action, remedy in [*attempts, ("headless rendering (render-vision only)", _render, f"as root: {APT}")]:
         try:
-            yield Check(f"{what}: {action()}", True)
+            yield Check(f"{subject}: {action()}", True)
         except Exception as error:  # whatever a broken installation raises
-            yield Check(f"{what}: {type(error).__name__}: {error}", False, remedy)
+            yield Check(f"{subject}: {type(error).__name__}: {error}", False, remedy)
     yield Check(f"torch device: {_device()}", True)
 
 
@@ -46,7 +46,7 @@ def _version(name: str) -> str:
 
 def _render() -> str:
     from pipeline.formats.scene_file import load_scene
-    from pipeline.kernels.vision.camera import projection_matrix  # only here: they need what is being checked
+    from pipeline.kernels.vision.camera import projection_matrix  # imported here: they need what is being checked
     from stages.render_vision.renderer import Renderer
 
     scene = load_scene("supplement")

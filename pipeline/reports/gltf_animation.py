@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 STILL = 1e-6
-"""m or matrix entry, by which nodes move less that get no track."""
+"""m or matrix entry; nodes that move less get no track."""
 LENGTH_STEP, TURN_STEP = 2.0**-15, 2.0**-13
 """m and part of a quaternion to which tracks are rounded, 30 µm and at most 0.03°, so that files compress."""
 FLOAT = 5126
@@ -53,7 +53,7 @@ def clip_writer(clips: Sequence[Clip]) -> Callable[[dict[str, bytes], dict[str, 
                     target = {"node": numbers[name], "path": path}
                     animation["channels"].append({"sampler": len(animation["samplers"]), "target": target})
                     animation["samplers"].append({"input": times, "output": output, "interpolation": "LINEAR"})
-                _use_parts(tree["nodes"][numbers[name]])
+                _decompose_pose(tree["nodes"][numbers[name]])
             if animation["channels"]:
                 tree.setdefault("animations", []).append(animation)
 
@@ -61,7 +61,7 @@ def clip_writer(clips: Sequence[Clip]) -> Callable[[dict[str, bytes], dict[str, 
 
 
 def _append(buffers: dict[str, bytes], tree: dict[str, Any], values: NDArray[np.float64], kind: str) -> int:
-    """Append an array (T, K) to the file; its number."""
+    """Append an array (T, K) to the file; return its number."""
     name, stored = f"animation {len(buffers)}", values.astype("<f4")
     buffers[name] = stored.tobytes()
     ends = {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
@@ -76,15 +76,15 @@ def _positions(poses: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _quaternions(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(T, 4) x, y, z, w, each on the side of the one before."""
-    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
-    signs = np.cumprod(np.concatenate([[1.0], np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0)]))
-    rounded = np.round(signs[:, None] * turns / TURN_STEP) * TURN_STEP
+    """Compute (T, 4) quaternions x, y, z, w, each with the sign nearest to the one before."""
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+    signs = np.cumprod(np.concatenate([[1.0], np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0)]))
+    rounded = np.round(signs[:, None] * quaternions / TURN_STEP) * TURN_STEP
     return np.asarray(rounded / np.linalg.norm(rounded, axis=1, keepdims=True))
 
 
-def _use_parts(node: dict[str, Any]) -> None:
-    """Write a node's pose as translation and rotation: glTF animates no matrix."""
+def _decompose_pose(node: dict[str, Any]) -> None:
+    """Write a node's pose as translation and rotation: glTF cannot animate a matrix."""
     if (matrix := node.pop("matrix", None)) is not None:
         pose = np.array(matrix, np.float64).reshape(4, 4).T  # columns first
         node["translation"] = pose[:3, 3].tolist()

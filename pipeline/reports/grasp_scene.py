@@ -1,4 +1,4 @@
-"""An object with its grasps as one glTF scene: object, hand, gels, touched surface, touch charts and predictions, each a node by name."""
+"""Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from pipeline.reports.lift import Lift
 from pipeline.reports.second_view import gel_squares, touch_patch
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
-"""Most faces of an object, of each shape of a hand and of a touched patch where a scene is to be small: as many as a screen shows."""
+"""Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
 
 TEXTURED_FACES = 20_000
-"""Most faces of a textured object there: it keeps its texture; one with more gets the texture's colours at its vertices."""
+"""Most faces with which an object keeps its texture in a small scene; one with more gets the texture's colours at its vertices."""
 
 GRID = 2.0**-15
-"""m to which coordinates are rounded where a scene is to be small: 30 µm, after which files compress to half."""
+"""m to which coordinates are rounded in a small scene: 30 µm, which halves compressed files."""
 
 TEXTURE = 512
-"""Pixels along the longest side of a texture where a scene is to be small; it is written as WebP then."""
+"""Pixels along the longest side of a texture in a small scene, which is written as WebP."""
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
 Scene = Any
@@ -82,7 +82,7 @@ class GraspScenes:
         return scene
 
     def clip(self, rows: Rows, grasp: int, lift: Lift) -> Clip:
-        """Make the animation `grasp-K` of a grasp's lift, of a scene with that grasp: hand, gels, object and what is marked on it move."""
+        """Make the animation `grasp-K` of a grasp's lift: hand, gels, object and the marks on it move."""
         row, name = rows["grasps"], f"grasp-{grasp}"
         frames = forward_kinematics(self.hand, row["hand_pose"][grasp], lift.joint_angles)  # (T, L, 4, 4)
         poses = {f"{name}-hand-{shape}": frames[:, link] for link, shape, _ in self._shapes}
@@ -93,14 +93,12 @@ class GraspScenes:
         return Clip(name, lift.times, poses)
 
     def glb(self, scene: Scene, clips: Sequence[Clip] = ()) -> bytes:
-        """Write a scene as GLB, with animations of its nodes; normals are left to whoever shows it."""
-        known = [
-            Clip(clip.name, clip.times, {node: clip.poses[node] for node in clip.poses if node in scene.graph.nodes}) for clip in clips
-        ]
-        written = scene.export(
-            file_type="glb", include_normals=False, extension_webp=self.small, buffer_postprocessor=clip_writer(known) if known else None
+        """Write a scene as GLB, with animations of its nodes; viewers compute the normals."""
+        kept = [Clip(clip.name, clip.times, {node: clip.poses[node] for node in clip.poses if node in scene.graph.nodes}) for clip in clips]
+        content = scene.export(
+            file_type="glb", include_normals=False, extension_webp=self.small, buffer_postprocessor=clip_writer(kept) if kept else None
         )
-        return bytes(written)
+        return bytes(content)
 
     def _add_grasp(self, scene: Scene, rows: Rows, grasp: int) -> None:
         row = rows["grasps"]
@@ -150,11 +148,11 @@ class GraspScenes:
 
     def _object(self, surface: Mapping[str, np.ndarray]) -> list[trimesh.Trimesh]:
         mesh = read_mesh(surface)
-        most = TEXTURED_FACES if mesh.look.textures else OBJECT_FACES
-        if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= most):
+        max_faces = TEXTURED_FACES if mesh.look.textures else OBJECT_FACES
+        if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= max_faces):
             side = TEXTURE if self.small else None
             return [_of_material(mesh, material, side) for material in np.unique(mesh.look.face_material)]
-        vertices, faces = _simplified(*_merged(mesh), most) if self.small else (mesh.vertices, mesh.faces)
+        vertices, faces = _simplified(*_merged(mesh), max_faces) if self.small else (mesh.vertices, mesh.faces)
         painted = _vertex_colors(mesh)[cKDTree(mesh.vertices).query(vertices)[1]]
         return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
 
@@ -164,38 +162,38 @@ def _empty() -> Scene:
 
 
 def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join the vertices of a mesh that are at one place, so that simplifying it opens no seam."""
+    """Merge vertices of a mesh that coincide, so that simplifying it opens no seam."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     return vertices, number.reshape(-1)[mesh.faces]
 
 
-def _simplified(vertices: NDArray[Any], faces: NDArray[Any], most: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Simplify a mesh to about `most` faces by quadric error; less haste keeps shapes of many parts, with more faces where it must."""
-    if len(faces) <= most:
+def _simplified(vertices: NDArray[Any], faces: NDArray[Any], max_faces: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Simplify a mesh to about `max_faces` faces by quadric error; less `haste` preserves shapes of many parts, with more faces."""
+    if len(faces) <= max_faces:
         return vertices, faces
     simplify: Any = fast_simplification.simplify
-    fewer: tuple[NDArray[Any], NDArray[Any]] = simplify(vertices.astype(np.float32), faces, target_count=most, agg=haste)
+    fewer: tuple[NDArray[Any], NDArray[Any]] = simplify(vertices.astype(np.float32), faces, target_count=max_faces, agg=haste)
     return fewer
 
 
 def _of_material(mesh: Mesh, material: int, side: int | None) -> trimesh.Trimesh:
     """Take the faces of one material, with its colour and texture, this no larger than `side` pixels."""
     look, faces = mesh.look, mesh.faces[mesh.look.face_material == material]
-    used, corners = np.unique(faces, return_inverse=True)
+    used_vertices, corners = np.unique(faces, return_inverse=True)
     texture, image = look.material_texture[material], None
     if texture >= 0:
         image = Image.fromarray(look.textures[texture]).convert("RGB")
         if side is not None:
             image.thumbnail((side, side))
-    shown = _visual.material.PBRMaterial(
+    surface = _visual.material.PBRMaterial(
         baseColorFactor=_linear(look.base_color[material][None])[0],
         baseColorTexture=image,
         metallicFactor=0.0,
         roughnessFactor=0.7,
         doubleSided=True,
     )
-    visual = _visual.TextureVisuals(uv=look.uv[used] if image else None, material=shown)
-    return trimesh.Trimesh(mesh.vertices[used], corners.reshape(-1, 3), visual=visual, process=False)
+    visual = _visual.TextureVisuals(uv=look.uv[used_vertices] if image else None, material=surface)
+    return trimesh.Trimesh(mesh.vertices[used_vertices], corners.reshape(-1, 3), visual=visual, process=False)
 
 
 def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
@@ -205,10 +203,10 @@ def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
     material[mesh.faces] = look.face_material[:, None]
     colors = look.base_color[material].astype(float)
     for number, texture in enumerate(look.textures):
-        wears = look.material_texture[material] == number
+        painted = look.material_texture[material] == number
         rows, cols = texture.shape[:2]
-        u, v = (look.uv[wears] % 1).T
-        colors[wears] *= texture[((1 - v) * (rows - 1)).astype(int), (u * (cols - 1)).astype(int)] / 255
+        u, v = (look.uv[painted] % 1).T
+        colors[painted] *= texture[((1 - v) * (rows - 1)).astype(int), (u * (cols - 1)).astype(int)] / 255
     if look.vertex_color is not None:
         colors *= look.vertex_color / 255
     return colors.astype(np.uint8)

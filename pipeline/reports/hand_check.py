@@ -1,4 +1,4 @@
-"""The check of a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
+"""Check a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ FAR_PALM = 2.0
 """A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
 
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
-"""Title, and the axes of the root link that go right, up and towards the eye."""
+"""Title, and the axes of the root link that point right, up and towards the viewer."""
 
 MAX_TRIANGLES = 20_000
 """Per link and picture; the others are left out."""
 
 HOLLOW = 2e-3
-"""m, depth from which a hollow that a convex shape fills is named: more than a gel is pressed in."""
+"""m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in."""
 
 RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
-"""Of links that overlap, and of others, where they face the eye."""
+"""Colours of links that overlap, and of others, where they face the viewer."""
 
 ARROW = 0.15
-"""Length of the palm's arrow, and of the longest way of a sensor, as a share of the hand's."""
+"""Length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size."""
 
 STEP = 0.05
-"""Share of every joint's range by which the closing directions look ahead."""
+"""Share of every joint's range by which joints move to find the closing directions."""
 
 
 def check_hand(path: Path, picture: Path) -> list[str]:
@@ -95,21 +95,21 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
     """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
     gap = finger_gap(hand)
     postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=gap)
-    stuck = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=gap)]
-    bare = [
+    blocked = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=gap)]
+    shapeless = [
         f"fault: no link of {finger.name} has a collision shape"
         for finger in hand.fingers
         if not any(hand.links[link].collisions for link in finger.links)
     ]
     rest = np.clip(0.0, hand.lower, hand.upper)
-    way = closing_directions(hand, rest)
+    closing = closing_directions(hand, rest)
     on_fingers = {sensor for finger in hand.fingers for sensor in finger.sensors}
     still = [
         f"fault: the sensor {mount.name} hardly moves along its normal as its finger closes; is the normal outward, and the link the tip?"
         for number, mount in enumerate(hand.sensors)
-        if number in on_fingers and np.linalg.norm(way[number]) < MIN_TRAVEL
+        if number in on_fingers and np.linalg.norm(closing[number]) < MIN_TRAVEL
     ]
-    return [*stuck, *bare, *still, *_far_palm(hand)]
+    return [*blocked, *shapeless, *still, *_far_palm(hand)]
 
 
 def _unusable_shapes(hand: Hand) -> list[str]:
@@ -124,13 +124,14 @@ def _unusable_shapes(hand: Hand) -> list[str]:
 def _far_palm(hand: Hand) -> list[str]:
     """Detect a palm far from the fingers, such as the base of an arm."""
     places = sensor_places(hand)
-    away = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
-    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
-    if len(hand.sensors) < 2 or away <= FAR_PALM * apart:
+    nearest = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
+    farthest = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
+    if len(hand.sensors) < 2 or nearest <= FAR_PALM * farthest:
         return []
     return [
-        f"fault: no sensor comes nearer to the palm's centre than {1e3 * away:.0f} mm, and sensors are at most {1e3 * apart:.0f} mm apart; "
-        f"is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its frame?"
+        f"fault: no sensor comes nearer to the palm's centre than {1e3 * nearest:.0f} mm, and sensors are at most "
+        f"{1e3 * farthest:.0f} mm apart; is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its "
+        "frame?"
     ]
 
 
@@ -141,7 +142,7 @@ def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
 
 
 def _convex_notes(hand: Hand) -> list[str]:
-    """Say what the convex shapes in place of collision meshes lose, and the hollows that they fill."""
+    """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
     links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
     meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
     with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
@@ -151,12 +152,13 @@ def _convex_notes(hand: Hand) -> list[str]:
             meter.advance()
     if not measured:
         return []
-    found = measured.values()
+    convex_errors = measured.values()
     notes = [
-        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: {sum(one.faces for one in found)} faces became "
-        f"{sum(one.kept for one in found)}, and {1e3 * max(one.lost for one in found):.2f} mm is the most that any of them lost"
+        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: "
+        f"{sum(error.faces for error in convex_errors)} faces became {sum(error.kept for error in convex_errors)}, and "
+        f"{1e3 * max(error.lost for error in convex_errors):.2f} mm is the most that any of them lost"
     ]
-    deep = sorted((name for name, one in measured.items() if one.filled > HOLLOW), key=lambda name: -measured[name].filled)
+    deep = sorted((name for name, error in measured.items() if error.filled > HOLLOW), key=lambda name: -measured[name].filled)
     if deep:
         depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
         notes.append(
@@ -187,14 +189,14 @@ def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[in
     red = {link for pair in overlaps for link in pair}
     colors = np.array(finger_colors(len(poses))) / 255
     gels = [[transform_points(pose, line) for line in gel_lines(sensor)] for pose, sensor in zip(poses, sensors, strict=True)]
-    triangles, normals, own = _triangles(hand, frames, red)
+    triangles, normals, base_colors = _triangles(hand, frames, red)
     size = np.ptp(np.concatenate([triangles.reshape(-1, 3), *(line for lines in gels for line in lines)]), axis=0)
     arrow = ARROW * float(size.max())
     closing *= arrow / max(float(np.linalg.norm(closing, axis=1).max(initial=0.0)), 1e-12)
     figure = Figure(figsize=(18, 7), layout="constrained")
-    wide = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
-    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=wide), VIEWS.items(), strict=True):
-        order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), own * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
+    proportions = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
+    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=proportions), VIEWS.items(), strict=True):
+        order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), base_colors * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
         axes.add_collection(
             PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
         )
@@ -227,7 +229,7 @@ def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
 
 
 def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute how far each sensor goes along its normal from a posture (J,), by its finger's joints together.
+    """Compute how far each sensor moves along its normal from a posture (J,), by its finger's joints together.
 
     Returns
     -------

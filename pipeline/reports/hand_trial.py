@@ -1,4 +1,4 @@
-"""A short trial of a hand: a few attempts at a grasp of a ball, with the reasons of those that fail."""
+"""Try a hand: attempt a few grasps of a ball, and list the reasons of those that fail."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from stages.simulate_grasps.touch_plan import TouchPlanner
 
 ATTEMPTS = 10
 SHARE = 0.5
-"""Of how far the hand opens, the ball's diameter."""
+"""Diameter of the ball, as a share of the hand's opening."""
 
 NO_ROOM = "the hand found no room around the ball"
 PALM = "let palm.facing and palm.centre of the hand file point to where an object lies; the picture draws them"
@@ -44,31 +44,31 @@ def trial_grasps(path: Path) -> list[str]:
 
     Returns
     -------
-    Lines: how many attempts are grasps, and with how many touches; why the others are none. A fault if none is one.
+    Lines: how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
     """
     settings = GraspSettings(hand=str(path))
     prepared = prepare_hand(settings)
     radius = SHARE * opening(prepared.hand) / 2
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
     ball = Mesh.bare(POSITION + radius * sphere.vertices, np.asarray(sphere.faces))
-    thing = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
+    prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
     with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
         physics.load(ball)
-        search = GraspSearch(prepared, thing, physics, settings, TouchPlanner(prepared, thing, settings))
+        search = GraspSearch(prepared, prepared_ball, physics, settings, TouchPlanner(prepared, prepared_ball, settings))
         grasps = []
         for number in range(ATTEMPTS):
             grasps.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
             meter.advance()
     touches = [int(grasp.touched.sum()) for grasp in grasps if grasp is not None and grasp.sound]
     reasons = Counter(NO_ROOM if grasp is None else grasp.fault for grasp in grasps if grasp is None or grasp.fault)
-    tried = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
+    summary = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
     if touches:
-        tried += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
-    lines = [tried, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
+        summary += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"
+    lines = [summary, *(f"trial: {count} failed: {reason}" for reason, count in reasons.most_common())]
     if not touches:
         worst = str(reasons.most_common(1)[0][0])
-        way = next(way for reason, way in REMEDIES.items() if worst.startswith(reason))
-        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {way}")
+        remedy = next(remedy for reason, remedy in REMEDIES.items() if worst.startswith(reason))
+        lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {remedy}")
     elif not any(touches):
         on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
         lines.append(f"trial: {NEARER}" if on_palm else f"fault: no sensor touches the ball; {PALM}")

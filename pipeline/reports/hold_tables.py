@@ -11,22 +11,22 @@ from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import Tally
 
 SIZES = 5
-"""Bins of size at most; each has its share of the objects, but for the last."""
+"""Maximum number of size bins; each but the last has an equal share of the objects."""
 MIN_RATIO, SAME = 1.05, 1 + 1e-6
-"""Of a bin's lower end to that of the bin before, at least; and of sizes that are one, as of objects that were scaled."""
+"""Least ratio of the lower ends of successive bins; and ratio up to which sizes are equal, as those of objects scaled to one size."""
 DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
-"""Of gravity, as in `held_directions`."""
+"""Directions of gravity, as in `held_directions`."""
 
 
 def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
     """Make the tables, beside the touches, of the tallies by class; none for a dataset whose grasps were not tested."""
-    everything = Tally.joined(tallies.values())
-    if not everything.lifted:
+    total = Tally.joined(tallies.values())
+    if not total.lifted:
         return []
-    by_size = [(name, everything.part(numbers)) for name, numbers in size_bins(np.array(everything.diagonals)).items()]
-    parts = {"class": [*tallies.items(), ("all", everything)], "diagonal": by_size}
+    by_size = [(name, total.part(numbers)) for name, numbers in size_bins(np.array(total.diagonals)).items()]
+    parts = {"class": [*tallies.items(), ("all", total)], "diagonal": by_size}
     titles = {"class": "Kept grasps that hold the object, by class", "diagonal": "The same, by the diagonal of the object's bounding box"}
-    return [_table(titles[first], first, entries, by_direction=bool(everything.directions)) for first, entries in parts.items()]
+    return [_table(titles[grouping], grouping, entries, by_direction=bool(total.directions)) for grouping, entries in parts.items()]
 
 
 def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
@@ -34,23 +34,23 @@ def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
 
     Returns
     -------
-    Numbers of the objects of each bin, by its name, from small to large.
+    Object numbers by bin name, from small to large.
     """
-    least, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
+    min_count, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
     for number in np.argsort(diagonals, kind="stable").tolist():
         size = diagonals[number]
-        if bins and (len(bins[-1]) < least or size < MIN_RATIO * diagonals[bins[-1][0]] or size <= SAME * diagonals[bins[-1][-1]]):
+        if bins and (len(bins[-1]) < min_count or size < MIN_RATIO * diagonals[bins[-1][0]] or size <= SAME * diagonals[bins[-1][-1]]):
             bins[-1].append(number)
         else:
             bins.append([number])
     named: dict[str, NDArray[np.intp]] = {}
-    for own in bins:
-        low, high = (f"{100 * diagonals[number]:.3g}" for number in (own[0], own[-1]))
-        named[f"{low} cm" if low == high else f"{low} to {high} cm"] = np.array(own)
+    for members in bins:
+        low, high = (f"{100 * diagonals[number]:.3g}" for number in (members[0], members[-1]))
+        named[f"{low} cm" if low == high else f"{low} to {high} cm"] = np.array(members)
     return named
 
 
-def _table(title: str, first: str, entries: Sequence[tuple[str, Tally]], *, by_direction: bool) -> Table:
+def _table(title: str, grouping: str, entries: Sequence[tuple[str, Tally]], *, by_direction: bool) -> Table:
     """Tabulate parts of a dataset."""
     rows = []
     for name, entry in entries:
@@ -60,6 +60,6 @@ def _table(title: str, first: str, entries: Sequence[tuple[str, Tally]], *, by_d
             directions = np.concatenate(entry.directions)
             cells += [100 * float(directions.all(axis=1).mean()), *(100 * directions.mean(axis=0)).tolist()]
         rows.append(Row([name, *cells]))
-    columns = [first, "objects", "grasps", "touches per grasp", "% that hold", *(("% in all", *DIRECTIONS) if by_direction else ())]
+    columns = [grouping, "objects", "grasps", "touches per grasp", "% that hold", *(("% in all", *DIRECTIONS) if by_direction else ())]
     formats = ["", "", "", ".2f", ".1f", *([".1f"] * 7 if by_direction else ())]
     return Table(title, columns, rows, formats)

@@ -1,4 +1,4 @@
-"""The report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
+"""Write the report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
 
 from __future__ import annotations
 
@@ -47,16 +47,16 @@ ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
 UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
-"""Units that a line of text does not begin with."""
+"""Units that are kept on the line of their number."""
 
 CARDS = 8
 """Objects on the first page."""
 
 
-def write_report(data: Place, console: Console, most: int = 10) -> Place:
+def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
     """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
 
-    A figure shows at most `most` reconstructions.
+    A figure shows at most `max_objects` reconstructions.
 
     Returns
     -------
@@ -84,28 +84,28 @@ def write_report(data: Place, console: Console, most: int = 10) -> Place:
         paper = has_paper_sizes(data)
         tables = touch_tables(tally(data), sensors_of(data), paper=paper)
         plots = _plots(source, objects, folder, paper)
-        some = spread_evenly(cards, CARDS)
+        first_cards = spread_evenly(cards, CARDS)
         hero, tiles = _overview(source, folder), _tiles(source)
-        _write(source, folder, "index.html", hero=hero, cards=some, tables=tables, plots=plots, tiles=tiles, **common)
+        _write(source, folder, "index.html", hero=hero, cards=first_cards, tables=tables, plots=plots, tiles=tiles, **common)
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
-        _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", most))
+        _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", max_objects))
         _write(source, folder, "results.html", **_results(source, folder), trades=_trades(source, folder))
         _write(source, folder, "about.html", **_about(source))
-        others = {name: written for name, written in hashes_of(folder).items() if not name.startswith("objects/")}
-        pages = Pages(objects=objects, files=others)
+        other_files = {name: sha256 for name, sha256 in hashes_of(folder).items() if not name.startswith("objects/")}
+        pages = Pages(objects=objects, files=other_files)
         (folder / WRITTEN).write_text(pages.model_dump_json())
-        for old in before.every_file().keys() - pages.every_file().keys():
-            if exists(report / old):
-                remove(report / old)
+        for obsolete in before.every_file().keys() - pages.every_file().keys():
+            if exists(report / obsolete):
+                remove(report / obsolete)
     return report / "index.html"
 
 
-def _write_objects(source: ReportSource, folder: Path, console: Console, written: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
-    """Write the pages of objects that changed since the last report, or whose files there did; return the cards of all objects."""
+def _write_objects(source: ReportSource, folder: Path, console: Console, previous: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
+    """Write the pages of objects that changed since the last report, or whose report files changed; return the cards of all objects."""
     template = _environment().get_template("object.html.j2")
     common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
-    whole = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
+    shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = [source.directory.folder(name).files for name in source.measured]
     ids = source.object_ids
     cards = {}
@@ -113,8 +113,8 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
         pages = ObjectPages(source, template, folder / "objects", opened)
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
             split = source.collections["surfaces"].row(object_id).split  # which no digest contains
-            key = digest.of_json([whole, evaluated, source.digests(object_id), split, before, after, common["name"]])
-            if (card := written.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
+            key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
+            if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
                 card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
             cards[object_id] = card
             meter.advance()
@@ -124,7 +124,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, written
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_shown
+        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_escaped
     )
     environment.filters["units"] = _with_units
     return environment
@@ -135,7 +135,7 @@ def _with_units(text: str) -> Markup:
     return Markup(re.sub(rf"(?<=[0-9]) (?=(?:{UNITS})\b|[%°×])", "&nbsp;", str(escape(visible(text)))))
 
 
-def _shown(value: Any) -> Any:
+def _escaped(value: Any) -> Any:
     """Show the control characters of names and reasons as codes, so that a browser does not obey them."""
     return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
 
@@ -161,17 +161,17 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     ]
 
 
-def _counted(number: int, what: str, share: str = "") -> tuple[str, str]:
-    """Make a tile: a number, and of what."""
-    return str(number), pluralise(number, what).partition(" ")[2] + share
+def _counted(number: int, noun: str, share: str = "") -> tuple[str, str]:
+    """Make a tile: a number, and what it counts."""
+    return str(number), pluralise(number, noun).partition(" ")[2] + share
 
 
 def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
-    """Draw the pictures of the first page, of an object of the better half of those that were evaluated, if there are any."""
+    """Draw the pictures of the first page, of an object from the better half of the evaluated ones, if there are any."""
     ranked = source.evaluation.ranked(source.evaluation.configurations) if source.evaluation else []
     reconstructed = [name for name in ranked if name in source.object_ids]
-    shown = spread_evenly(reconstructed[: -(-len(reconstructed) // 2)] or source.object_ids, CANDIDATES)
-    object_id, grasp = clearest_grasp(source, shown, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
+    candidates = spread_evenly(reconstructed[: -(-len(reconstructed) // 2)] or source.object_ids, CANDIDATES)
+    object_id, grasp = clearest_grasp(source, candidates, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
     pictures = []
     for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
         name = f"figures/overview-{number}.webp"
@@ -209,27 +209,27 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
         file = f"figures/learning-{name}.svg"
         draw_curves(*training_losses(directory.whole_folder(place)), folder / file)
         curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
-    return {"summary": _summary(source, folder), "groups": _folded(tables), "curves": curves}
+    return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
 
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
-    """Say what the results are, and draw the error by what is given."""
+    """Summarise the results, and draw the error by what networks are given."""
     evaluated, scored = ([source.directory.whole_folder(name) for name in names] for names in (source.evaluated, source.scored))
-    shown = [*evaluated[:1], *scored]
-    if not shown or (found := summarise(shown[0], shown[1:], evaluated[1:])) is None:
+    folders = [*evaluated[:1], *scored]
+    if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
         return None
     file = "figures/errors.svg"
-    draw_errors(folder / file, found.errors, found.retrieved, GIVEN, "mean distance, mm")
-    said = [
+    draw_errors(folder / file, summary.errors, summary.retrieved, GIVEN, "mean distance, mm")
+    series_texts = [
         f"{series}: {', '.join(f'{way} {error.mean:.1f}' for way, error in of_series.items())}"
-        for series, of_series in found.errors.items()
+        for series, of_series in summary.errors.items()
     ]
     caption = "Error with one grasp by what is given, with 95 % intervals over objects."
-    return {"sentences": found.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(said)}", "caption": caption}
+    return {"sentences": summary.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(series_texts)}", "caption": caption}
 
 
-def _folded(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
-    """Give each table the lines of text that stand before it; those after the last one are its own too."""
+def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
+    """Group each table with the lines of text before it; lines after the last table belong to that table."""
     groups: list[tuple[Table, list[str]]] = []
     lines: list[str] = []
     for table in tables:
@@ -244,7 +244,7 @@ def _folded(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
 
 
 def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
-    """Draw the measured trades of speed for accuracy, which lie on this machine's disk if anywhere."""
+    """Draw the measured trades of speed for accuracy, if the data directory is on a disk."""
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
     return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
 

@@ -1,4 +1,4 @@
-"""What of each scene was not computed, because nothing in the dataset depends on it."""
+"""Count what was not computed of each scene because nothing in the dataset depends on it."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ def left_out_table(source: ReportSource) -> Table:
 
     Returns
     -------
-    A row for each kind of thing: how many there are, how many were left out, in %, and why.
+    A row per kind: how many there are, how many were left out, in %, and why.
     """
-    chosen = spread_evenly(source.object_ids, OBJECTS)
-    there, used = Counter[str](), Counter[str]()
-    for name in chosen:
+    object_ids = spread_evenly(source.object_ids, OBJECTS)
+    total, used = Counter[str](), Counter[str]()
+    for name in object_ids:
         rows, sensors = source.rows(name), source.sensors()
         mesh = read_mesh(rows["surfaces"])
         faces = box_faces(mesh.triangles)
-        near = [
+        faces_per_sensor = [
             cull_faces(faces, pose, sensor).shape[2]
             for grasp in rows["grasps"]["sensor_pose"]
             for pose, sensor in zip(grasp, sensors, strict=True)
         ]
-        there["faces before a sensor"] += len(near) * len(mesh.faces)
-        used["faces before a sensor"] += sum(near)
-        there["sensors"] += len(near)
-        used["sensors"] += sum(count > 0 for count in near)
-        there["attempts at a grasp"] += max(
-            int(source.attributes("grasps")["settings"].get("attempts", 0)), made := int(rows["grasps"]["attempts"])
+        total["faces before a sensor"] += len(faces_per_sensor) * len(mesh.faces)
+        used["faces before a sensor"] += sum(faces_per_sensor)
+        total["sensors"] += len(faces_per_sensor)
+        used["sensors"] += sum(count > 0 for count in faces_per_sensor)
+        total["attempts at a grasp"] += max(
+            int(source.attributes("grasps")["settings"].get("attempts", 0)), attempts := int(rows["grasps"]["attempts"])
         )
-        used["attempts at a grasp"] += made
-        there["materials"] += len(mesh.look.base_color)
+        used["attempts at a grasp"] += attempts
+        total["materials"] += len(mesh.look.base_color)
         used["materials"] += len(faces_by_material(mesh.look))
-        there["texels"] += sum(texture.shape[0] * texture.shape[1] for texture in mesh.look.textures)
+        total["texels"] += sum(texture.shape[0] * texture.shape[1] for texture in mesh.look.textures)
         used["texels"] += sum(small.shape[0] * small.shape[1] for small in map(shrink_texture, mesh.look.textures))
-    table = [Row([what, there[what], 100 * (1 - used[what] / there[what]) if there[what] else 0.0, why]) for what, why in REASONS.items()]
-    return Table(f"counted on {', '.join(chosen)}", ["", "there are", "left out, %", "because"], table, ["", ",", ".3g", ""])
+    table = [Row([kind, total[kind], 100 * (1 - used[kind] / total[kind]) if total[kind] else 0.0, why]) for kind, why in REASONS.items()]
+    return Table(f"counted on {', '.join(object_ids)}", ["", "there are", "left out, %", "because"], table, ["", ",", ".3g", ""])
 
 
 REASONS = {

@@ -1,4 +1,4 @@
-"""Lifts of stored grasps, to be watched: the fingers close, the object is let go, and physics moves both."""
+"""Simulate lifts of stored grasps for animations: the fingers close, the object is released, and physics moves both."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from pipeline.physics.hold_test import HoldTest
 from pipeline.physics.motion import Motion
 
 CLOSING_SECONDS, CLOSING_FRAMES = 0.8, 9
-"""s from the pre-grasp to the grasp, in which the object does not move: so the stage closes the fingers."""
+"""s from the pre-grasp to the grasp, in which the object does not move, as in the stage."""
 FALL = 0.1
-"""m that the object may move before the lift ends: a fall is seen, not only that it begins."""
+"""m that the object may move before the lift ends: enough to see the fall, not only its start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class Lift:
     held
         Whether it passes the lift of `GRASP_TESTS`.
     note
-        What happened, for a reader.
+        Description of what happened.
     """
 
     times: NDArray[np.float64]
@@ -57,22 +57,22 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
     Notes
     -----
     Each begins with a newly loaded object, so that it is the same every time. The stage tests one grasp after the other, and PyBullet
-    remembers contacts (`HoldTest.hold`): of 100 grasps some two end otherwise here than `held` says.
+    remembers contacts (`HoldTest.hold`): of 100 grasps about two end differently here than `held` says.
     """
     if "squeeze_angles" not in set(grasps):
         return []
     mesh, points = read_mesh(surface), surface["points"].astype(np.float64)
-    made = []
+    results = []
     for grasp in read_grasps(grasps, surface, sensors):
         test.load(mesh, points)
-        made.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
-    return made
+        results.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
+    return results
 
 
 def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
-    """Put the closing before the motion, as far as its numbers are finite."""
-    known = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
-    count = int(known.argmin()) if not known.all() else len(motion.poses)
+    """Put the closing before the motion, and cut the motion at the first number that is not finite."""
+    finite = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
+    count = int(finite.argmin()) if not finite.all() else len(motion.poses)
     poses = motion.poses[:count]
     share = np.linspace(0, 1, CLOSING_FRAMES)[:-1, None]
     closing = (1 - share) * grasp.pregrasp + share * grasp.joint_angles
@@ -83,11 +83,13 @@ def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
     rule = GRASP_TESTS["lift"]
     held = motion.moved <= rule.moved
     seconds = motion.interval * (count - 1)
-    way = f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"
+    description = (
+        f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"
+    )
     return Lift(
         times=np.concatenate([CLOSING_SECONDS * share[:, 0], CLOSING_SECONDS + motion.interval * np.arange(count)]),
         joint_angles=np.concatenate([closing, motion.joint_angles[:count]]),
         object_motion=np.concatenate([still, moved]),
         held=held,
-        note=f"It {'stays' if held else 'slips'}: it {way} in {seconds:.2f} s.",
+        note=f"It {'stays' if held else 'slips'}: it {description} in {seconds:.2f} s.",
     )

@@ -1,4 +1,4 @@
-"""The check of a manifest: each object's size, unit, faces and textures, and what is wrong with it, before anything is made of it."""
+"""Check a manifest: each object's size, unit, faces and textures, and its faults, before any stage runs."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from stages.sample_surfaces.stage import SampleSurfaces, missing_remarks, normal
 LISTED = 50
 """Objects, faults or categories that are listed one by one."""
 USUAL = (0.01, 2.0)
-"""m, diagonals of what hands grasp: others make one ask for the unit."""
+"""m, diagonals of objects that hands grasp; others raise doubt about the unit."""
 DRAWN, PER_ROW, PIXELS = 12, 6, 200
-"""Objects that are drawn, spread evenly by size, as the camera sees them: how many, how many side by side, and the pixels of each."""
+"""Objects that are drawn, spread evenly by size, as the camera sees them: their number, number per row, and pixels of each."""
 LIKELY = (0.03, 0.6)
-"""m, diagonals that make a unit likely."""
+"""m, diagonals at which a unit is likely."""
 SCALED = "none: scaled"
 QUANTILES = {"smallest": 0.0, "5 % are smaller": 0.05, "half are smaller": 0.5, "95 % are smaller": 0.95, "largest": 1.0}
 
 
 @dataclass(frozen=True)
 class CheckedObject:
-    """What was read of an object.
+    """Facts that were read of an object.
 
     Attributes
     ----------
     name
         Its id.
     unit
-        Of its file, and who states it.
+        Unit of its file, and its source.
     real_size
         Whether there is a unit, which keeps the size.
     sides, diagonal
-        Of its bounding box as it will be, m; x, y and z up.
+        Of its final bounding box, m; x, y and z up.
     in_file
         The diagonal in the unit of its file.
     faces, watertight
@@ -60,7 +60,7 @@ class CheckedObject:
     textures
         How many there are.
     missing
-        Files with textures or materials that it names and that are not there.
+        Files with textures or materials that it names and that are missing.
     """
 
     name: str
@@ -76,7 +76,7 @@ class CheckedObject:
 
     @property
     def doubt(self) -> str | None:
-        """Ask for the unit, if the size is unusual."""
+        """A warning about the unit, if the size is unusual."""
         if not self.real_size or USUAL[0] <= self.diagonal <= USUAL[1]:
             return None
         likely = likely_units(self.in_file)
@@ -97,7 +97,7 @@ class CheckedObject:
 
 @dataclass(frozen=True)
 class MeshFiles:
-    """State the folder of a manifest's mesh files, their unit and up-axis, where the manifest's are not meant."""
+    """The folder of a manifest's mesh files, their unit and up-axis, where they replace the manifest's."""
 
     root: Path | None = None
     units: str | None = None
@@ -124,32 +124,32 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     Raises
     ------
     InvalidInput
-        Of the manifest, or its folders.
+        The manifest or its folders cannot be used.
     """
     manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
     objects = manifest.objects(meshes.root)
-    read, faults = list[CheckedObject](), list[str]()
+    checked, faults = list[CheckedObject](), list[str]()
     with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
         for item in objects:
             try:
-                read.append(read_object(item, "--units" if meshes.units else "manifest"))
+                checked.append(read_object(item, "--units" if meshes.units else "manifest"))
             except (InvalidInput, OSError) as error:
                 faults.append(f"fault: {item.object_id}: {error}")
             meter.advance()
-    read.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
+    checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
     sources = {item.object_id: item.source for item in objects}
-    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(read, DRAWN)}, picture)
+    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
         f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
         *_categories(objects),
         *manifest.remarks(meshes.root),
-        *_tables(read),
+        *_tables(checked),
         *_first(faults),
-        *_first([doubt for item in read if (doubt := item.doubt)]),
-        *missing_remarks({item.name: abbreviate(item.missing) for item in read if item.missing}),
+        *_first([doubt for item in checked if (doubt := item.doubt)]),
+        *missing_remarks({item.name: abbreviate(item.missing) for item in checked if item.missing}),
         *SampleSurfaces().notes(SurfaceSettings(), objects),
-        *_scaled([item.in_file for item in read if item.unit == SCALED]),
+        *_scaled([item.in_file for item in checked if item.unit == SCALED]),
         f"picture: {picture}",
     ]
 
@@ -184,33 +184,33 @@ def read_object(item: Object, stated_by: str) -> CheckedObject:
 
 
 def _unit(file: Path, metres: float | None, stated_by: str) -> str:
-    """Name the unit of a file, and who states it."""
+    """Name the unit of a file, and its source."""
     if metres is None:
         return SCALED
-    stated = stated_units(file)[0]
-    if stated == metres:
-        return f"{_sign(metres)}, its file"
-    return f"{_sign(metres)}, {stated_by}" + (f" (its file: {_sign(stated)})" if stated else "")
+    stated_metres = stated_units(file)[0]
+    if stated_metres == metres:
+        return f"{_unit_symbol(metres)}, its file"
+    return f"{_unit_symbol(metres)}, {stated_by}" + (f" (its file: {_unit_symbol(stated_metres)})" if stated_metres else "")
 
 
-def _sign(metres: float) -> str:
+def _unit_symbol(metres: float) -> str:
     return next((sign for sign, value in METRES.items() if value == metres), f"{metres:g} m")
 
 
-def _tables(read: Sequence[CheckedObject]) -> Iterator[str]:
+def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
     """List the objects by size; where there are too many, the sizes' quantiles, and objects of unusual sizes or without their textures."""
-    if len(read) > LISTED:
-        places = [round(share * (len(read) - 1)) for share in QUANTILES.values()]
+    if len(checked) > LISTED:
+        places = [round(share * (len(checked) - 1)) for share in QUANTILES.values()]
         rows = [
-            Row([label, read[place].diagonal, read[place].in_file, read[place].faces, read[place].name])
+            Row([label, checked[place].diagonal, checked[place].in_file, checked[place].faces, checked[place].name])
             for label, place in zip(QUANTILES, places, strict=True)
         ]
         yield from table_lines(Table("", ("by size", "diagonal, m", "in its file", "faces", "object"), rows, ("", ".3g", ".3g", "", "")))
-        read = [item for item in read if item.doubt or item.missing]
-    if read:
-        yield from table_lines(Table("", COLUMNS, [item.row for item in read[:LISTED]]))
-    if len(read) > LISTED:
-        yield f"and {len(read) - LISTED} more"
+        checked = [item for item in checked if item.doubt or item.missing]
+    if checked:
+        yield from table_lines(Table("", COLUMNS, [item.row for item in checked[:LISTED]]))
+    if len(checked) > LISTED:
+        yield f"and {len(checked) - LISTED} more"
 
 
 def _first(lines: Sequence[str]) -> list[str]:
@@ -219,7 +219,7 @@ def _first(lines: Sequence[str]) -> list[str]:
 
 
 def _scaled(sizes: Sequence[float]) -> Iterator[str]:
-    """Say how large the objects without a unit are in their files, and which units are likely."""
+    """Yield the sizes in their files of objects without a unit, and the likely units."""
     if sizes:
         middle = sorted(sizes)[len(sizes) // 2]
         likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in likely_units(middle))
@@ -234,14 +234,14 @@ def _categories(objects: Sequence[Object]) -> list[str]:
     return _first([f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories])
 
 
-def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
-    """Draw how many objects of each category are in each split, and the meshes of those that are `shown`, by caption, as a PNG.
+def _draw(objects: Sequence[Object], drawn_sources: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
+    """Draw how many objects of each category are in each split, and the meshes of `drawn_sources`, by caption, as a PNG.
 
     Where there are many categories, the largest are drawn.
     """
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
-    bars, rows = 1 + 0.3 * len(categories), ceil(len(shown) / PER_ROW)
+    bars, rows = 1 + 0.3 * len(categories), ceil(len(drawn_sources) / PER_ROW)
     figure = Figure((8, bars + 1.9 * rows), layout="constrained")
     grid = figure.add_gridspec(1 + rows, PER_ROW, height_ratios=[bars, *[1.9] * rows])
     axes, left, places = figure.add_subplot(grid[0, :]), np.zeros(len(categories)), np.arange(len(categories))
@@ -253,7 +253,7 @@ def _draw(objects: Sequence[Object], shown: Mapping[str, Mapping[str, Any]], pic
     axes.legend()
     scene = load_scene("supplement")
     with Renderer(scene, PIXELS) as renderer:
-        for number, (caption, source) in enumerate(shown.items()):
+        for number, (caption, source) in enumerate(drawn_sources.items()):
             mesh, _, _ = normalised_mesh(source, SurfaceSettings())
             small = figure.add_subplot(grid[1 + number // PER_ROW, number % PER_ROW])
             small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))

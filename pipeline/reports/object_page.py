@@ -1,4 +1,4 @@
-"""The page of one object: its scene to turn, its grasps with images, tactile images and depth maps, its reconstructions."""
+"""Write the page of one object: an interactive scene, grasps with images, tactile images and depth maps, and reconstructions."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ THUMBNAIL = 150
 """Pixels per side of a picture in the gallery."""
 
 MAX_COLUMNS = 10
-"""Columns of a grasp's pictures at most; more go on in further rows, each as full as the first. A camera image takes two."""
+"""Most columns of a grasp's pictures; more continue in further rows of equal length. A camera image takes two."""
 
 ENDINGS = (".html", ".webp", ".mesh.js", ".predictions.js")
 """Endings of an object's files; the last needs an evaluation."""
@@ -60,7 +60,7 @@ class ObjectPages:
     source, template, folder
         The dataset, the page's template, and the folder.
     opened
-        Closes, at its end, the renderer of thumbnails, which is opened if there is something to render.
+        Closes the renderer of thumbnails, which is opened when first needed.
     """
 
     def __init__(self, source: ReportSource, template: Template, folder: Path, opened: ExitStack) -> None:
@@ -100,7 +100,9 @@ class ObjectPages:
             size=size_note(rows["surfaces"]),
             grasps=grasps,
             parts=[(part, label) for part, label in PARTS.items() if part != "charts" or "charts" in rows],
-            predictions=[{"value": made.name, "label": made.label, "best": made is best(predictions)} for made in predictions],
+            predictions=[
+                {"value": prediction.name, "label": prediction.label, "best": prediction is best(predictions)} for prediction in predictions
+            ],
             errors=errors_table(predictions) if predictions else None,
             closing=CLOSING_SECONDS if played else None,
             before=before,
@@ -156,17 +158,17 @@ class ObjectPages:
         }
 
     def _pictures(self, rows: Rows, number: int) -> list[dict[str, Any]]:
-        """Take the camera images of a grasp, without and with the hand, enlarged where little of them is used."""
+        """Collect the camera images of a grasp, without and with the hand, enlarged if the object is small in them."""
         if "vision" not in rows:
             return []
         vision = rows["vision"]
-        shown = {"camera image": vision["unoccluded"][0]}
+        images = {"camera image": vision["unoccluded"][0]}
         masks = vision["segmentation"][:1, 0]
         if "occluded" in list(vision):
-            shown["with the hand"] = vision["occluded"][number, 0]
+            images["with the hand"] = vision["occluded"][number, 0]
             masks = vision["segmentation"][[0, 1 + number], 0]
         pictures = []
-        for caption, image in shown.items():
+        for caption, image in images.items():
             part, note = enlarged(image, masks > 0)
             height, width = part.shape[:2]
             pictures.append(
@@ -175,7 +177,7 @@ class ObjectPages:
         return pictures
 
     def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
-        """Render the object, from where the dataset's camera is."""
+        """Render the object from the position of the dataset's camera."""
         mesh = read_mesh(rows["surfaces"])
         return render_mesh(self._renderer, mesh, fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices))
 
@@ -188,7 +190,7 @@ class ObjectPages:
 
 
 def columns(places: int) -> int:
-    """Divide places of a grid into rows of at most `MAX_COLUMNS`, none much emptier than the others; return their length."""
+    """Divide places of a grid into rows of at most `MAX_COLUMNS`, of about equal length; return that length."""
     return ceil(places / ceil(places / MAX_COLUMNS))
 
 
@@ -198,11 +200,11 @@ def _pressed_area(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
 
 
 def _webp(image: NDArray[np.uint8]) -> bytes:
-    written = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(image)).save(written, "WEBP", quality=85)
-    return written.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(image)).save(buffer, "WEBP", quality=85)
+    return buffer.getvalue()
 
 
 def _inline(image: NDArray[np.uint8]) -> str:
-    """Write an image as a data URI: one page is one file, however many images it shows."""
+    """Write an image as a data URI, so that a page is one file."""
     return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"

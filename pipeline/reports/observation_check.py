@@ -1,4 +1,4 @@
-"""The check of an observation file: where its object, camera and sensors are, and what a network is given of it."""
+"""Check an observation file: the places of its object, camera and sensors, and what a network is given of it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pipeline.kernels.vision.view_transfer import camera_direction, optical_cent
 from pipeline.reports.plots import save_figure
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
-"""The outline of a gel, in sides."""
+"""The outline of a gel, in units of its sides."""
 
 
 def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
@@ -29,22 +29,22 @@ def check_observation(path: Path, picture: Path, model: ModelInputs | None = Non
     box = find_object(observation)
     assert box is not None  # else a fault
     placed = None if model is None else place_observation(observation, model)
-    given = None if placed is None else placed.image
+    network_image = None if placed is None else placed.image
     panels: list[Callable[[Axes, RobotObservation, ObjectBox], None]] = [] if observation.camera is None else [_draw_photograph]
     panels += [partial(_draw_from, right=0, up=1), partial(_draw_from, right=0, up=2)]
-    count = len(panels) + (given is not None)
+    count = len(panels) + (network_image is not None)
     figure = Figure((5 * count, 5), layout="constrained")
     drawn = figure.subplots(1, count).tolist()
     for axes, draw in zip(drawn, panels, strict=False):
         draw(axes, observation, box)
-    said = []
+    model_lines = []
     if model is not None and placed is not None:
-        said = [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
-        if given is not None:
-            drawn[-1].imshow(given)
+        model_lines = [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
+        if network_image is not None:
+            drawn[-1].imshow(network_image)
             drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
     save_figure(figure, picture)
-    return [f"{path}: observation, no faults", *_described(observation, box), *said, f"picture: {picture}"]
+    return [f"{path}: observation, no faults", *_described(observation, box), *model_lines, f"picture: {picture}"]
 
 
 def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
@@ -53,17 +53,17 @@ def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
         upright = np.eye(4)
         upright[:3, :3] = turn_to_z(np.array(observation.up))
         upright[:3, 3] = -upright[:3, :3] @ box.centre
-        seen = camera_direction(moved_projection(observation.projection, upright), np.zeros(3))
+        view = camera_direction(moved_projection(observation.projection, upright), np.zeros(3))
         rows, cols = observation.camera.image.shape[:2]
         yield (
-            f"camera: {cols} x {rows} pixels, {seen.distance:.3g} m from the object, {degrees(seen.elevation)}° above its horizon; "
-            f"{observation.camera.shown.mean():.1%} of the photograph is the object"
+            f"camera: {cols} x {rows} pixels, {view.distance:.3g} m from the object, {degrees(view.elevation)}° above its horizon; "
+            f"{observation.camera.object_pixels.mean():.1%} of the photograph is the object"
         )
-    away = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
+    distances = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
     for number, (touch, turned) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
         touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
         facing = "; warning: it faces away from there, +z must point out of the gel" if turned else ""
-        yield f"{observation.name_of(number)}: {touched}, {1e3 * away[number]:.3g} mm from the object's centre{facing}"
+        yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre{facing}"
 
 
 def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
@@ -71,8 +71,8 @@ def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) 
     assert observation.camera is not None
     assert observation.projection is not None
     axes.imshow(observation.camera.image)
-    if min(observation.camera.shown.shape) > 1:
-        axes.contour(observation.camera.shown, levels=[0.5], colors="C3", linewidths=1)
+    if min(observation.camera.object_pixels.shape) > 1:
+        axes.contour(observation.camera.object_pixels, levels=[0.5], colors="C3", linewidths=1)
     axes.plot(*project_points(observation.projection, box.centre), "+", color="C3", markersize=14)
     for outline in _outlines(observation):
         axes.plot(*project_points(observation.projection, outline).T, color="C0")
@@ -89,7 +89,7 @@ def _outlines(observation: RobotObservation) -> np.ndarray:
 
 
 def _draw_from(axes: Axes, observation: RobotObservation, box: ObjectBox, *, right: int, up: int) -> None:
-    """Draw the scene along an axis of the file's frame; the numbers of two others say which go right and up."""
+    """Draw the scene along an axis of the file's frame; `right` and `up` are the numbers of the other axes."""
     unit = observation.metres_per_unit
     column, row = box.centre[[right, up]] / unit
     axes.add_patch(Circle((column, row), (box.diagonal or 0) / 2 / unit, fill=False, linestyle="--"))

@@ -1,4 +1,4 @@
-"""The supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
+"""Test the supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from stages.evaluate.evaluation_files import Figures, read_root
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
 MIN_OBJECTS = 6
-"""Objects that a verdict needs: fewer agree by chance more than once in twenty, and their bootstrap intervals are too short."""
+"""Objects that a verdict needs: fewer agree by chance more than once in twenty, and give bootstrap intervals that are too short."""
 
 PREFIXES = ("", *(f"{family}-" for family in FAMILIES if family), *sorted({f"{network}-" for network, _ in ROWS.values()}))
-"""Of configurations' names, by family: the claims are the same within each."""
+"""Prefixes of configurations' names, by family: the claims are the same within each family."""
 
 Answer = Literal["holds", "does not hold", "undecided"]
 
@@ -110,27 +110,31 @@ def _modalities(values: Values) -> Iterator[Claim]:
 
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
-    felt = ("touch", "occluded-touch", "unoccluded-touch")
-    for name in (prefix + name for prefix in PREFIXES for name in felt):
-        given = values[name][0].grasps if name in values else []
-        for fewer, more in (*pairwise(given), *([(given[0], given[-1])] if len(given) > 2 else [])):
+    with_touch = ("touch", "occluded-touch", "unoccluded-touch")
+    for name in (prefix + name for prefix in PREFIXES for name in with_touch):
+        counts = values[name][0].grasps if name in values else []
+        for fewer, more in (*pairwise(counts), *([(counts[0], counts[-1])] if len(counts) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
             nearer, further = (chamfer_of(values[name], count) for count in (more, fewer))
             yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures, True)
 
 
 def _rings(values: Values) -> Iterator[Claim]:
-    """Claim that with touch the error is least at the touch site, without it is not; and that there touch helps."""
+    """Claim that with touch the error is least at the touch site, that without touch it is not, and that touch helps there."""
     last = max((max(trainings[0].rings, default=0) for trainings in values.values()), default=0) - 1
-    for seen in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):
-        felt = f"{seen}-touch"
-        for (first, ring), (second, other) in (((felt, 0), (felt, last)), ((seen, last), (seen, 0)), ((felt, 0), (seen, 0))):
-            if {first, second} <= values.keys() and (first, ring) != (second, other):
-                (smaller, sites), (larger, other_sites) = _ring(values[first], ring), _ring(values[second], other)
-                both = (sites > 0) & (other_sites > 0)
-                text = f"{first}: ring ×{ring + 1} < ring ×{other + 1}" if first == second else f"ring ×1: {first} < {second}"
-                figures = _printed(TABLE_2, (first, ring), (second, other), TABLE_3_FACTOR)
-                yield Claim(text, smaller[:, both], larger[:, both], figures, network_of(first) == network_of(second))
+    for without_touch in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):
+        with_touch = f"{without_touch}-touch"
+        for (first, ring), (second, other_ring) in (
+            ((with_touch, 0), (with_touch, last)),
+            ((without_touch, last), (without_touch, 0)),
+            ((with_touch, 0), (without_touch, 0)),
+        ):
+            if {first, second} <= values.keys() and (first, ring) != (second, other_ring):
+                (smaller, sites), (larger, other_sites) = _ring(values[first], ring), _ring(values[second], other_ring)
+                in_both = (sites > 0) & (other_sites > 0)
+                text = f"{first}: ring ×{ring + 1} < ring ×{other_ring + 1}" if first == second else f"ring ×1: {first} < {second}"
+                figures = _printed(TABLE_2, (first, ring), (second, other_ring), TABLE_3_FACTOR)
+                yield Claim(text, smaller[:, in_both], larger[:, in_both], figures, network_of(first) == network_of(second))
 
 
 def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -148,7 +152,7 @@ def _printed(
 
 
 def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
-    """Make one row per verdict, and count them below; an ordering that the supplement itself does not have is marked."""
+    """Make one row per verdict, and count the answers below; orderings that do not hold in the supplement either are marked."""
     if not verdicts:
         return []
     paper = any(verdict.supplement is not None for verdict in verdicts)
@@ -156,13 +160,15 @@ def orderings_table(verdicts: Sequence[Verdict]) -> list[Table]:
     title = f"Do the orderings of {PAPER} hold? Chamfer distances × {TABLE_3_FACTOR:.0f}, m²; intervals over objects (paired) and trainings"
     rows = []
     for verdict in verdicts:
-        between, theirs = verdict.difference, None
-        ends = f" ({between.low:+.3f} to {between.high:+.3f})" if np.isfinite([between.low, between.high]).all() else ""
+        difference, theirs = verdict.difference, None
+        ends = f" ({difference.low:+.3f} to {difference.high:+.3f})" if np.isfinite([difference.low, difference.high]).all() else ""
         if verdict.supplement is not None:
             smaller, larger = verdict.supplement
             theirs = f"{smaller:.3f} vs {larger:.3f}" + (" (not there either)" if smaller >= larger else "")
-        here = f"{verdict.smaller:.3f} vs {verdict.larger:.3f}"
-        rows.append(Row([verdict.claim, here, f"{between.mean:+.3f}{ends}", between.count, verdict.answer, *([theirs] if paper else [])]))
+        ours = f"{verdict.smaller:.3f} vs {verdict.larger:.3f}"
+        rows.append(
+            Row([verdict.claim, ours, f"{difference.mean:+.3f}{ends}", difference.count, verdict.answer, *([theirs] if paper else [])])
+        )
     counts = Counter(verdict.answer for verdict in verdicts)
     answers = ", ".join(f"{counts[answer]} {answer}" for answer in get_args(Answer))
     return [Table(title, columns, rows), Table(f"{answers} of {len(verdicts)} (fewer than {MIN_OBJECTS} objects decide nothing)")]

@@ -1,4 +1,4 @@
-"""The picture of a dataset at a glance: an object, a grasp, what its sensors measure, and a reconstruction."""
+"""Render the overview of a dataset: an object, a grasp, what its sensors measure, and a reconstruction."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ GAP = 4
 
 
 def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render an object, a grasp of it and its reconstruction; then the way there: tactile images, depth maps, touched surface.
+    """Render an object, a grasp of it and its reconstruction; then the steps between: tactile images, depth maps, touched surface.
 
     Grasps are counted from 0. The reconstruction is the best of those that are given touches, else the best of all.
 
@@ -35,25 +35,27 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
     with Renderer(scene, PIXELS) as renderer:
         maker = BandMaker(renderer, scene=scene, hand=source.hand(), sensors=sensors)
         with maker.grasp_view(rows, grasp) as view:
-            held, felt = second_view(renderer, scene, PIXELS, view)
+            grasp_image, touch_image = second_view(renderer, scene, PIXELS, view)
         tactile_images, depths = rows["touch"]["tactile_image"][grasp], rows["touch"]["depth"][grasp]
         touches = int(rows["grasps"]["touch_success"][grasp].sum())
         panels = [
             ("object", render_mesh(renderer, mesh, camera)),
-            ("grasp", held),
+            ("grasp", grasp_image),
             ("tactile images →", _grid(list(tactile_images))),
             ("depth maps →", _grid([depth_colors(depth, sensor) for depth, sensor in zip(depths, sensors, strict=True)])),
-            (f"touched surface, {touches} touch{'es' * (touches != 1)}", felt),
+            (f"touched surface, {touches} touch{'es' * (touches != 1)}", touch_image),
         ]
         if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
-            made = best([one for one in predictions if one.felt] or predictions)
-            shown = predicted_mesh(source.collections.get("charts"), object_id, source.evaluation.tables[made.network], made.case)
-            panels.insert(2, (f"reconstruction: {made.label}", render_mesh(renderer, shown, camera)))
+            prediction = best([candidate for candidate in predictions if candidate.felt] or predictions)
+            predicted = predicted_mesh(
+                source.collections.get("charts"), object_id, source.evaluation.tables[prediction.network], prediction.case
+            )
+            panels.insert(2, (f"reconstruction: {prediction.label}", render_mesh(renderer, predicted, camera)))
     return panels
 
 
 def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Lay tiles of one size in a square as near as can be, with white between them."""
+    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
     columns = int(np.ceil(np.sqrt(len(tiles))))
     framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
     framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)

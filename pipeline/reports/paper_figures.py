@@ -1,4 +1,4 @@
-"""The paper's figures, drawn from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
+"""Draw the paper's figures from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ POINTS = 1500
 """Points of a cloud that are drawn at most."""
 
 OPENING = 0.03
-"""m that the fingers are drawn back in the second step's picture, more than in physics, where nobody would see it."""
+"""m that the fingers are drawn back in the second step's picture: more than in physics, so that it is visible."""
 
 RADIUS = 0.15
-"""m of the sphere of charts in its picture."""
+"""m, radius of the sphere of charts in its picture."""
 
 
-def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str, Any]]:
-    """Draw the figures that the dataset has data for as PNG files into a folder, with at most `most` reconstructions.
+def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[dict[str, Any]]:
+    """Draw the figures that the dataset has data for as PNG files into a folder, with at most `max_objects` reconstructions.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         charts = source.collections.get("charts")
-        if charts and "models/unet" in charts.first.record.models:  # else they are fitted to other points than this network's
+        if charts and "models/unet" in charts.first.record.models:  # else charts are fitted to points of another network
             figures.append(_local_shape(source, folder, object_id, grasp))
         figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
     if source.evaluation:
@@ -76,22 +76,22 @@ def draw_figures(source: ReportSource, folder: Path, most: int) -> list[dict[str
             ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
         ):
             if columns:
-                shown = nearest_middle_farthest(source.evaluation.ranked(columns), most)
-                draw_gallery(source.directory, source.evaluation, folder / file, shown, columns)
-                alt = f"Reconstructions of {', '.join(shown)}: a row per object, a column per network and number of grasps"
+                object_ids = nearest_middle_farthest(source.evaluation.ranked(columns), max_objects)
+                draw_gallery(source.directory, source.evaluation, folder / file, object_ids, columns)
+                alt = f"Reconstructions of {', '.join(object_ids)}: a row per object, a column per network and number of grasps"
                 figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures
 
 
 def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: str = "plots") -> dict[str, Any]:
-    shown = [{"file": f"figures/{path.name}", "alt": alt, "caption": caption} for path, alt, caption in pictures]
-    return {"title": title, "text": text, "pictures": shown, "kind": kind}
+    entries = [{"file": f"figures/{path.name}", "alt": alt, "caption": caption} for path, alt, caption in pictures]
+    return {"title": title, "text": text, "pictures": entries, "kind": kind}
 
 
-def clearest_grasp(source: ReportSource, ids: Sequence[str], most: int | None = None) -> tuple[str, int]:
+def clearest_grasp(source: ReportSource, ids: Sequence[str], max_grasps: int | None = None) -> tuple[str, int]:
     """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large.
 
-    Only the first `most` grasps of each are looked at; None for all.
+    Consider only the first `max_grasps` grasps of each object; None for all.
 
     Returns
     -------
@@ -101,10 +101,10 @@ def clearest_grasp(source: ReportSource, ids: Sequence[str], most: int | None = 
     for object_id in ids:
         rows = source.rows(object_id)
         touches = rows["grasps"]["touch_success"].sum(axis=1)
-        seen = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
-        for grasp, touched in enumerate(touches[:most]):
-            shown = [np.count_nonzero(seen[grasp] == label) for label in (1, 2)] if len(seen) > grasp else [1, 1]
-            scores[object_id, grasp] = (int(touched), min(2 * shown[0], shown[1]))
+        segmentations = rows["vision"]["segmentation"][1:, 0] if "vision" in rows else np.ones((len(touches), 1, 1))
+        for grasp, touched in enumerate(touches[:max_grasps]):
+            areas = [np.count_nonzero(segmentations[grasp] == label) for label in (1, 2)] if len(segmentations) > grasp else [1, 1]
+            scores[object_id, grasp] = (int(touched), min(2 * areas[0], areas[1]))
     return max(scores, key=lambda key: scores[key])
 
 
@@ -140,11 +140,11 @@ def procedure_steps(
     steps = []
     maker = BandMaker(renderer, scene=scene, hand=hand, sensors=source.sensors())
     with maker.grasp_view(rows, grasp) as view:
-        near, _ = grasp_cameras(renderer, scene, PIXELS, view)
+        camera, _ = grasp_cameras(renderer, scene, PIXELS, view)
         for caption, posture in postures:
             frames = forward_kinematics(hand, pose, posture)
-            shown = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
-            steps.append((caption, renderer.render(shown, near, lamp_beside(scene, near)).rgb))
+            posed_meshes = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
+            steps.append((caption, renderer.render(posed_meshes, camera, lamp_beside(scene, camera)).rgb))
         touched = second_view(renderer, scene, PIXELS, view)[1]
         steps.append(("each sensor measures the surface in its gel (coloured)", touched))
     return steps
@@ -160,14 +160,14 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
-        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it does not see how wide labels beside 3D axes are
+        layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it ignores the width of labels beside 3D axes
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
         grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):
             pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
             true, count = local_points(depths[row], pose, sensor)
             inside = in_gel(depths[row], sensor)
-            apart = np.abs(np.where(inside, predicted[row] - depths[row], 0))
+            error = np.abs(np.where(inside, predicted[row] - depths[row], 0))
             pictures = [
                 ("tactile image", tactile_images[row]),
                 ("true depth", depth_colors(depths[row], sensor)),
@@ -175,11 +175,11 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
             ]
             for column, (title, image) in enumerate(pictures):
                 axes = figure.add_subplot(grid[row, column])
-                half, tall = 500 * sensor.width, 500 * sensor.height  # mm
-                axes.imshow(image, extent=(-half, half, tall, -tall))
+                half_width, half_height = 500 * sensor.width, 500 * sensor.height  # mm
+                axes.imshow(image, extent=(-half_width, half_width, half_height, -half_height))
                 axes.set(title=title if row == 0 else "", ylabel=f"{names[number]}: y, mm" if column == 0 else "", xlabel="x, mm")
             figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
-            axes.set_xlabel(f"x, mm; mean error {1e3 * apart[inside].mean():.2f} mm")
+            axes.set_xlabel(f"x, mm; mean error {1e3 * error[inside].mean():.2f} mm")
             axes = figure.add_subplot(grid[row, 3], projection="3d")
             draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
         save_figure(figure, path)
@@ -215,7 +215,7 @@ def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[A
     axes.set_xlabel("x, mm", labelpad=-8)
     axes.set_ylabel("y, mm", labelpad=-8)
     axes.set_zlabel("depth, mm", labelpad=-6)
-    axes.set_box_aspect(None, zoom=0.8)  # or else the label is outside the figure
+    axes.set_box_aspect(None, zoom=0.8)  # else the label is outside the figure
     axes.locator_params(nbins=4)
     axes.tick_params(labelsize=6, pad=-3)
     axes.view_init(elev=35, azim=-60)
@@ -234,16 +234,16 @@ def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.f
     """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
     charts = vision_charts()
     camera = fitted_camera(scene.square_camera(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
-    shown = []
+    pictures = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
-        away = (gap - 1) * charts.vertices[charts.centres][chart]
-        mesh = colored_charts(charts, RADIUS * (charts.vertices + away) + middle)
+        offset = (gap - 1) * charts.vertices[charts.centres][chart]
+        mesh = colored_charts(charts, RADIUS * (charts.vertices + offset) + middle)
         path = folder / f"sphere-{number + 1}.png"
         Image.fromarray(render_mesh(renderer, mesh, camera)).save(path, optimize=True)
-        shown.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
+        pictures.append((path, f"Sphere of {len(charts.centres)} charts, {caption}", caption))
     text = f"The {len(charts.centres)} vision charts, {len(charts.vertices)} vertices, that the graph network deforms."
-    return _figure("The sphere of vision charts (Figure 4)", text, shown, "steps")
+    return _figure("The sphere of vision charts (Figure 4)", text, pictures, "steps")
 
 
 def colored_charts(charts: VisionCharts, vertices: NDArray[np.float64]) -> Mesh:

@@ -1,4 +1,4 @@
-"""Plots, drawn with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
+"""Draw plots with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
 from pipeline.store.atomic import write_at_once
 
 INK = "#010203"
-"""Stands for the colour of text and lines, which the file takes from the theme."""
+"""Placeholder for the colour of text and lines, which follows the page's theme."""
 
 THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
 HATCHES = ("", "//")
-"""Of bars, so that colours are not needed to tell them apart."""
+"""Hatches of bars, so that they differ without colours."""
 LINES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^", "v")
 
@@ -35,7 +35,7 @@ PHOTOGRAPHS, GAIN = 3, 4
 
 
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a figure in the format of the suffix, its texts as they are: a `$` does not begin a formula.
+    """Write a figure in the format of the suffix, with literal texts: a `$` does not begin a formula.
 
     The file is replaced at once; options are those of `Figure.savefig`.
 
@@ -44,16 +44,16 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
     InvalidInput
         Matplotlib does not write that format.
     """
-    known = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:] not in known:
-        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(known)}")
+    supported = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in supported:
+        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(supported)}")
     for text in figure.findobj(Text):
         if text.get_text():  # not the labels of ticks, which are written when the figure is drawn
             text.set_text(visible(text.get_text()))
             text.set_parse_math(False)
-    written = io.BytesIO()
-    figure.savefig(written, format=path.suffix[1:], **options)
-    write_at_once(path, written.getvalue())
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=path.suffix[1:], **options)
+    write_at_once(path, buffer.getvalue())
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> N
 def draw_errors(
     path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
 ) -> None:
-    """Draw errors with their intervals by series and place, and what they are compared with as a line by place, as an SVG.
+    """Draw errors with their intervals by series and place, and reference values as a line by place, as an SVG.
 
     Places are in the order of their `labels`; those without errors are left out.
     """
@@ -133,8 +133,8 @@ def draw_errors(
                 error, at = series[place], places.index(place) + shift
                 if np.isfinite([error.low, error.high]).all():
                     axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
-            shown = [(places.index(place) + shift, error.mean) for place, error in series.items()]
-            axes.plot(*zip(*shown, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
+            points = [(places.index(place) + shift, error.mean) for place, error in series.items()]
+            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
         ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
         if len(ends):
             axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
@@ -150,10 +150,10 @@ def _color(number: int) -> tuple[float, ...]:
 
 def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
     """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
-    chosen = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
-    figure = Figure((9, 3 * len(chosen)), dpi=72, layout="constrained")
-    panels = figure.subplots(len(chosen), 3, squeeze=False)
-    for row, (photograph, model) in zip(panels, chosen, strict=True):
+    pairs = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
+    figure = Figure((9, 3 * len(pairs)), dpi=72, layout="constrained")
+    panels = figure.subplots(len(pairs), 3, squeeze=False)
+    for row, (photograph, model) in zip(panels, pairs, strict=True):
         difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
         part = _around(photograph)
         panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
@@ -165,7 +165,7 @@ def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray
 
 
 def _around(photograph: Photograph) -> tuple[slice, slice]:
-    """Find the part of an image that the ring around its contact takes up."""
+    """Find the part of a photograph that the ring around its contact covers."""
     contact, reach = photograph.contact, RING * photograph.contact.radius
     row, col = (slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
     return row, col

@@ -1,4 +1,4 @@
-"""The origin of a dataset: its records, settings and versions, and the commands that make it again."""
+"""List the origin of a dataset: its records, settings and versions, and the commands that make it again."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def records(directory: DataDirectory) -> dict[str, Provenance]:
 
 
 def outside_sweeps(origins: dict[str, Provenance]) -> dict[str, Provenance]:
-    """Leave out the points of sweeps: the networks that the other stages read are others."""
+    """Leave out the points of sweeps, which no other stage reads."""
     return {name: origin for name, origin in origins.items() if not name.startswith("sweeps/")}
 
 
@@ -41,14 +41,14 @@ def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) ->
     tables = []
     for name, origin in origins.items():
         preset = _preset_values(directory, origin)
-        rows = [Row([key, _plain(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
+        rows = [Row([key, _yaml(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
         if rows:
             tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables
 
 
 def versions_tables(origins: dict[str, Provenance]) -> list[Table]:
-    """List the versions of the packages that made them, a table per set of versions."""
+    """List the package versions that made the artifacts and folders, a table per set of versions."""
     makers: dict[tuple[tuple[str, str], ...], list[str]] = {}
     for name, origin in origins.items():
         makers.setdefault(tuple(sorted(origin.versions.items())), []).append(name)
@@ -59,9 +59,9 @@ def versions_tables(origins: dict[str, Provenance]) -> list[Table]:
 
 
 def commands(directory: DataDirectory, origins: dict[str, Provenance]) -> list[str]:
-    """Write the commands that make it again, one per artifact and folder but the points of sweeps: `run` would replace the model."""
-    made = outside_sweeps(origins).values()
-    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in made if origin.stage in STAGES]
+    """Write the commands that make each artifact and folder again, except points of sweeps: `run` would replace the model."""
+    listed = outside_sweeps(origins).values()
+    return [" ".join(map(shlex.quote, _command(directory, origin))) for origin in listed if origin.stage in STAGES]
 
 
 def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
@@ -74,11 +74,11 @@ def _command(directory: DataDirectory, origin: Provenance) -> Iterator[str]:
     preset = _preset_values(directory, origin)
     for key, value in origin.settings.items():
         if preset.get(key) != value:
-            yield from ("--set", f"{origin.stage}.{key}={_plain(value)}")
+            yield from ("--set", f"{origin.stage}.{key}={_yaml(value)}")
 
 
 def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, Any]:
-    """Read what the preset gives a stage, with what follows the inputs as it would be filled in."""
+    """Read the preset's settings of a stage, with those that depend on its inputs filled in."""
     if origin.stage not in STAGES:
         return {}
     stage, settings = load_stage(origin.stage), resolve(origin.stage, origin.preset, ())
@@ -89,5 +89,5 @@ def _preset_values(directory: DataDirectory, origin: Provenance) -> dict[str, An
     return settings.results()
 
 
-def _plain(value: Any) -> str:
+def _yaml(value: Any) -> str:
     return yaml.safe_dump(value, default_flow_style=True, width=10**6).removesuffix("\n").removesuffix("\n...")

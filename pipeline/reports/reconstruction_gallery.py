@@ -1,4 +1,4 @@
-"""Reconstructions beside their objects: a row per object, a column per model, seen by the dataset's camera."""
+"""Draw reconstructions beside their objects: a row per object, a column per model, from the dataset's camera."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ FILL = 0.8
 """Share of a picture's side that the object takes up; reconstructions may be larger."""
 
 
-def nearest_middle_farthest(ranked: Sequence[str], most: int) -> list[str]:
-    """Choose at most that many of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
-    if len(ranked) <= most:
+def nearest_middle_farthest(ranked: Sequence[str], limit: int) -> list[str]:
+    """Choose at most `limit` of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
+    if len(ranked) <= limit:
         return list(ranked)
-    first, middle, last = (len(part) for part in np.array_split(np.arange(most), 3))
+    first, middle, last = (len(part) for part in np.array_split(np.arange(limit), 3))
     start = (len(ranked) - middle) // 2
     return [*ranked[:first], *ranked[start : start + middle], *ranked[len(ranked) - last :]]
 
 
-def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, shown: Sequence[str], names: Sequence[str]) -> None:
+def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, object_ids: Sequence[str], names: Sequence[str]) -> None:
     """Draw these models' reconstructions of test objects, each above its mean distance.
 
     Each model is shown with the fewest and the most grasps that it was given. The camera is the dataset's, turned and zoomed to the object.
@@ -56,16 +56,16 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, s
     scene = dataset_scene(directory)
     first_camera = scene.square_camera(PIXELS)
     with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
-        figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(shown)), dpi=110, layout="constrained")
-        grid = figure.subplots(len(shown), 1 + len(columns), squeeze=False)
-        for row, object_id in enumerate(shown):
+        figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(object_ids)), dpi=110, layout="constrained")
+        grid = figure.subplots(len(object_ids), 1 + len(columns), squeeze=False)
+        for row, object_id in enumerate(object_ids):
             mesh = read_mesh(surfaces.view(object_id))
             camera = fitted_camera(first_camera, mesh.vertices, FILL)
             _show(grid[row, 0], render_mesh(renderer, mesh, camera), object_id if row else f"object\n{object_id}")
             for axes, (name, case) in zip(grid[row, 1:], columns, strict=True):
-                given, first = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
-                title = name + (f"\n{given} grasp{'s' * (given > 1)}" if given else "\n")
-                error = 1e3 * evaluation.figures[name].per_case("mean_distance", max(given, 1))[objects.index(object_id), first]
+                grasp_count, first_grasp = (int(predictions[name][key][case]) for key in ("grasps_given", "first_grasp"))
+                title = name + (f"\n{grasp_count} grasp{'s' * (grasp_count > 1)}" if grasp_count else "\n")
+                error = 1e3 * evaluation.figures[name].per_case("mean_distance", max(grasp_count, 1))[objects.index(object_id), first_grasp]
                 mesh = predicted_mesh(charts, object_id, predictions[name], case)
                 _show(axes, render_mesh(renderer, mesh, camera), "" if row else title, f"{error:.1f} mm")
         save_figure(figure, path)
@@ -73,8 +73,8 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, s
 
 def _cases(table: Arrays) -> list[int]:
     """List the cases shown of a model: the fewest grasps it was given, and the most."""
-    given = table["grasps_given"]
-    return sorted({int(np.argmin(given)), int(np.argmax(given))})
+    grasp_counts = table["grasps_given"]
+    return sorted({int(np.argmin(grasp_counts)), int(np.argmax(grasp_counts))})
 
 
 def predicted_mesh(fitted: Collection | None, object_id: str, table: Arrays, case: int) -> Mesh:
@@ -93,11 +93,11 @@ def predicted_mesh(fitted: Collection | None, object_id: str, table: Arrays, cas
     """
     number = table["object_id"].tolist().index(object_id)
     vertices, faces = ([part] for part in surface_of(table, number, case))
-    given, first = int(table["grasps_given"][case]), int(table["first_grasp"][case])
-    if given and fitted is not None and "position" in table:  # touch charts are not part of a mesh
+    grasp_count, first_grasp = int(table["grasps_given"][case]), int(table["first_grasp"][case])
+    if grasp_count and fitted is not None and "position" in table:  # touch charts are not part of a mesh
         row = fitted.view(object_id)
         charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
-        grasps = [(first + step) % len(charts) for step in range(given)]
+        grasps = [(first_grasp + step) % len(charts) for step in range(grasp_count)]
         vertices += list(charts[grasps][touched[grasps]])
         faces += [row["chart_faces"]] * (len(vertices) - 1)
     points, triangles = trimesh.util.append_faces(vertices, faces)
@@ -123,13 +123,13 @@ def painted_mesh(
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:
-    """Render a mesh alone, by that camera or the renderer's."""
+    """Render a mesh alone, with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))], camera).rgb
 
 
-def _show(axes: Axes, image: NDArray[np.uint8], title: str, below: str = "") -> None:
+def _show(axes: Axes, image: NDArray[np.uint8], title: str, note: str = "") -> None:
     axes.imshow(image)
     axes.set(xticks=[], yticks=[])
     axes.set_title(title, fontsize=7, loc="left")  # a long name reaches over the next column
-    axes.set_xlabel(below, fontsize=7)
+    axes.set_xlabel(note, fontsize=7)

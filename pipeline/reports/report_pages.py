@@ -1,4 +1,4 @@
-"""Files that reports wrote, under which key: the list of a report, `report/pages.json`, and its checks."""
+"""Files that reports wrote, with their keys: the list of a report, `report/pages.json`, and its checks."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class WrittenFiles(Stored):
     files: dict[RelativePath, Sha256]
 
     def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
-        """Tell whether the files show what they would show now, and the store found none of them changed."""
+        """Tell whether the files were written under this key, and none of them changed since."""
         return self.key == key and not any(name in changed for name in self.files)
 
 
@@ -51,7 +51,7 @@ class Pages(Stored):
 
     def every_file(self) -> dict[str, str]:
         """Collect the SHA-256 of every file, by its path below the report's folder."""
-        return {name: written for card in self.objects.values() for name, written in card.files.items()} | self.files
+        return {name: sha256 for card in self.objects.values() for name, sha256 in card.files.items()} | self.files
 
 
 def read_pages(report: Place) -> Pages:

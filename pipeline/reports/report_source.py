@@ -1,4 +1,4 @@
-"""The content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
+"""Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ReportSource:
     measured
         Those that keep surfaces, which are shown: the first evaluation, and the score of the network that ships.
     evaluation
-        What is in these; None where no network has been evaluated.
+        The content of these; None if no network has been evaluated.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class Prediction(NamedTuple):
     case
         Its number in the network's group of surfaces.
     figures
-        Of this reconstruction, by metric.
+        Figures of this reconstruction, by metric.
     """
 
     network: str
@@ -157,7 +157,7 @@ class Evaluation:
     Attributes
     ----------
     configurations
-        The networks that there are surfaces of.
+        The networks whose surfaces are stored.
     object_ids
         The objects.
     tables, figures
@@ -182,27 +182,29 @@ class Evaluation:
             return []
         row, predictions = self.object_ids.index(object_id), []
         for name, table in self.tables.items():
-            cases = [case for case, first in enumerate(table["first_grasp"]) if first == 0]
+            cases = [case for case, first_grasp in enumerate(table["first_grasp"]) if first_grasp == 0]
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
-                given = max(int(table["grasps_given"][case]), 1)
-                figures = {metric: float(self.figures[name].per_case(metric, given)[row, 0]) for metric in SHOWN_METRICS}
-                predictions.append(Prediction(name, given, bool(table["grasps_given"][case]), case, figures))
+                grasp_count = max(int(table["grasps_given"][case]), 1)
+                figures = {metric: float(self.figures[name].per_case(metric, grasp_count)[row, 0]) for metric in SHOWN_METRICS}
+                predictions.append(Prediction(name, grasp_count, bool(table["grasps_given"][case]), case, figures))
         return predictions
 
     def ranked(self, names: Sequence[str]) -> list[str]:
         """Sort the objects by the mean distance of these networks' reconstructions from their first grasps, the nearest first."""
 
         def error(object_id: str) -> float:
-            return float(np.mean([made.figures["mean_distance"] for made in self.predictions(object_id) if made.network in names]))
+            return float(
+                np.mean([prediction.figures["mean_distance"] for prediction in self.predictions(object_id) if prediction.network in names])
+            )
 
         return sorted(self.object_ids, key=error)
 
     def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""
         surfaces = {}
-        for made in self.predictions(object_id):
-            table = self.tables[made.network]
-            surfaces[made.name] = surface_of(table, table["object_id"].tolist().index(object_id), made.case)
+        for prediction in self.predictions(object_id):
+            table = self.tables[prediction.network]
+            surfaces[prediction.name] = surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
         return surfaces
 
 
@@ -214,8 +216,8 @@ def best(predictions: Iterable[Prediction]) -> Prediction:
 def errors_table(predictions: Sequence[Prediction]) -> Table:
     """Make the table of the accuracy of an object's reconstructions."""
     rows = []
-    for made in predictions:
-        cells = [factor * made.figures[metric] for metric, factor in SHOWN_METRICS.items()]
-        rows.append(Row([made.network, made.grasps, *cells]))
+    for prediction in predictions:
+        cells = [factor * prediction.figures[metric] for metric, factor in SHOWN_METRICS.items()]
+        rows.append(Row([prediction.network, prediction.grasps, *cells]))
     columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m²"]
     return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

@@ -1,4 +1,4 @@
-"""What the results are in a few sentences and one plot: the error by what is given, and that of retrieval."""
+"""Summarise the results in a few sentences and one plot: the error by what is given, and that of retrieval."""
 
 from __future__ import annotations
 
@@ -26,10 +26,14 @@ GIVEN = {
     "unoccluded-touch": "whole,\ntouch",
 }
 """What networks are given, as the plot calls it, by the way of `INPUT_CHOICES`."""
-SAID = {"touch": "touch alone", "occluded-touch": "an image that the hand occludes and touch", "unoccluded": "an image of the whole object"}
-"""What the sentences compare."""
-OWN = "graph network"
-"""Series of the networks that are called as what they are given."""
+COMPARED_WAYS = {
+    "touch": "touch alone",
+    "occluded-touch": "an image that the hand occludes and touch",
+    "unoccluded": "an image of the whole object",
+}
+"""Inputs that the sentences compare, in words."""
+DEFAULT_SERIES = "graph network"
+"""Series of the networks that are named after their inputs."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Summary:
     Attributes
     ----------
     sentences
-        Three of them.
+        Three sentences for the report.
     errors
         Mean distances, mm, by series and by way of `INPUT_CHOICES`.
     retrieved
@@ -51,46 +55,48 @@ class Summary:
     retrieved: Mapping[str, float]
 
 
-def summarise(folder: Path, scored: Sequence[Path], other: Sequence[Path] = ()) -> Summary | None:
-    """Summarise what an evaluation, or a score, and further trainings of its networks measured with one grasp, beside scores.
+def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()) -> Summary | None:
+    """Summarise the results with one grasp of an evaluation or a score, further trainings of its networks, and scores.
 
     Returns
     -------
     The summary; None if nothing was measured with one grasp.
     """
-    given, figures = beside(folder, scored)
+    network_inputs, figures = beside(folder, scored)
     seed, objects = read_root(folder)["seed"], len(read_table(folder, "objects")["object_id"])
-    trainings = {name: [figures[name]] for name in given}
-    for place in other:
-        more = beside(place, [])[1]
-        for name in trainings.keys() & more.keys():
-            trainings[name].append(more[name])
+    trainings = {name: [figures[name]] for name in network_inputs}
+    for place in further:
+        further_figures = beside(place, [])[1]
+        for name in trainings.keys() & further_figures.keys():
+            trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
-    for name, way in _ways(given).items():
+    for name, way in _ways(network_inputs).items():
         if all(1 in network.grasps for network in trainings[name]):
-            series = name.removesuffix(way).rstrip("-") or OWN
+            series = name.removesuffix(way).rstrip("-") or DEFAULT_SERIES
             values = 1e3 * np.stack([network.per_object("mean_distance") for network in trainings[name]])
             errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "summary", name))
     if not errors:
         return None
-    shown = [way for way in INPUT_CHOICES if any(way in of_series for of_series in errors.values())]
-    retrieved = {way: error for way in shown if (error := _retrieved(figures, way)) is not None}
+    ways = [way for way in INPUT_CHOICES if any(way in of_series for of_series in errors.values())]
+    retrieved = {way: error for way in ways if (error := _retrieved(figures, way)) is not None}
     return Summary(_sentences(errors, retrieved, objects), errors, retrieved)
 
 
-def _ways(given: Mapping[str, Any]) -> dict[str, str]:
-    """Name what each network is given; methods of which that is not known are left out."""
+def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
+    """Find the way of `INPUT_CHOICES` of each network whose name ends with it; others are left out."""
     ways = {}
-    for name, inputs in given.items():
-        way = next(way for way, known in INPUT_CHOICES.items() if (known.image, known.touch) == (inputs["image"], inputs["touch"]))
+    for name, inputs in network_inputs.items():
+        way = next(
+            way for way, way_inputs in INPUT_CHOICES.items() if (way_inputs.image, way_inputs.touch) == (inputs["image"], inputs["touch"])
+        )
         if name == way or name.endswith(f"-{way}"):
             ways[name] = way
     return ways
 
 
 def _retrieved(figures: Mapping[str, Figures], way: str) -> float | None:
-    found = figures.get(retrieved_by(INPUT_CHOICES[way].image, INPUT_CHOICES[way].touch))
-    return None if found is None else 1e3 * float(found.per_object("mean_distance").mean())
+    baseline = figures.get(retrieved_by(INPUT_CHOICES[way].image, INPUT_CHOICES[way].touch))
+    return None if baseline is None else 1e3 * float(baseline.per_object("mean_distance").mean())
 
 
 def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[str, float], objects: int) -> list[str]:
@@ -99,7 +105,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         for way, error in of_series.items():
             if way not in best or error.mean < best[way][0].mean:
                 best[way] = error, series
-    said = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in SAID.items() if way in best]
+    phrases = [f"{best[way][0].mean:.1f} mm with {words} ({best[way][1]})" for way, words in COMPARED_WAYS.items() if way in best]
     nearer = [
         (series, way) for series, of_series in errors.items() for way, error in of_series.items() if error.mean < retrieved.get(way, 0)
     ]
@@ -108,7 +114,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
     return [
         f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
         "reconstruction and object.",
-        f"The best are off by {_listed(said)}." if said else "The plot shows them by what they were given.",
+        f"The best are off by {_listed(phrases)}." if phrases else "The plot shows them by what they were given.",
         f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than the training object that is most similar in what is given, "
         "which the line shows."
         if retrieved

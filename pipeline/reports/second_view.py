@@ -1,4 +1,4 @@
-"""A grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
+"""Render a grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ HEAD = 6
 """Length of an arrow's head, pixels."""
 
 EXAGGERATED = 12
-"""Times as long as the way from the grasp to the squeeze, some 2 mm, arrows are drawn."""
+"""Factor by which arrows exaggerate the motion from the grasp to the squeeze, about 2 mm."""
 
 LIFT = 4e-4
 """Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
@@ -62,7 +62,7 @@ class Squeeze:
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """Hold what the second view shows of one grasp, world frame, m.
+    """Hold the content of the second view of one grasp, world frame, m.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class GraspView:
     colors
         (S,) sRGB of each sensor.
     squeeze
-        Where the motors drive from here; None where that is not known.
+        The posture that the motors drive to; None if it is not known.
     """
 
     object_mesh: tuple[MeshHandle, Mesh]
@@ -100,14 +100,14 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
     """
     camera = scene.square_camera(resolution)
     handle, mesh = grasp.object_mesh
-    whole: PosedMesh = (handle, np.eye(4))
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
+    posed_object: PosedMesh = (handle, np.eye(4))
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     corners = grasp.squares.reshape(-1, 3)
     grip = np.vstack([*(transform_points(pose, hand.vertices) for _, hand, pose in grasp.hand), corners])
     views = [_zoomed(view, grip) for view in _around(camera, grip)]
     near = max(
         views,
-        key=lambda view: _shown(renderer, view.with_resolution(TRIAL_RESOLUTION), [whole, *held]) * _across(view, grasp.palm),
+        key=lambda view: _score(renderer, view.with_resolution(TRIAL_RESOLUTION), [posed_object, *posed_hand]) * _across(view, grasp.palm),
     )
     return near, _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
 
@@ -120,17 +120,17 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
     Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
     """
     near, far = grasp_cameras(renderer, scene, resolution, grasp)
-    whole: PosedMesh = (grasp.object_mesh[0], np.eye(4))
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
+    posed_object: PosedMesh = (grasp.object_mesh[0], np.eye(4))
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     with ExitStack() as added:
         marks: list[PosedMesh] = [(added.enter_context(renderer.added(patch, Label.HAND)), np.eye(4)) for patch in grasp.patches]
-        views_of = (([whole, *held], near), ([whole, *marks], far))
-        close, apart = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
-    return _outlined(close, near, grasp.squares, grasp.colors), _outlined(apart, far, grasp.squares, grasp.colors)
+        views_of = (([posed_object, *posed_hand], near), ([posed_object, *marks], far))
+        close_image, far_image = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
+    return _outlined(close_image, near, grasp.squares, grasp.colors), _outlined(far_image, far, grasp.squares, grasp.colors)
 
 
 def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
-    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its way.
+    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its motion.
 
     Returns
     -------
@@ -139,8 +139,8 @@ def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: Grasp
     if (squeeze := grasp.squeeze) is None:
         return None
     near, _ = grasp_cameras(renderer, scene, resolution, grasp)
-    held: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
-    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *held], near, lamp_beside(scene, near)).rgb
+    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
+    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *posed_hand], near, lamp_beside(scene, near)).rgb
     before, after = grasp.squares.mean(axis=1), squeeze.squares.mean(axis=1)
     arrows = np.stack([before, before + EXAGGERATED * (after - before)], axis=1)
     return _outlined(image, near, squeeze.squares, grasp.colors, arrows)
@@ -181,16 +181,16 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
     """Place cameras on all sides of `points`, except near the given one."""
-    first = np.array(camera.position) - _box(points)[0]
+    front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
-    return [_towards(camera, points, away) for away in sides if away @ first < np.cos(MIN_TURN) * np.linalg.norm(first)]
+    return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]
 
 
-def _towards(camera: Camera, points: NDArray[np.float64], away: NDArray[np.float64]) -> Camera:
-    """Move the camera into the unit direction `away` from the middle of `points`, at its own distance but clear of them."""
+def _towards(camera: Camera, points: NDArray[np.float64], direction: NDArray[np.float64]) -> Camera:
+    """Move the camera to the unit `direction` from the middle of `points`, at its own distance but clear of them."""
     target, size = _box(points)
     distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(size))
-    return look_at(camera, _vector(target + distance * away), _vector(target))
+    return look_at(camera, _vector(target + distance * direction), _vector(target))
 
 
 def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -222,14 +222,14 @@ def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> 
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
 
 
-def _shown(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
-    """Measure how much an image shows of both object and hand, by the product of their areas, square pixels."""
+def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
+    """Score how much of both object and hand an image shows, by the product of their areas, square pixels."""
     segmentation = renderer.render(meshes, camera).segmentation
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
 
 
 def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
-    """sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    """Compute sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 
@@ -255,7 +255,7 @@ def _outlined(
 
 
 def _arrow(ends: NDArray[np.float64], head: float) -> list[NDArray[np.float64]]:
-    """Points of an arrow's line from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
+    """Compute the points of an arrow from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
     start, end = ends
     along = (start - end) / max(float(np.linalg.norm(end - start)), 1e-9)
     across = np.array([-along[1], along[0]])

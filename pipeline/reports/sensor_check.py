@@ -1,4 +1,4 @@
-"""The check of a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
+"""Check a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.reports.plots import save_figure
 
 PRESS = 0.25
-"""How deep ball and edge are pressed in, of the gel's height in its middle."""
+"""Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
 MM = 1e3
 
 
@@ -49,7 +49,7 @@ def gel_lines(sensor: Sensor) -> list[str]:
     assert pressure is not None
     layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * (sensor.gel.thickness or sensor.w):.4g} mm"
     felt = f"{normal_force(pressure, sensor):.3g} N, at most {pressure.max() / 1e3:.3g} kPa"
-    return [f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * middle(sensor):.3g} mm deep, presses with {felt}"]
+    return [f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * height_in_middle(sensor):.3g} mm deep, presses with {felt}"]
 
 
 def draw(sensor: Sensor, path: Path) -> None:
@@ -59,15 +59,15 @@ def draw(sensor: Sensor, path: Path) -> None:
     section, plan, *images = figure.subplots(1, 5)
     _section(section, sensor, ball)
     _plan(plan, sensor)
-    shown = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
-    for axes, (title, image) in zip(images, shown.items(), strict=True):
+    panels = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
+    for axes, (title, image) in zip(images, panels.items(), strict=True):
         axes.imshow(image)
         axes.set(title=title, xticks=[], yticks=[])
     save_figure(figure, path)
 
 
-def middle(sensor: Sensor) -> float:
-    """Give the height of the undeformed gel in its middle, m: w, but of a height map its own."""
+def height_in_middle(sensor: Sensor) -> float:
+    """Return the height of the undeformed gel in its middle, m: w, or that of its height map."""
     return float(np.broadcast_to(gel_surface(sensor), sensor.shape)[sensor.rows // 2, sensor.cols // 2])
 
 
@@ -75,14 +75,14 @@ def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:
     """Compute the depth map of a ball of a quarter of the gel's shorter side, pressed into its middle."""
     x, y = np.meshgrid(*pixel_centres(sensor))
     radius = min(sensor.width, sensor.height) / 4
-    lowest = middle(sensor) * (1 - PRESS) + radius - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0))
+    lowest = height_in_middle(sensor) * (1 - PRESS) + radius - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0))
     return np.where(x**2 + y**2 < radius**2, lowest, np.inf)
 
 
 def pressed_edge(sensor: Sensor) -> NDArray[np.float64]:
     """Compute the depth map of the edge of a box, right-angled and parallel to the gel's rows, pressed into its middle."""
     _, y = np.meshgrid(*pixel_centres(sensor))
-    return middle(sensor) * (1 - PRESS) + np.abs(y)
+    return height_in_middle(sensor) * (1 - PRESS) + np.abs(y)
 
 
 def _section(axes: Axes, sensor: Sensor, depth: NDArray[np.float64]) -> None:

@@ -1,4 +1,4 @@
-"""The contents of a data directory: an account for people, and for scripts."""
+"""List the contents of a data directory, for people and for scripts."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def read_account(data: Place) -> Account:
 
 @contextmanager
 def _unless_damaged(account: Account) -> Iterator[None]:
-    """Note what cannot be read as damaged, once."""
+    """Record a `StoreError` as damage, once."""
     try:
         yield
     except StoreError as error:
@@ -140,8 +140,8 @@ def _folder(directory: DataDirectory, name: str) -> FolderAccount:
     except StoreError as error:
         stale = str(error)
     files = files_below(directory.folder_path(name))
-    if gone := sorted(record.files.keys() - files.keys()):
-        raise StoreError(f"{directory.folder_record(name)}: {gone[0]} is missing; run {made_by(name, record)} again")
+    if missing := sorted(record.files.keys() - files.keys()):
+        raise StoreError(f"{directory.folder_record(name)}: {missing[0]} is missing; run {made_by(name, record)} again")
     return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, stale)
 
 

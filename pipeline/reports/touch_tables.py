@@ -23,23 +23,23 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
 
     `paper` puts the paper's figures beside ours, those of touches per grasp only if the number of sensors is the same.
     """
-    everything = Tally.joined(tallies.values())
+    total = Tally.joined(tallies.values())
     rows = []
-    for name, entry in [*tallies.items(), ("all", everything)]:
-        *counts, kept, tried = entry.row()
+    for name, entry in [*tallies.items(), ("all", total)]:
+        *counts, successful, attempted = entry.row()
         theirs = SUPPLEMENT_SUCCESS.get(name)
-        rows.append(Row([name, *counts, f"{kept:.1f}", *([theirs] if paper else []), f"{tried:.1f}"]))
+        rows.append(Row([name, *counts, f"{successful:.1f}", *([theirs] if paper else []), f"{attempted:.1f}"]))
     columns = ["class", "objects", "grasps", "touches", "% successful", *([f"% in {PAPER}"] if paper else []), "% of all attempts"]
-    made = [Table("Touches", columns, rows), *_contacts(tallies, everything), *hold_tables(tallies)]
-    touched = np.concatenate(everything.touched)
+    tables = [Table("Touches", columns, rows), *_contacts(tallies, total), *hold_tables(tallies)]
+    touched = np.concatenate(total.touched)
     shares = touches_per_grasp(touched)
     rows = [Row(["here", *_rounded(shares)])]
     if paper and (supplement := supplement_touches(len(shares))):
         rows.append(Row([PAPER, None, *_rounded(supplement[1:])]))
-    made.append(Table("Grasps by their number of successful touches, %", ["touches", *map(str, range(len(shares)))], rows))
-    kept_shares, tried_shares = (_rounded(100 * np.mean(grasps, axis=0)) for grasps in (touched, everything.tried))
+    tables.append(Table("Grasps by their number of successful touches, %", ["touches", *map(str, range(len(shares)))], rows))
+    kept_shares, tried_shares = (_rounded(100 * np.mean(grasps, axis=0)) for grasps in (touched, total.tried))
     rows = [Row(["kept", *kept_shares]), Row(["all attempts", *tried_shares])]
-    return [*made, Table("Successful touches of each sensor, %", ["grasps", *sensors], rows)]
+    return [*tables, Table("Successful touches of each sensor, %", ["grasps", *sensors], rows)]
 
 
 def touches_per_grasp(touched: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -52,12 +52,12 @@ def supplement_touches(count: int) -> tuple[float, ...]:
     return (0.0, *SUPPLEMENT_HISTOGRAM) if count == 1 + len(SUPPLEMENT_HISTOGRAM) else ()
 
 
-def _contacts(tallies: dict[str, Tally], everything: Tally) -> list[Table]:
-    """Make the table of how the contacts of the kept grasps could hold, if the dataset has those figures."""
-    if not everything.held:
+def _contacts(tallies: dict[str, Tally], total: Tally) -> list[Table]:
+    """Make the table of contact areas, opposition and force closure of the kept grasps, if the dataset has those figures."""
+    if not total.held:
         return []
     rows = []
-    for name, entry in [*tallies.items(), ("all", everything)]:
+    for name, entry in [*tallies.items(), ("all", total)]:
         area, angle, margin = np.concatenate(entry.held).T
         rows.append(Row([name, f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]

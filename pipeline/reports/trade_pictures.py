@@ -1,4 +1,4 @@
-"""Pictures and tables of measured trades: error over cost."""
+"""Draw and tabulate measured trades: error over cost."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from stages.registry import TRADED, resolve
 
 BLUE, RED = "#4477aa", "#cc3311"
 PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
-"""Of a label, in order of preference: whether it is to the right of its point, and points upwards."""
+"""Places of a label, in order of preference: whether it is to the right of its point, and its offset upwards, points."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -28,8 +28,8 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
     """
     with themed_svg(path, size=(5.6, 3.4), font_size=8) as figure:
         axes = figure.subplots()
-        least = min((point.error for point in trade.points if point.error > 0), default=1.0)
-        places = {point.label: (point.seconds, point.error or least / 2) for point in trade.points}  # there is no 0 on a logarithmic axis
+        floor = min((point.error for point in trade.points if point.error > 0), default=1.0)
+        places = {point.label: (point.seconds, point.error or floor / 2) for point in trade.points}  # there is no 0 on a logarithmic axis
         axes.plot(*zip(*(places[point.label] for point in trade.front()), strict=True), "-", color=BLUE, zorder=1)
         for point in trade.points:
             ends = np.abs(np.array([[point.interval.low], [point.interval.high]]) - point.error)
@@ -45,16 +45,16 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
 
 
 def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
-    """Write each point's label beside it, where it covers no other if there is such a place."""
-    taken: list[BboxBase] = []
+    """Write each point's label beside it, at a place where it covers no other label if there is one."""
+    boxes: list[BboxBase] = []
     for text, point in sorted(points.items(), key=lambda entry: entry[1]):
         for right, up in PLACES:
             place: Any = {"xytext": (5 if right else -5, up), "textcoords": "offset points", "ha": "left" if right else "right"}
             label = axes.annotate(text, point, fontsize=7, color=INK, **place)
-            if (right, up) == PLACES[-1] or not any(label.get_window_extent().overlaps(other) for other in taken):
+            if (right, up) == PLACES[-1] or not any(label.get_window_extent().overlaps(box) for box in boxes):
                 break
             label.remove()
-        taken.append(label.get_window_extent())
+        boxes.append(label.get_window_extent())
 
 
 def _scale(axes: Axes, *values: list[float]) -> None:
@@ -68,11 +68,11 @@ def _scale(axes: Axes, *values: list[float]) -> None:
 
 
 def trade_table(trade: MeasuredTrade) -> Table:
-    """Lay out the points, the fastest first; * marks those that no other beats, and the user's settings are named."""
-    best, own = {point.label for point in trade.front()}, trade.own()
+    """Tabulate the points, the fastest first; * marks those that no other beats, and the user's settings are marked."""
+    best, user_point = {point.label for point in trade.front()}, trade.own()
     rows = []
     for point in sorted(trade.points, key=lambda point: (point.seconds, point.error)):
-        marks = "*" * (point.label in best) + (" used" if own is not None and point.label == own.label else "")
+        marks = "*" * (point.label in best) + (" used" if user_point is not None and point.label == user_point.label else "")
         rows.append(Row([point.label, point.seconds, point.kilobytes, point.interval, marks]))
     unit = f", {trade.unit}" if trade.unit else ""
     count = pluralise(len(trade.objects)) + (f", {trade.trained} to learn from" if trade.trained else "")
@@ -82,9 +82,9 @@ def trade_table(trade: MeasuredTrade) -> Table:
 
 def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
     """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
-    own = resolve(trade.stage, trade.preset, trade.assignments).results()
+    base = resolve(trade.stage, trade.preset, trade.assignments).results()
     varied = {name for point in trade.points for name in point.changes}
-    return next((point for point in trade.points if all({**own, **point.changes}[name] == settings.get(name) for name in varied)), None)
+    return next((point for point in trade.points if all({**base, **point.changes}[name] == settings.get(name) for name in varied)), None)
 
 
 def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:

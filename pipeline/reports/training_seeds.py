@@ -1,4 +1,4 @@
-"""Evaluations of several training seeds, read and shown together."""
+"""Read and tabulate evaluations of several training seeds together."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def scores(directory: DataDirectory) -> list[str]:
 
 
 def outdated_scores(directory: DataDirectory) -> dict[str, str]:
-    """Say of each other score what has changed since it was made."""
+    """List the scores that are out of date, and what has changed since."""
     return {name: problem for name, problem in _scored(directory) if problem is not None}
 
 
@@ -76,9 +76,9 @@ def read_values(folders: Sequence[Path]) -> Values:
     return values
 
 
-def chamfer_of(trainings: Sequence[Figures], given: int) -> NDArray[np.float64]:
-    """Compute the (training, object) Chamfer distances with `given` grasps, m²."""
-    return np.stack([figures.per_object("chamfer", given) for figures in trainings])
+def chamfer_of(trainings: Sequence[Figures], grasps: int) -> NDArray[np.float64]:
+    """Compute the (training, object) Chamfer distances with a number of `grasps`, m²."""
+    return np.stack([figures.per_object("chamfer", grasps) for figures in trainings])
 
 
 def trainings_table(folders: Sequence[Path]) -> list[Table]:
@@ -92,31 +92,31 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
         f"{' at most' * uneven}; intervals over objects and trainings; surfaces: medians over objects"
     )
     formats = ["", ".3f", ".2f", ".3f", ".3f", "", *[".3g"] * len(QUALITY_UNITS)]
-    below = (
+    note = (
         "baseline: mean and median of a training object in place of the reconstruction, the nearest by the image or the touches that the "
         "network is given, otherwise a typical one; * where the network is not nearer"
     )
-    return [Table(title, columns, list(_rows(values, folders[0])), formats), Table(below)]
+    return [Table(title, columns, list(_rows(values, folders[0])), formats), Table(note)]
 
 
 def _rows(values: Values, folder: Path) -> Iterator[Row]:
     seed, figures_of = read_root(folder)["seed"], read_figures(folder)
     for name, trainings in values.items():
         config, chamfer = inputs_of(name), TABLE_3_FACTOR * chamfer_of(trainings, 1)
-        between: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
-        median, given = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
-        most = TABLE_3_FACTOR * float(chamfer_of(trainings, given).mean()) if config.touch and given > 1 else None
-        looks = (
+        interval: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
+        median, most_grasps = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
+        error_with_most = TABLE_3_FACTOR * float(chamfer_of(trainings, most_grasps).mean()) if config.touch and most_grasps > 1 else None
+        qualities = (
             factor * float(np.mean([np.median(figures.available(measure)) for figures in trainings]))
             for measure, (_, factor) in QUALITY_UNITS.items()
         )
         baseline = figures_of.get(retrieved_by(config.image, config.touch))
-        theirs = None if baseline is None else _baseline_cell(between.mean, median, TABLE_3_FACTOR * baseline.per_object("chamfer"))
-        each = ", ".join(f"{mean:.2f}" for mean in chamfer.mean(axis=1))
-        yield Row([name, between, each, median, most, theirs, *looks])
+        theirs = None if baseline is None else _baseline_cell(interval.mean, median, TABLE_3_FACTOR * baseline.per_object("chamfer"))
+        per_training = ", ".join(f"{mean:.2f}" for mean in chamfer.mean(axis=1))
+        yield Row([name, interval, per_training, median, error_with_most, theirs, *qualities])
 
 
 def _baseline_cell(mean: float, median: float, theirs: NDArray[np.float64]) -> str:
     """Write mean and median of the baseline, marked if the network is not nearer."""
     pairs = ((mean, float(theirs.mean())), (median, float(np.median(theirs))))
-    return " / ".join(f"{other:.3f}{'' if ours < other else ' *'}" for ours, other in pairs)
+    return " / ".join(f"{baseline:.3f}{'' if ours < baseline else ' *'}" for ours, baseline in pairs)

@@ -1,1 +1,1 @@
-"""The trade of speed for accuracy: measured on the user's objects, and advice by it. Above the stages, which declare what they trade."""
+"""Measure the trade of speed for accuracy on the user's objects, and advise from it. Stages declare their trades."""

@@ -19,13 +19,13 @@ LENGTHS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 
 @dataclass(frozen=True)
 class Workload:
-    """How many objects are to be made, on how many cores."""
+    """The number of objects to make, and of cores."""
 
     objects: int
     cores: int
 
     def seconds(self, trade: MeasuredTrade, point: Point) -> float:
-        """Predict what a stage takes; a training has one core, as measured, and its time grows with the objects that it learns from."""
+        """Predict the seconds of a stage; a training runs on one core, as measured, and its time grows with its training objects."""
         if trade.trained:
             return point.seconds * self.objects * trade.trained / len(trade.objects)
         return point.seconds * math.ceil(self.objects / self.cores)
@@ -33,7 +33,7 @@ class Workload:
 
 @dataclass(frozen=True)
 class Choice:
-    """A measured setting of a stage, and what it takes: `seconds` for all objects, and the bound of the mean error of them."""
+    """A measured setting of a stage, its predicted `seconds` for all objects, and the bound of their mean error."""
 
     trade: MeasuredTrade
     point: Point
@@ -41,7 +41,7 @@ class Choice:
     bound: float
 
     def assignments(self) -> list[str]:
-        """Write what differs from the user's settings as `--set` takes it."""
+        """List the differences from the user's settings as `--set` takes them."""
         return [f"{self.trade.stage}.{assignment(name, value)}" for name, value in self.point.changes.items()]
 
 
@@ -68,7 +68,7 @@ def parse_duration(text: str) -> float:
     Raises
     ------
     InvalidInput
-        It is something else, or 0.
+        The text is no duration, or 0.
     """
     match = re.fullmatch(rf"{NUMBER} *(s|min|h|d)", text.strip())
     if not match or not (value := float(match[1])):
@@ -82,7 +82,7 @@ def parse_limit(text: str) -> Limit:
     Raises
     ------
     InvalidInput
-        It is something else.
+        The text is no limit.
     """
     match = re.fullmatch(rf"(?:([a-z-]+) *= *)?{NUMBER} *([^0-9. ].*)?", text.strip())
     if not match or not (match[1] or match[3]):
@@ -97,7 +97,7 @@ def choices(trade: MeasuredTrade, workload: Workload) -> list[Choice]:
 
 
 def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: float) -> list[Choice]:
-    """Choose one setting per stage, all together within a time, such that the product of the errors' bounds is least.
+    """Choose one setting per stage such that all fit within a time and the product of the error bounds is least.
 
     Errors have different units, so they are compared by ratios: halving one counts as much as halving another.
 
@@ -109,9 +109,11 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
     plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product, choices
     for trade in trades:
         options = choices(trade, workload)
-        least = min((one.bound for one in options if one.bound > 0), default=1.0)  # stands for a bound of 0, that of the reference
+        # stands for a bound of 0, that of the reference
+        floor = min((option.bound for option in options if option.bound > 0), default=1.0)
         longer = [
-            (t + one.seconds, e + math.log(one.bound or least), (*chosen, one)) for (t, e, chosen), one in itertools.product(plans, options)
+            (t + option.seconds, e + math.log(option.bound or floor), (*selected, option))
+            for (t, e, selected), option in itertools.product(plans, options)
         ]
         plans = []
         for plan in sorted(longer, key=lambda plan: plan[:2]):
@@ -131,20 +133,22 @@ def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Lim
     Raises
     ------
     InvalidInput
-        The limit is on no measured error, or no setting keeps to it; the message says what there is.
+        The limit is on no measured error, or no setting keeps it; the message lists the measured errors.
     """
     if all(limit.of(trade) is None for trade in trades):
         units = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)
         raise InvalidInput(f"no error is measured so; there are {units}")
-    chosen = []
+    selected = []
     for trade in trades:
-        options, most = choices(trade, workload), limit.of(trade)
-        fits = [one for one in options if (most is None and not one.point.changes) or (most is not None and one.bound <= most)]
-        if not fits:
-            best = min(one.bound for one in options)
+        options, bound = choices(trade, workload), limit.of(trade)
+        fitting = [
+            option for option in options if (bound is None and not option.point.changes) or (bound is not None and option.bound <= bound)
+        ]
+        if not fitting:
+            best = min(option.bound for option in options)
             raise InvalidInput(
-                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {most:g}; allow a larger error, or "
+                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {bound:g}; allow a larger error, or "
                 "measure more accurate settings: `vt-pipeline tradeoff` with another --preset or --set"
             )
-        chosen.append(min(fits, key=lambda one: (one.seconds, one.bound)))
-    return chosen
+        selected.append(min(fitting, key=lambda option: (option.seconds, option.bound)))
+    return selected

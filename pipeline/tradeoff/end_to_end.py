@@ -1,4 +1,4 @@
-"""What a dataset is made of, against the reconstructions that networks learn from it."""
+"""Measure how variants of a dataset change the reconstructions that networks learn from it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from stages.evaluate.evaluation_files import chamfer_by_object, evaluation_name
 from stages.registry import load_stage
 
 NETWORK = ("train-gcn.configuration=occluded-touch", "evaluate.configurations=[occluded-touch]", "evaluate.grasps=[1, 2]")
-"""A network that sees and feels; one and two grasps are given, which every variant has."""
+"""A network with vision and touch; it is evaluated with one and two grasps, which every variant has."""
 TRAININGS = 3
-"""Of each network, with other chance."""
+"""Trainings of each network, with different seeds."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A dataset that differs in one thing.
+    """A dataset that differs from the user's in one respect.
 
     Attributes
     ----------
@@ -54,9 +54,9 @@ class Variant:
     coarse: float = 1.0
 
 
-OWN = "your settings"
+USER_SETTINGS = "your settings"
 VARIANTS: Mapping[str, Variant] = {
-    OWN: Variant(),
+    USER_SETTINGS: Variant(),
     "half the objects": Variant(share=0.5),
     "two grasps per object": Variant(("simulate-grasps.grasps=2",)),
     "images of 192 pixels": Variant(("render-vision.resolution=192",)),
@@ -96,16 +96,16 @@ def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> Measur
     metric = f"Chamfer distance x 9000 of test objects, {TRAININGS} trainings"
     facts = {"metric": metric, "unit": "", "cost": "core seconds in all", "trained": learned, "total": len(variants)}
     measured = setup.begin(folder, END_TO_END, _key(setup), **facts)
-    known = {point.label for point in measured.points}
+    measured_labels = {point.label for point in measured.points}
     for label, variant in variants.items():
-        if label in known:
+        if label in measured_labels:
             continue
         data = folder / file_name(label)
-        if label != OWN:  # what the variant does not change is there already
-            linked_copy(folder / file_name(OWN), _outputs(setup), data)
+        if label != USER_SETTINGS:  # what the variant does not change is reused
+            linked_copy(folder / file_name(USER_SETTINGS), _outputs(setup), data)
         measured = measured.with_point(_measure(label, _changed(setup, variant, folder), data, console))
         measured.write(setup.data)
-        if label != OWN:
+        if label != USER_SETTINGS:
             shutil.rmtree(data)
     shutil.rmtree(folder, ignore_errors=True)
     return measured
@@ -133,8 +133,8 @@ def _key(setup: Setup) -> str:
 
 def _seconds(setup: Setup) -> float:
     """Foresee the seconds of a variant on one core."""
-    often = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
-    return sum(often.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
+    repeats = {"train-gcn": TRAININGS, "evaluate": TRAININGS}
+    return sum(repeats.get(name, 1) * setup.seconds(name, setup.settings(name)) for name in _chain(setup))
 
 
 def _changed(setup: Setup, variant: Variant, folder: Path) -> Setup:
@@ -168,7 +168,7 @@ def coarse_sensor(sensor: Sensor, share: float, folder: Path) -> Path:
 
 
 def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
-    """Make a dataset, train and evaluate its networks, and add up what all of it took but the evaluation."""
+    """Make a dataset, train and evaluate its networks, and add up the time of everything but the evaluation."""
     seconds = 0.0
     errors: dict[str, list[float]] = {}
     for name in _chain(setup):
@@ -185,7 +185,7 @@ def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
                 seconds += count * sum(times.values()) / max(len(times), 1)
     return Point(
         label=label,
-        changes={} if label == OWN else {"variant": label},
+        changes={} if label == USER_SETTINGS else {"variant": label},
         times={"all": seconds},
         kilobytes=sum(kilobytes(data, output) for output in _outputs(setup)),
         errors={name: tuple(values) for name, values in errors.items()},

@@ -1,4 +1,4 @@
-"""Measure what settings cost and how wrong they are: on a sample of the user's objects, on this machine."""
+"""Measure the time and the error of settings on a sample of the user's objects, on this machine."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LONGEST = 0.25
 
 @dataclass(frozen=True)
 class Setup:
-    """What is measured on, and what the user's settings are.
+    """The sample that is measured on, and the user's settings.
 
     Attributes
     ----------
@@ -77,11 +77,11 @@ class Setup:
             run(plan, console)
 
     def begin(self, folder: Path, stage: str, key: str, **facts: Any) -> MeasuredTrade:
-        """Read the measurement that was begun under this key with these objects, else begin a new one and clear its folder."""
+        """Read the measurement under this key with these objects, else begin a new one and clear its folder."""
         names = tuple(item.object_id for item in self.objects)
         measured = read_trade(self.data, stage)
         if measured is not None and (measured.key, measured.objects) == (key, names):
-            return measured.model_copy(update={"total": facts["total"]})  # which the time that is given decides, too
+            return measured.model_copy(update={"total": facts["total"]})  # the time limit changes this, too
         shutil.rmtree(folder, ignore_errors=True)
         user: dict[str, Any] = {
             "preset": self.preset,
@@ -97,7 +97,7 @@ class Setup:
 
 
 def stages_before(stage: str, setup: Setup) -> list[str]:
-    """List the stages whose outputs a stage needs, directly and by way of others, in the order of the pipeline."""
+    """List the stages whose outputs a stage needs, directly or indirectly, in the order of the pipeline."""
     makers = {load_stage(name).writes(setup.settings(name)): name for name in GRASP_STAGES}
     for name in (name for name in STAGES if name not in BUILT_IN):
         with suppress(PipelineError):  # a plugin that cannot be used
@@ -106,9 +106,9 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     waiting = [stage]
     while waiting:
         loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
-        found = {makers[output] for output in names_read(loaded, settings)} - needed
-        needed |= found
-        waiting += found
+        direct = {makers[output] for output in names_read(loaded, settings)} - needed
+        needed |= direct
+        waiting += direct
     return [name for name in makers.values() if name in needed]
 
 
@@ -139,31 +139,31 @@ def _declared(stage: str) -> Trade:
 
 
 def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
-    """List what is to be measured by label: the user's settings, those of other presets, and what the stage declares.
+    """List the settings to measure, by label: the user's, those of other presets, and those that the stage declares.
 
     Returns
     -------
     The settings of each, and its point without figures.
     """
-    own, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
-    listed = [own, *presets.values()]
+    user_settings, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
+    listed = [user_settings, *presets.values()]
     for changes in _declared(stage).candidates:
         with suppress(PipelineError):  # one that does not fit the user's other settings: more grasps than its attempts yield
             listed.append(setup.settings(stage, changes))
-    found: dict[str, tuple[Settings, Point]] = {}
+    points: dict[str, tuple[Settings, Point]] = {}
     for settings in listed:
-        if any(settings.results() == other.results() for other, _ in found.values()):
+        if any(settings.results() == earlier.results() for earlier, _ in points.values()):
             continue
         named = tuple(name for name, preset in presets.items() if preset.results() == settings.results())
-        mine, theirs = own.results(), settings.results()
+        mine, theirs = user_settings.results(), settings.results()
         changes = {name: value for name, value in theirs.items() if mine[name] != value}
         label = ", ".join(named or (f"{name}={value}" for name, value in changes.items())) or "your settings"
-        found[label] = settings, Point(label=label, changes=changes, presets=named, times={}, kilobytes=0, errors={})
-    return found
+        points[label] = settings, Point(label=label, changes=changes, presets=named, times={}, kilobytes=0, errors={})
+    return points
 
 
 def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
-    """Foresee the seconds of a stage's candidates, and list those that are left out: alone longer than a limit on few objects."""
+    """Predict the seconds of a stage's candidates, and list those that are left out because they exceed a limit even on few objects."""
     trade, total, left_out = _declared(stage), 0.0, []
     after = setup.seconds(trade.evaluated_by, setup.settings(trade.evaluated_by)) if trade.evaluated_by else 0.0
     for label, (settings, _) in candidates(stage, setup).items():
@@ -211,8 +211,8 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
-    known = {point.label for point in measured.points}
-    missing = {label: entry for label, entry in listed.items() if label not in known}
+    measured_labels = {point.label for point in measured.points}
+    missing = {label: entry for label, entry in listed.items() if label not in measured_labels}
     if not missing:
         return measured
     for name in (before := stages_before(stage, setup)):
@@ -223,7 +223,7 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         reference = linked_copy(inputs, outputs, folder / "reference")
         setup.make(stage, setup.settings(stage, trade.reference), reference, console)
     for label, (settings, point) in missing.items():
-        if len(measured.points) > len(known) and time.monotonic() > deadline:
+        if len(measured.points) > len(measured_labels) and time.monotonic() > deadline:
             break
         data = linked_copy(inputs, outputs, folder / file_name(label))
         setup.make(stage, settings, data, console)
@@ -244,7 +244,7 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
 
 
 def linked_copy(inputs: Path, outputs: Sequence[str], data: Path) -> Path:
-    """Make a data directory with the same inputs, their files as further names of the same: they are never written to."""
+    """Make a data directory whose inputs are hard links to the same files, which are never written to."""
     data.mkdir(parents=True, exist_ok=True)
     for name in ("dataset.json", *outputs):
         for path in _files(inputs / name if (inputs / name).exists() else (inputs / name).parent):
@@ -268,7 +268,7 @@ def kilobytes(data: Path, output: str) -> float:
 
 
 def times_of(stage: Any, settings: Settings, data: Path, trained: int) -> dict[str, float]:
-    """Read from records what each object took, or in a training its share; the first, which warmed up libraries, counts if it is alone."""
+    """Read the seconds per object from records, of a training its share per object; the first object, a warm-up, counts only if alone."""
     directory, output = DataDirectory(data), stage.writes(settings)
     if trained:
         return {"each": float(directory.folder(output).facts["training_seconds"]) / trained}

@@ -19,9 +19,9 @@ from pipeline.rng import numpy_rng
 from pipeline.store.atomic import write_at_once
 
 FOLDER = "tradeoff"
-"""Below a data directory."""
-SURE = 0.998
-"""Confidence of a bound as Student's t has it: 19 in 20 other samples keep to it where errors are skewed, as lognormal ones of σ = 0.8."""
+"""Folder of the measurements, below a data directory."""
+CONFIDENCE = 0.998
+"""Confidence of Student's t for a bound: 19 of 20 other samples keep it even with skewed errors, such as lognormal ones of σ = 0.8."""
 END_TO_END = "reconstruction"
 """The name, in place of a stage's, under which the trade of whole datasets is kept."""
 
@@ -75,25 +75,25 @@ class Point(BaseModel):
         return np.array(list(self.errors.values()), np.float64).T
 
     def bound(self, objects: int, trials: int = 0) -> float:
-        """Bound the mean error of other objects, with confidence `SURE`.
+        """Bound the mean error of other objects, with confidence `CONFIDENCE`.
 
         Parameters
         ----------
         objects
             How many.
         trials
-            Of how many things per object the error is a share, %; 0 where it is none.
+            Number of trials per object of which the error is a share, %; 0 if it is no share.
 
         Returns
         -------
-        Student's bound of how the means of two samples differ; of shares at least what the rule of three leaves open where nothing failed.
+        Student's bound of the difference of two sample means; of shares at least the rule of three's, for samples without failures.
         """
         values = self._table.mean(axis=0)
         if len(values) < 2:
             return np.inf
         spread = float(values.std(ddof=1)) * np.sqrt(1 / len(values) + 1 / objects)
-        least = 300 / (trials * min(len(values), objects)) if trials else 0.0
-        return max(float(values.mean() + student.ppf(SURE, len(values) - 1) * spread), least)
+        smallest = 300 / (trials * min(len(values), objects)) if trials else 0.0
+        return max(float(values.mean() + student.ppf(CONFIDENCE, len(values) - 1) * spread), smallest)
 
 
 class MeasuredTrade(BaseModel):
@@ -102,7 +102,7 @@ class MeasuredTrade(BaseModel):
     Attributes
     ----------
     stage, metric, unit, cost
-        What was measured, the unit of its errors, and what times are of.
+        What was measured, the unit of its errors, and what the times measure.
     key
         The hash of what the figures depend on beside the sample and the machine (`measure.trade_key`).
     preset, assignments
@@ -112,7 +112,7 @@ class MeasuredTrade(BaseModel):
     trained
         The number of those of them that a stage learns from, where it looks at all at once; else 0.
     trials
-        Of how many things per object the error is a share; 0 where it is none.
+        Number of trials per object of which the error is a share; 0 if it is no share.
     machine
         The processor.
     total

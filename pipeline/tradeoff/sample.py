@@ -1,4 +1,4 @@
-"""A sample of a manifest's objects that stands for all of them."""
+"""Choose a representative sample of a manifest's objects."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.rng import numpy_rng
 
 FEWEST, MOST = 4, 32
-"""Objects of a sample: fewer say nothing of the spread, more tell little that is new."""
+"""Number of objects in a sample: fewer do not show the spread, more add little information."""
 
 
 def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]:
@@ -20,22 +20,22 @@ def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]
 
     Returns
     -------
-    Of each split its share, in the manifest's order; all where there are no more.
+    A share of each split, in the manifest's order; all objects if there are no more.
     """
     if len(objects) <= count:
         return list(objects)
-    chosen: set[str] = set()
+    selected: set[str] = set()
     for split in sorted({item.split for item in objects}):
         rng = numpy_rng(seed, "tradeoff-sample", split)
-        own = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
-        share = max(1, round(count * len(own) / len(objects)))
-        ends = np.linspace(0, len(own), share + 1).astype(int)  # one out of each of as many equal parts
-        chosen |= {own[int(rng.integers(first, last))].object_id for first, last in pairwise(ends)}
-    return [item for item in objects if item.object_id in chosen]
+        members = sorted((item for item in objects if item.split == split), key=lambda item: (item.category, _size(item), item.object_id))
+        share = max(1, round(count * len(members) / len(objects)))
+        ends = np.linspace(0, len(members), share + 1).astype(int)  # one out of each of as many equal parts
+        selected |= {members[int(rng.integers(start, stop))].object_id for start, stop in pairwise(ends)}
+    return [item for item in objects if item.object_id in selected]
 
 
 def affordable(objects: Sequence[Object], seed: int, seconds: float, cost: Callable[[Sequence[Object]], float]) -> list[Object]:
-    """Choose the largest sample, of `FEWEST` to `MOST` objects, that costs no more than some seconds; `FEWEST` where all cost more."""
+    """Choose the largest sample, of `FEWEST` to `MOST` objects, that costs at most these seconds; `FEWEST` if all cost more."""
     for count in range(MOST, FEWEST, -1):
         if cost(sample := stratified(objects, count, seed)) <= seconds:
             return sample

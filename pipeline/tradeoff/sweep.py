@@ -1,4 +1,4 @@
-"""Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not made again."""
+"""Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not repeated."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
         Values of the settings that vary.
     """
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
-    *above, network = folder.split("/")
-    where = "/".join([*(part for part in above if part.startswith("seed-")), network])
+    *parents, network = folder.split("/")
+    where = "/".join([*(part for part in parents if part.startswith("seed-")), network])
     return f"sweeps/{stage}/{where}/{file_name(name)}"
 
 
@@ -48,9 +48,9 @@ def file_name(label: str) -> str:
     return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
 
 
-def show_sweep(found: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
+def show_sweep(results: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:
     """Print the points in order of the validation loss of their best epoch."""
-    ranked = sorted(found, key=lambda entry: entry[1].facts["best"]["loss"])
+    ranked = sorted(results, key=lambda entry: entry[1].facts["best"]["loss"])
     rows = []
     for point, record in ranked:
         facts = record.facts

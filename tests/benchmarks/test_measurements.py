@@ -14,7 +14,7 @@ from benchmarks import store, touch
 from benchmarks.depth import embree_depth, rasterised_depth
 from benchmarks.peers.taxim_shim import scatter_min
 from benchmarks.surfaces import sees_outside
-from benchmarks.timing import Table, Times, each, side_by_side, three_digits
+from benchmarks.timing import Table, Times, over_items, side_by_side, three_digits
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.sensor import pixel_centres
@@ -130,7 +130,7 @@ def test_times_are_taken_in_turns_after_warming_up() -> None:
     times = side_by_side({"a": lambda: once("a"), "b": lambda: once("b")}, 3)
     assert order == ["a", "b"] * 4
     assert times == {"a": Times(1.0, 2.0), "b": Times(5.0, 5.0)}
-    assert each(lambda n: sum(range(n)), [200_000, 200_000])() > 0
+    assert over_items(lambda n: sum(range(n)), [200_000, 200_000])() > 0
 
 
 @pytest.mark.parametrize(

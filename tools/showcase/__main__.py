@@ -1,4 +1,4 @@
-"""Render a gallery to show with Blender, from a dataset: grasps, a turntable, touch to reconstruction; and compare its masks with ours.
+"""Render a showcase of a dataset with Blender: grasps, a turntable, touch to reconstruction; and compare its masks with ours.
 
     python -m tools.showcase DATA OUT --blender .venv-showcase/bin/python
 
@@ -45,35 +45,35 @@ def main() -> None:
     parser.add_argument("--blender", type=Path, required=True, help="the Python that has bpy")
     parser.add_argument("--grasps", type=int, default=GRASPS)
     parser.add_argument("--pixels", type=int, default=PIXELS)
-    given = parser.parse_args()
-    source, out = ReportSource(place(given.data)), given.out.resolve()
+    arguments = parser.parse_args()
+    source, out = ReportSource(place(arguments.data)), arguments.out.resolve()
     (out / "scenes").mkdir(parents=True, exist_ok=True)
-    chosen = spread_evenly(source.object_ids, given.grasps)
-    jobs, ours = _grasps(source, chosen, out, given.pixels)
+    object_ids = spread_evenly(source.object_ids, arguments.grasps)
+    jobs, ours = _grasps(source, object_ids, out, arguments.pixels)
     jobs += _turntable(jobs[0], out)
-    jobs += _strip(source, out, given.pixels // 2)
-    listed = out / "jobs.json"
-    listed.write_text(json.dumps(jobs, indent=1))
+    jobs += _strip(source, out, arguments.pixels // 2)
+    jobs_file = out / "jobs.json"
+    jobs_file.write_text(json.dumps(jobs, indent=1))
     worker = Path(__file__).with_name("blender_worker.py")
-    subprocess.run([given.blender, worker, listed], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([arguments.blender, worker, jobs_file], check=True, stdout=subprocess.DEVNULL)
     seconds = json.loads((out / "seconds.json").read_text())
     _save_turntable(out)
-    _save_strip(source, out, given.pixels // 2)
+    _save_strip(source, out, arguments.pixels // 2)
     for name, (mask, ours_seconds) in ours.items():
         theirs = np.asarray(Image.open(out / f"{name}-mask.png"))[..., 3] > 127
         iou = (mask & theirs).sum() / (mask | theirs).sum()
-        taken = seconds[str(out / f"{name}.png")]
-        print(f"{name}: masks agree to {iou:.5f} (intersection over union); ours {ours_seconds:.2f} s, Blender {taken:.1f} s")
-    print(f"{out}: {len(chosen)} grasps, turntable.gif" + (", touch-to-shape.png" if source.evaluation else ""))
+        blender_seconds = seconds[str(out / f"{name}.png")]
+        print(f"{name}: masks agree to {iou:.5f} (intersection over union); ours {ours_seconds:.2f} s, Blender {blender_seconds:.1f} s")
+    print(f"{out}: {len(object_ids)} grasps, turntable.gif" + (", touch-to-shape.png" if source.evaluation else ""))
 
 
-def _grasps(source: ReportSource, chosen: Iterable[str], out: Path, pixels: int) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _grasps(source: ReportSource, object_ids: Iterable[str], out: Path, pixels: int) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Write the scene of each object's best grasp; returns what Blender renders, and our masks with their seconds."""
     scenes = GraspScenes(source.hand(), source.sensors(), small=False)
     scene = dataset_scene(source.directory)
     jobs, masks = [], []
     ours: dict[str, Any] = {}
-    for object_id in chosen:
+    for object_id in object_ids:
         rows = source.rows(object_id)
         path = out / "scenes" / f"{object_id}.glb"
         path.write_bytes(scenes.glb(scenes.scene(rows, [0])))
@@ -83,19 +83,19 @@ def _grasps(source: ReportSource, chosen: Iterable[str], out: Path, pixels: int)
                 near, _ = grasp_cameras(renderer, scene, 96, view)
                 camera, target = _beside(near, read_mesh(rows["surfaces"]).vertices, pixels)
                 began = time.perf_counter()
-                shown = [(view.object_mesh[0], np.eye(4)), *((handle, pose) for handle, _, pose in view.hand)]
-                image = renderer.render(shown, camera).rgb
-                taken = time.perf_counter() - began
-                mask = renderer.render(shown[:1], camera.with_resolution(MASK_PIXELS)).segmentation == Label.OBJECT
+                posed_meshes = [(view.object_mesh[0], np.eye(4)), *((handle, pose) for handle, _, pose in view.hand)]
+                image = renderer.render(posed_meshes, camera).rgb
+                seconds = time.perf_counter() - began
+                mask = renderer.render(posed_meshes[:1], camera.with_resolution(MASK_PIXELS)).segmentation == Label.OBJECT
         Image.fromarray(image).save(out / f"{object_id}-ours.png")
-        job = {"scene": str(path), "camera": _said(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
+        job = {"scene": str(path), "camera": _described_camera(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
         jobs.append(job | {"shown": ["object", "grasp-0-hand"], "picture": str(out / f"{object_id}.png")})
         if len(ours) < MASKS:
-            small = _said(camera.with_resolution(MASK_PIXELS))
+            small = _described_camera(camera.with_resolution(MASK_PIXELS))
             masks.append(
                 job | {"camera": small, "samples": 1, "mask": True, "shown": ["object"], "picture": str(out / f"{object_id}-mask.png")}
             )
-            ours[object_id] = (mask, taken)
+            ours[object_id] = (mask, seconds)
     return jobs + masks, ours
 
 
@@ -103,15 +103,15 @@ def _beside(near: Camera, vertices: NDArray[np.float64], pixels: int) -> tuple[C
     """Place a camera in the direction of `near`, a little above, that sees the object and the hand; returns what it looks at, too."""
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     target, radius = (low + high) / 2, np.linalg.norm(high - low) / 2
-    away = camera_pose(near)[:3, 2]
-    away[2] = max(away[2], 0.25)
-    position = target + ROOM * radius * away / np.linalg.norm(away)
+    direction = camera_pose(near)[:3, 2]
+    direction[2] = max(direction[2], 0.25)
+    position = target + ROOM * radius * direction / np.linalg.norm(direction)
     focal, middle = FOCAL * pixels, pixels / 2
     lens = near.model_copy(update={"focal": (focal, focal), "centre": (middle, middle), "resolution": pixels})
     return look_at(lens, tuple(position.tolist()), tuple(target.tolist())), target
 
 
-def _said(camera: Camera) -> dict[str, Any]:
+def _described_camera(camera: Camera) -> dict[str, Any]:
     pose = camera_pose(camera).tolist()
     return {"pose": pose, "focal": camera.focal, "centre": camera.centre, "resolution": camera.resolution}
 
@@ -121,12 +121,12 @@ def _turntable(job: dict[str, Any], out: Path) -> list[dict[str, Any]]:
     target, frames = np.array(job["target"]), []
     for number in range(FRAMES):
         angle = 2 * np.pi * number / FRAMES
-        turn = np.eye(4)
-        turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-        turn[:3, 3] = target - turn[:3, :3] @ target
+        rotation = np.eye(4)
+        rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        rotation[:3, 3] = target - rotation[:3, :3] @ target
         scale = FRAME_PIXELS / job["camera"]["resolution"]
-        camera: dict[str, Any] = {name: [scale * one for one in job["camera"][name]] for name in ("focal", "centre")}
-        camera |= {"pose": (turn @ np.array(job["camera"]["pose"])).tolist(), "resolution": FRAME_PIXELS}
+        camera: dict[str, Any] = {name: [scale * value for value in job["camera"][name]] for name in ("focal", "centre")}
+        camera |= {"pose": (rotation @ np.array(job["camera"]["pose"])).tolist(), "resolution": FRAME_PIXELS}
         frames.append(job | {"camera": camera, "samples": FRAME_SAMPLES, "picture": str(out / f"turn-{number:02d}.png")})
     return frames
 
@@ -162,9 +162,9 @@ def _strip(source: ReportSource, out: Path, pixels: int) -> list[dict[str, Any]]
     vertices = read_mesh(rows["surfaces"]).vertices
     camera, target = _beside(load_scene(SCENE).camera, vertices, pixels)
     charts = [f"grasp-{number}-charts" for number in range(len(rows["grasps"]["hand_pose"]))]
-    common = {"scene": str(path), "camera": _said(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
-    shown = {"strip-object": ["object"], "strip-charts": charts, "strip-shape": ["prediction", *charts]}
-    return [common | {"shown": parts, "picture": str(out / f"{name}.png")} for name, parts in shown.items()]
+    common = {"scene": str(path), "camera": _described_camera(camera), "target": target.tolist(), "samples": SAMPLES, "mask": False}
+    pictures = {"strip-object": ["object"], "strip-charts": charts, "strip-shape": ["prediction", *charts]}
+    return [common | {"shown": parts, "picture": str(out / f"{name}.png")} for name, parts in pictures.items()]
 
 
 def _save_strip(source: ReportSource, out: Path, pixels: int) -> None:

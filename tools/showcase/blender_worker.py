@@ -25,9 +25,9 @@ def render(job: dict) -> float:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.import_scene.gltf(filepath=job["scene"])
     scene = bpy.context.scene
-    for thing in bpy.data.objects:
-        names = {thing.name, *(parent.name for parent in parents(thing))}
-        thing.hide_render = not any(name == shown or name.startswith(f"{shown}.") for name in names for shown in job["shown"])
+    for node in bpy.data.objects:
+        names = {node.name, *(parent.name for parent in parents(node))}
+        node.hide_render = not any(name == shown or name.startswith(f"{shown}.") for name in names for shown in job["shown"])
     add_camera(scene, job["camera"])
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
@@ -50,33 +50,33 @@ def render(job: dict) -> float:
     return time.perf_counter() - began
 
 
-def parents(thing: bpy.types.Object) -> list:
-    """Find what an object is below."""
-    found = []
-    while thing.parent:
-        thing = thing.parent
-        found.append(thing)
-    return found
+def parents(node: bpy.types.Object) -> list:
+    """List the ancestors of an object."""
+    ancestors = []
+    while node.parent:
+        node = node.parent
+        ancestors.append(node)
+    return ancestors
 
 
-def add_camera(scene: bpy.types.Scene, said: dict) -> None:
+def add_camera(scene: bpy.types.Scene, described: dict) -> None:
     """Set up the camera: the same pose and intrinsics give the same pixels."""
-    made = bpy.data.cameras.new("camera")
-    side = said["resolution"]
-    made.sensor_fit, made.sensor_width = "HORIZONTAL", 36.0
-    made.lens = said["focal"][0] * made.sensor_width / side
-    made.shift_x = 0.5 - said["centre"][0] / side
-    made.shift_y = said["centre"][1] / side - 0.5
-    made.clip_start, made.clip_end = 0.01, 100
-    thing = bpy.data.objects.new("camera", made)
-    scene.collection.objects.link(thing)
-    thing.matrix_world = Matrix(said["pose"])
-    scene.camera = thing
+    camera = bpy.data.cameras.new("camera")
+    side = described["resolution"]
+    camera.sensor_fit, camera.sensor_width = "HORIZONTAL", 36.0
+    camera.lens = described["focal"][0] * camera.sensor_width / side
+    camera.shift_x = 0.5 - described["centre"][0] / side
+    camera.shift_y = described["centre"][1] / side - 0.5
+    camera.clip_start, camera.clip_end = 0.01, 100
+    node = bpy.data.objects.new("camera", camera)
+    scene.collection.objects.link(node)
+    node.matrix_world = Matrix(described["pose"])
+    scene.camera = node
 
 
 def add_light(scene: bpy.types.Scene, job: dict) -> None:
     """Add a large lamp above, for soft shadows, a bright surrounding, and a floor below the scene."""
-    lowest = min((thing.matrix_world @ point.co).z for thing in bpy.data.objects if visible_mesh(thing) for point in thing.data.vertices)
+    lowest = min((node.matrix_world @ point.co).z for node in bpy.data.objects if visible_mesh(node) for point in node.data.vertices)
     world = bpy.data.worlds.new("world")
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs[0].default_value = (0.9, 0.93, 1.0, 1)
@@ -84,11 +84,11 @@ def add_light(scene: bpy.types.Scene, job: dict) -> None:
     scene.world = world
     lamp = bpy.data.lights.new("lamp", "AREA")
     lamp.energy, lamp.size = 45, 1.2
-    thing = bpy.data.objects.new("lamp", lamp)
-    scene.collection.objects.link(thing)
+    node = bpy.data.objects.new("lamp", lamp)
+    scene.collection.objects.link(node)
     x, y, z = job["target"]
-    thing.location = (x + 0.5, y - 0.9, z + 1.3)
-    thing.rotation_euler = (math.atan2(math.hypot(0.5, 0.9), 1.3), 0, math.atan2(0.5, 0.9))
+    node.location = (x + 0.5, y - 0.9, z + 1.3)
+    node.rotation_euler = (math.atan2(math.hypot(0.5, 0.9), 1.3), 0, math.atan2(0.5, 0.9))
     bpy.ops.mesh.primitive_plane_add(size=30, location=(x, y, lowest - 0.001))
     floor = bpy.data.materials.new("floor")
     floor.diffuse_color = (0.8, 0.8, 0.8, 1)
@@ -98,8 +98,8 @@ def add_light(scene: bpy.types.Scene, job: dict) -> None:
     bpy.context.object.data.materials.append(floor)
 
 
-def visible_mesh(thing: bpy.types.Object) -> bool:
-    return thing.type == "MESH" and not thing.hide_render
+def visible_mesh(node: bpy.types.Object) -> bool:
+    return node.type == "MESH" and not node.hide_render
 
 
 if __name__ == "__main__":

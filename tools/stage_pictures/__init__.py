@@ -27,9 +27,9 @@ from tools.stage_pictures.learning_stages import (
     draw_reconstructions,
     draw_unet,
 )
-from tools.stage_pictures.shown import Shown, open_shown
+from tools.stage_pictures.subject import Subject, open_subject
 
-PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
+PICTURES: dict[str, tuple[Callable[[Subject, Path], None], str]] = {
     "sample-surfaces": (draw_surfaces, "surfaces"),
     "simulate-grasps": (draw_grasps, "grasps"),
     "render-vision": (draw_vision, "vision"),
@@ -43,7 +43,7 @@ PICTURES: dict[str, tuple[Callable[[Shown, Path], None], str]] = {
     "train-implicit": (draw_implicit, "implicit"),
     "evaluate": (draw_reconstructions, "evaluation"),
 }
-"""How each stage's picture is drawn, and what has to be there for it."""
+"""The function that draws each stage's picture, and the artifact or model that it needs."""
 
 
 def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None:
@@ -58,14 +58,14 @@ def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None
     if directory.collection(RENDERINGS).shards:
         draw_renderings(directory, folder / "read-renderings.webp")
         return
-    with open_shown(data, object_id) as shown:
+    with open_subject(data, object_id) as subject:
         for stage, (draw, need) in PICTURES.items():
-            if _is_made(shown, need):
-                draw(shown, folder / f"{stage}.webp")
+            if _is_made(subject, need):
+                draw(subject, folder / f"{stage}.webp")
 
 
-def _is_made(shown: Shown, need: str) -> bool:
-    """Whether there is an artifact, a folder, or a trained network of a family."""
+def _is_made(subject: Subject, need: str) -> bool:
+    """Tell whether an artifact, a folder, or a trained network of a family exists."""
     if need in ARTIFACTS:
-        return bool(shown.source.directory.collection(ARTIFACTS[need]).shards)
-    return need in shown.networks if need in FAMILIES else exists(shown.source.directory.folder_record(need))
+        return bool(subject.source.directory.collection(ARTIFACTS[need]).shards)
+    return need in subject.networks if need in FAMILIES else exists(subject.source.directory.folder_record(need))

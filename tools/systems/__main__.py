@@ -35,7 +35,7 @@ README = ("make dataset", "make test")
 ARTIFACTS = ("surfaces", "grasps", "vision", "touch")
 BEGIN, END = "<!-- Written by `make test-systems` -->\n", "<!-- End of what `make test-systems` writes -->\n"
 LACKING = re.compile(r"^ +sudo (apt-get install -y .*)$", re.MULTILINE)
-"""What `make` tells those to type who are not root."""
+"""The command that `make` prints for users who are not root."""
 
 Run = Callable[[str, IO[str]], int]
 """Runs a shell command on a system, where the clone is; writes what it prints, returns its exit status."""
@@ -54,7 +54,7 @@ class Row:
     def cells(self) -> list[str]:
         """Write the line's cells."""
         minutes = ["failed" if spent is None else f"{spent:.1f}" for spent in self.minutes]
-        return [self.system, self.python, self.user, *minutes, " ".join(one[:8] for one in self.digests.values()) or "–"]
+        return [self.system, self.python, self.user, *minutes, " ".join(digest[:8] for digest in self.digests.values()) or "–"]
 
 
 def try_commands(row: Row, commands: list[str], run: Run, log_file: Path, as_root: Run | None = None) -> None:
@@ -95,14 +95,16 @@ def clone_into(folder: Path) -> Path:
 
 
 def run_here(command: str, log: IO[str], folder: Path) -> int:
-    """Run a shell command in a folder of this machine, with nothing of the environment but how registries are reached."""
+    """Run a shell command in a folder of this machine, with no environment variables but those for reaching registries."""
     environment = {name: os.environ[name] for name in ("PATH", "HOME") if name in os.environ} | network_variables()
-    done = subprocess.run(command, shell=True, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
-    return done.returncode
+    process = subprocess.run(
+        command, shell=True, cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False
+    )
+    return process.returncode
 
 
 def try_debian(name: str, user: str, arguments: argparse.Namespace) -> Row:
-    """Run the commands in a fresh Debian, as root or as somebody else."""
+    """Run the commands in a fresh Debian, as root or as another user."""
     row = Row(name.replace("-", " ").title(), "root" if user == "root" else "not root")
     system = make_debian(
         arguments.folder / name, arguments.folder / f"{name}-{user}", DEBIANS[name], mirror=arguments.mirror, binds=arguments.bind
@@ -126,18 +128,18 @@ def try_python(name: str, arguments: argparse.Namespace) -> Row:
     """Run the commands on this system with another Python: one on the path, of pyenv, or of uv."""
     row = Row("this machine", "root" if os.geteuid() == 0 else "not root")
     clone = clone_into(arguments.folder / name)
-    version, (first, *others) = name.removeprefix("python-"), arguments.commands
+    version, (first_command, *other_commands) = name.removeprefix("python-"), arguments.commands
     of_pyenv = sorted(Path("~/.pyenv/versions").expanduser().glob(f"{version}.*/bin/python"))
     python = next(map(str, of_pyenv), None) or shutil.which(f"python{version}")  # pyenv's programs on the path run chosen versions alone
     create = f"{shlex.quote(python)} -m venv .venv" if python else f"uv venv --quiet --seed --python {version} .venv"
     run = partial(run_here, folder=clone)
-    try_commands(row, [f"{create} && {first}", *others], run, arguments.folder / f"{name}.log")
+    try_commands(row, [f"{create} && {first_command}", *other_commands], run, arguments.folder / f"{name}.log")
     examine(row, run, clone)
     return row
 
 
 def try_environment(venv: str, arguments: argparse.Namespace) -> Row:
-    """Run the commands in this checkout with a virtual environment that is there, and data of its own."""
+    """Run the commands in this checkout with an existing virtual environment, and separate data."""
     venv = os.path.abspath(venv)
     row = Row(Path(venv).name, "root" if os.geteuid() == 0 else "not root")
     folder = arguments.folder / f"{Path(venv).name}-data"
@@ -160,12 +162,12 @@ def try_wheel(arguments: argparse.Namespace) -> Row:
     venv, source = f"{shlex.quote(sys.executable)} -m venv .venv", shlex.quote(str(clone))
     pip = ".venv/bin/python -m pip --quiet --disable-pip-version-check"
     install = f"{venv} && {pip} wheel --no-deps -w . {source} && {pip} install -c {source}/constraints.txt *.whl"
-    used = [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.COMMANDS]
-    used += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
-    used += [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.LATER]
-    used += [f"test -s {name}" for name in wheel.WRITTEN]
+    commands = [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.COMMANDS]
+    commands += [f".venv/bin/python -c {shlex.quote(wheel.LIBRARY)}"]
+    commands += [shlex.join([".venv/bin/vt-pipeline", *command]) for command in wheel.LATER]
+    commands += [f"test -s {name}" for name in wheel.WRITTEN]
     run = partial(run_here, folder=folder)
-    steps = [install, " && ".join(used)]
+    steps = [install, " && ".join(commands)]
     try_commands(row, steps if len(arguments.commands) > 1 else [" && ".join(steps)], run, arguments.folder / "wheel.log")
     row.minutes += [None] * (len(arguments.commands) - 2)
     examine(row, run, folder)

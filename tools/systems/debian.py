@@ -1,4 +1,4 @@
-"""Debian in a folder, and commands run in it as in a machine of its own. As root, on Linux."""
+"""Make Debian in a folder, and run commands in it as on a separate machine. As root, on Linux."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MIRROR = "http://deb.debian.org/debian"
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
 USER = "somebody"
 PASSED = ("PIP_", "UV_", "http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY", "SSL_CERT", "REQUESTS_CA")
-"""How the names of variables begin that say how this machine reaches package registries."""
+"""Prefixes of the variables that say how this machine reaches package registries."""
 PIP_OF_USER = "etc/xdg/pip/pip.conf"
 PIP_CONFIGURATIONS = {"/etc/pip.conf": "etc/pip.conf", "~/.pip/pip.conf": PIP_OF_USER, "~/.config/pip/pip.conf": PIP_OF_USER}
 
@@ -30,7 +30,7 @@ for path; do mount --bind "$path" "$root$path"; done
 hostname "$(cat "$root/etc/hostname")"
 exec chroot --userspec="$user:$user" "$root" sh -c 'cd "$1" && eval "$2"' sh "$folder" "$command"
 """
-"""Mounts are of a namespace of their own: they end with its last process."""
+"""Mounts are in a separate namespace and end with its last process."""
 
 
 def network_variables() -> dict[str, str]:
@@ -40,7 +40,7 @@ def network_variables() -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Debian:
-    """A Debian root and what of this machine is seen in it."""
+    """A Debian root, and the files of this machine that are visible in it."""
 
     root: Path
     binds: tuple[Path, ...] = ()
@@ -51,8 +51,8 @@ class Debian:
         namespaces = ["unshare", "--mount", "--pid", "--uts", "--fork", "--kill-child"]
         enter = ["sh", "-euc", ENTER, "sh", str(self.root), user, folder, command, *map(str, self.binds)]
         command_line, variables = [*namespaces, *enter], environment | network_variables()
-        done = subprocess.run(command_line, env=variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
-        return done.returncode
+        process = subprocess.run(command_line, env=variables, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False)
+        return process.returncode
 
 
 def make_debian(base: Path, root: Path, release: str, *, mirror: str = MIRROR, binds: Sequence[Path] = ()) -> Debian:
@@ -81,8 +81,8 @@ def make_debian(base: Path, root: Path, release: str, *, mirror: str = MIRROR, b
     if not base.exists():
         unfinished = base.with_suffix(".unfinished")
         shutil.rmtree(unfinished, ignore_errors=True)
-        made = ["debootstrap", "--variant=minbase", "--include=ca-certificates,git,make", release, str(unfinished), mirror]
-        if subprocess.run(made, stdout=subprocess.DEVNULL, check=False).returncode:
+        command = ["debootstrap", "--variant=minbase", "--include=ca-certificates,git,make", release, str(unfinished), mirror]
+        if subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode:
             raise StageError(f"debootstrap of {release} from {mirror} failed; {unfinished}/debootstrap/debootstrap.log says why")
         unfinished.rename(base)
     shutil.rmtree(root, ignore_errors=True)
@@ -90,18 +90,18 @@ def make_debian(base: Path, root: Path, release: str, *, mirror: str = MIRROR, b
     (root / "etc" / "hostname").write_text("vt-systems\n")
     (root / "etc" / "hosts").write_text("127.0.0.1 localhost vt-systems\n")
     shutil.copy("/etc/resolv.conf", root / "etc" / "resolv.conf")
-    for here, there in PIP_CONFIGURATIONS.items():
-        if (path := Path(here).expanduser()).is_file():
-            (root / there).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path, root / there)
+    for source, target in PIP_CONFIGURATIONS.items():
+        if (path := Path(source).expanduser()).is_file():
+            (root / target).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, root / target)
     for path in Path("/etc/apt/apt.conf.d").glob("*"):
         if "Acquire::" in path.read_text(errors="ignore"):
             shutil.copy(path, root / "etc" / "apt" / "apt.conf.d")
     certificates = {Path(value) for name, value in network_variables().items() if Path(value).is_file()}
-    seen = (*certificates, *(path.resolve() for path in binds))
-    for path in seen:
+    visible = (*certificates, *(path.resolve() for path in binds))
+    for path in visible:
         inside = root / path.relative_to("/")
         inside.parent.mkdir(parents=True, exist_ok=True)
         inside.mkdir(exist_ok=True) if path.is_dir() else inside.touch()
     subprocess.run(["chroot", root, "useradd", "--create-home", USER], check=True)
-    return Debian(root.resolve(), seen)
+    return Debian(root.resolve(), visible)

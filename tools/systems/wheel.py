@@ -1,4 +1,4 @@
-"""The wheel outside any clone: what a user types who has installed nothing else. tests/test_wheel.py runs the same commands."""
+"""Commands for the wheel outside any clone, as a user without anything else installed types them. tests/test_wheel.py runs them too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the pictures of stages show: one object, in one grasp, of a dataset that went through every stage."""
+"""Load the subject of the pictures of stages: one object, in one grasp, of a dataset that went through every stage."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from stages.render_vision.renderer import Renderer
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
-    """What all pictures show: an object in a grasp, and by family a network with what it is given of the object."""
+class Subject:
+    """The subject of all pictures: an object in a grasp, and by family a network with its inputs."""
 
     source: ReportSource
     networks: Mapping[str, tuple[Any, Observation]]
@@ -49,19 +49,19 @@ class Shown:
         return read_mesh(self.rows["surfaces"])
 
     def part(self) -> tuple[slice, slice]:
-        """Cut out the part of the camera's image, `PIXELS` a side, that object and hand are in."""
+        """Find the part of the camera's image, `PIXELS` per side, that shows object and hand."""
         large = self.rows["vision"]["segmentation"][[0, 1 + self.grasp], 0] > 0
         scale = PIXELS / large.shape[1]
         row, col = surroundings(large)
         return slice(int(scale * row.start), int(scale * row.stop)), slice(int(scale * col.start), int(scale * col.stop))
 
-    def pictured(self, mesh: Any) -> NDArray[np.uint8]:
-        """Render a mesh where the object is."""
+    def picture_of(self, mesh: Any) -> NDArray[np.uint8]:
+        """Render a mesh at the object's place."""
         return render_mesh(self.renderer, mesh)[self.part()]
 
 
 @contextmanager
-def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
+def open_subject(data: Place, object_id: str | None = None) -> Iterator[Subject]:
     """Choose a grasp, of an object of the test split or of the one where it is clearest, and load what its pictures need."""
     source = ReportSource(data)
     tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them
@@ -72,7 +72,7 @@ def open_shown(data: Place, object_id: str | None = None) -> Iterator[Shown]:
     scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
     with Renderer(scene, PIXELS) as renderer:
-        yield Shown(source, networks, renderer, scene, object_id, grasp)
+        yield Subject(source, networks, renderer, scene, object_id, grasp)
 
 
 def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tuple[Reconstructor, Observation]]:
@@ -80,9 +80,9 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
 
     The network is the one of those trained that is given most; of implicit networks, where none was trained, the one that ships.
     """
-    found = {}
-    every = len(source.rows(object_id)["grasps"]["hand_pose"])
-    grasps = [(grasp + step) % every for step in range(every)]
+    networks = {}
+    count = len(source.rows(object_id)["grasps"]["hand_pose"])
+    grasps = [(grasp + step) % count for step in range(count)]
     for family in FAMILIES:
         trained = [name for name in source.directory.folders() if name.startswith(f"models/{family}/")]
         if trained:
@@ -93,5 +93,5 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
         else:
             continue
         rows = ObjectRows(source.directory.root, observed_arrays(network.config), None)
-        found[family] = network, stored_observation(rows, object_id, grasps, network.config)
-    return found
+        networks[family] = network, stored_observation(rows, object_id, grasps, network.config)
+    return networks
