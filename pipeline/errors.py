@@ -32,15 +32,15 @@ class BugFound(PipelineError):
     """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
 
 
-def meant(name: object, known: Collection[str]) -> str | None:
+def meant(name: object, names: Collection[str]) -> str | None:
     """Find the name that was probably meant, if one is alike."""
-    return next(iter(get_close_matches(str(name), known, n=1, cutoff=0.7)), None)
+    return next(iter(get_close_matches(str(name), names, n=1, cutoff=0.7)), None)
 
 
-def unknown(kind: str, name: object, known: Collection[str]) -> str:
+def unknown(kind: str, name: object, names: Collection[str]) -> str:
     """Say that there is no such thing, for example no such stage, which one was probably meant, and which there are."""
-    guess = meant(name, known)
-    return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(known)}"
+    guess = meant(name, names)
+    return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(names)}"
 
 
 def first_line(error: Exception) -> str:

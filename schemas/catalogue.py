@@ -17,13 +17,13 @@ class _Catalogue(UserDict[str, Artifact]):
     data: dict[str, Artifact | EntryPoint]  # type: ignore[assignment]
 
     def __getitem__(self, name: str) -> Artifact:
-        found = self.data[name]
-        if isinstance(found, EntryPoint):
-            artifact = plugins.load(found, StoreError)
+        entry = self.data[name]
+        if isinstance(entry, EntryPoint):
+            artifact = plugins.load(entry, StoreError)
             if not isinstance(artifact, Artifact) or artifact.name != name:
-                raise StoreError(f"{found.value} of package {plugins.package_of(found)} is not an Artifact called {name}")
-            self.data[name] = found = artifact
-        return found
+                raise StoreError(f"{entry.value} of package {plugins.package_of(entry)} is not an Artifact called {name}")
+            self.data[name] = entry = artifact
+        return entry
 
 
 _modules = [import_module(f"schemas.{module.name}") for module in iter_modules(schemas.__path__) if module.name != "catalogue"]
@@ -39,6 +39,6 @@ def artifact_of(array: str) -> Artifact:
     for artifact in ARTIFACTS.values():
         if array in artifact.arrays:
             return artifact
-    known = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
-    guess = meant(array, known)
-    raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(known)}")
+    names = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
+    guess = meant(array, names)
+    raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(names)}")

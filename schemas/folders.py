@@ -23,5 +23,5 @@ def maker_of(folder: str) -> str:
         return "the stage that makes it"
     seed, family, network = match.groups()
     stage = f"train-{family}"
-    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
-    return f"`vt-pipeline run {stage}{''.join(stated)}`"
+    options = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
+    return f"`vt-pipeline run {stage}{''.join(options)}`"

@@ -94,18 +94,18 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
         raise StageError("sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run")
     scripts = {job.output: script_of(job, submission) for job in jobs}
     with one_writer(folder / "lock", folder):
-        known = {job.output: job for job in submitted_jobs(folder)}
-        _refuse_unfinished(states_of(folder, [known[output] for output in scripts if output in known]))
+        jobs_by_output = {job.output: job for job in submitted_jobs(folder)}
+        _refuse_unfinished(states_of(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output]))
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
             write_at_once(path, os.fsencode(scripts[job.output]))  # a path among its arguments may be no text
-            ids[job.output] = _sbatch(path, dependency(job, {one.output: one for one in jobs}, ids), list(ids.values()))
+            ids[job.output] = _sbatch(path, dependency(job, {other.output: other for other in jobs}, ids), list(ids.values()))
             tasks = submission.shards if job.is_array else None
-            made = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
-            known[job.output] = made
-            write_at_once(folder / "jobs.json", _SubmittedJobs(jobs=tuple(known.values())).model_dump_json(indent=1).encode())
-            yield made
+            submitted = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
+            jobs_by_output[job.output] = submitted
+            write_at_once(folder / "jobs.json", _SubmittedJobs(jobs=tuple(jobs_by_output.values())).model_dump_json(indent=1).encode())
+            yield submitted
 
 
 def _refuse_unfinished(states: Iterable[JobState]) -> None:
@@ -117,16 +117,16 @@ def _refuse_unfinished(states: Iterable[JobState]) -> None:
             )
 
 
-def _sbatch(script: Path, after: str | None, before: list[str]) -> str:
+def _sbatch(script: Path, condition: str | None, earlier_ids: list[str]) -> str:
     """Submit a script; returns the job's number."""
-    options = [f"--dependency={after}"] if after else []
-    done = _ask("sbatch", "--parsable", *options, str(script))
-    number = done.stdout.strip().partition(";")[0]
-    if done.returncode or not number.isdigit():
-        left = f"; `scancel {' '.join(before)}` ends what was submitted before it" if before else ""
+    options = [f"--dependency={condition}"] if condition else []
+    completed = _ask("sbatch", "--parsable", *options, str(script))
+    number = completed.stdout.strip().partition(";")[0]
+    if completed.returncode or not number.isdigit():
+        remedy = f"; `scancel {' '.join(earlier_ids)}` ends what was submitted before it" if earlier_ids else ""
         raise StageError(
-            f"sbatch refuses {script}: {_complaint(done)}. Partition, memory, time and options are those of the "
-            f"cluster file (--cluster), the array has a task per shard{left}"
+            f"sbatch refuses {script}: {_complaint(completed)}. Partition, memory, time and options are those of the "
+            f"cluster file (--cluster), the array has a task per shard{remedy}"
         )
     return number
 
@@ -149,14 +149,14 @@ def states_of(folder: Path, jobs: Sequence[SubmittedJob]) -> list[JobState]:
     """
     if not jobs:
         return []
-    said, silent = _squeue(jobs)
-    forgotten = [job for job in jobs if any(task not in said for task in job.task_names)]
+    states, no_answer = _squeue(jobs)
+    forgotten = [job for job in jobs if any(task not in states for task in job.task_names)]
     accounts = _sacct(forgotten) if forgotten else {}
-    return [JobState(job, tuple(_state_of(folder, job, task, accounts | said, silent) for task in job.task_names)) for job in jobs]
+    return [JobState(job, tuple(_state_of(folder, job, task, accounts | states, no_answer) for task in job.task_names)) for job in jobs]
 
 
-def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[str, str]], silent: str) -> TaskState:
-    name, reason = said.get(task, ("", ""))
+def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> TaskState:
+    name, reason = states.get(task, ("", ""))
     reason = "" if reason == "None" else reason
     status = _exit_status(folder / f"{task}.exit")
     state: State = "failed"
@@ -170,8 +170,8 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[
         state, why = "done", ""
     elif status is not None:
         why = f"exit status {status}"
-    elif silent:
-        state, why = "unknown", silent
+    elif no_answer:
+        state, why = "unknown", no_answer
     else:
         why = "it was ended before it was finished" if job.log(folder, task).exists() else "it was cancelled before it began"
     return TaskState(task, state, why, job.log(folder, task))
@@ -188,24 +188,24 @@ def _exit_status(path: Path) -> int | None:
 def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], str]:
     """State and reason of every task that Slurm has not forgotten; and why it does not answer, where it does not."""
     numbers = ",".join(job.number for job in jobs)
-    done = _ask("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
-    if done.returncode and "Invalid job id" not in done.stderr:
-        return {}, f"squeue does not answer: {_complaint(done)}"
-    rows = (line.strip().split("|", 3) for line in done.stdout.splitlines() if line.count("|") >= 3)
+    completed = _ask("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
+    if completed.returncode and "Invalid job id" not in completed.stderr:
+        return {}, f"squeue does not answer: {_complaint(completed)}"
+    rows = (line.strip().split("|", 3) for line in completed.stdout.splitlines() if line.count("|") >= 3)
     return {number if index == "N/A" else f"{number}_{index}": (state, reason) for number, index, state, reason in rows}, ""
 
 
 def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
     """State of every task that accounting knows; none where there is no accounting."""
     numbers = ",".join(job.number for job in jobs)
-    done = _ask("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
-    rows = (line.strip().split("|", 1) for line in done.stdout.splitlines() if "|" in line and not done.returncode)
+    completed = _ask("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
+    rows = (line.strip().split("|", 1) for line in completed.stdout.splitlines() if "|" in line and not completed.returncode)
     return {task: (state.split()[0], "") for task, state in rows if state}
 
 
-def _complaint(done: subprocess.CompletedProcess[str]) -> str:
+def _complaint(completed: subprocess.CompletedProcess[str]) -> str:
     """Return the first line of what a command reports of its failure."""
-    return next(iter((done.stderr or done.stdout).splitlines()), f"status {done.returncode}").rstrip(".")
+    return next(iter((completed.stderr or completed.stdout).splitlines()), f"status {completed.returncode}").rstrip(".")
 
 
 def _ask(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:

@@ -168,15 +168,15 @@ class ObjectRows:
         by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         stored, position = shard.array(array), shard.position[object_id]
-        asked = {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}
+        indices = {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
-            if (number := asked.get(dim)) is not None and not -count <= number < count:
+            if (number := indices.get(dim)) is not None and not -count <= number < count:
                 raise StoreError(f"{object_id} has no {dim} {number}; there are {count}, numbered from 0")
         chunks = stored.chunks
         if chunks[0] > 1:  # a chunk holds several objects
-            first = position - position % chunks[0]
-            rows = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))
-            row = rows[(position - first, *part)]  # a text too is an array
+            chunk_start = position - position % chunks[0]
+            rows = self._cache.get((array, shard.path, chunk_start), lambda: shard.read(array, slice(chunk_start, chunk_start + chunks[0])))
+            row = rows[(position - chunk_start, *part)]  # a text too is an array
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
             return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
         else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp

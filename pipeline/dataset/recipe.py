@@ -95,8 +95,8 @@ def _with_safe_paths(manifest: Manifest) -> Manifest:
                 raise ValueError(f"path {str(source.path)[:80]!r} of a source must be the name of a folder")
         for name in names:
             if name is not None and not _is_below(name):
-                said = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
-                raise ValueError(f"{said}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
+                problem = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
+                raise ValueError(f"{problem}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
     return manifest
 
 
@@ -187,18 +187,18 @@ class Recipe(BaseModel):
         return dict(self._parsed())
 
     def _parsed(self) -> Iterator[tuple[str, RecipeRow]]:
-        before = ""
+        previous = ""
         for number, line in enumerate(self.objects.splitlines(), 1):
             match = _LINE.fullmatch(line)
             digests = tuple(match[3].split()) if match else ()
             if not match or not OBJECT_ID.fullmatch(match[1]) or len(digests) != len(self.stages):
-                wanted = f"an id, its source's hash and {len(self.stages)} digests"
-                raise InvalidInput(f"line {number} of its objects, {line[:80]!r}, must have {wanted}")
-            if match[1] <= before:
-                raise InvalidInput(f"line {number} of its objects: {match[1]} follows {before}; they must be in order, each once")
-            before = match[1]
-            yield before, RecipeRow(match[2], digests)
-        if not before:
+                expected = f"an id, its source's hash and {len(self.stages)} digests"
+                raise InvalidInput(f"line {number} of its objects, {line[:80]!r}, must have {expected}")
+            if match[1] <= previous:
+                raise InvalidInput(f"line {number} of its objects: {match[1]} follows {previous}; they must be in order, each once")
+            previous = match[1]
+            yield previous, RecipeRow(match[2], digests)
+        if not previous:
             raise InvalidInput("it has no objects")
 
     def parts(self) -> dict[str, str]:
@@ -239,21 +239,21 @@ def read_recipe(path: Path) -> Recipe:
             f"recipe {path} is of version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it"
         )
     try:
-        found = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
-        found.rows  # noqa: B018 (an error where a line cannot be used)
-        changed = sorted({name for name, _ in found.parts().items() ^ found.checksums.items()})
+        recipe = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
+        recipe.rows  # noqa: B018 (an error where a line cannot be used)
+        changed = sorted({name for name, _ in recipe.parts().items() ^ recipe.checksums.items()})
     except ValidationError as error:
         raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
     except ValueError as error:
         raise InvalidInput(f"recipe {path}: {error}") from error
-    if wrong := [name for name, stage in found.stages.items() if len(stage.roots) != found.shards]:
-        raise InvalidInput(f"recipe {path}: {wrong[0]} has {len(found.stages[wrong[0]].roots)} roots, its shards are {found.shards}")
+    if wrong := [name for name, stage in recipe.stages.items() if len(stage.roots) != recipe.shards]:
+        raise InvalidInput(f"recipe {path}: {wrong[0]} has {len(recipe.stages[wrong[0]].roots)} roots, its shards are {recipe.shards}")
     if changed:
         raise InvalidInput(
             f"recipe {path}: its {', '.join(changed)} changed since it was written, by hand or on its way; get it again where it was "
             "published. For a dataset of your own, change a manifest and settings, make it, and write its recipe"
         )
-    return found
+    return recipe
 
 
 def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
@@ -274,6 +274,6 @@ def roots_of(rows: Mapping[str, tuple[str, str]], constants: str, shards: int) -
         Into how many the objects are split, whatever number they are stored in.
     """
     members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
-    for name, (made, split) in rows.items():
-        members[shard_of(name, shards)].append((name, f"{made} {split}"))
+    for name, (row_digest, split) in rows.items():
+        members[shard_of(name, shards)].append((name, f"{row_digest} {split}"))
     return tuple(digest.of_rows(members[number], {"constants": constants}) for number in range(shards))

@@ -59,11 +59,11 @@ class Tally:
 
     def part(self, numbers: Iterable[int]) -> Tally:
         """Take some of the objects."""
-        chosen, taken = list(numbers), Tally()
+        indices, subset = list(numbers), Tally()
         for name in LISTS:
-            if own := getattr(self, name):
-                getattr(taken, name).extend(own[number] for number in chosen)
-        return taken
+            if values := getattr(self, name):
+                getattr(subset, name).extend(values[index] for index in indices)
+        return subset
 
     def row(self) -> tuple[int, int, int, float, float]:
         """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""

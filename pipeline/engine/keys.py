@@ -40,22 +40,22 @@ def sources_hash(module: str) -> str:
     spec = util.find_spec(module)
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
+    excluded = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     packages = frozenset({*OURS, module.partition(".")[0]})
-    found = {module: Path(spec.origin)}
-    waiting = list(_source(module, found[module])[1])
+    sources = {module: Path(spec.origin)}
+    waiting = list(_source(module, sources[module])[1])
     while waiting:
         name = waiting.pop()
         path = _file_of(name, packages)
-        if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
+        if name in sources or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in excluded):
             continue
-        found[name] = path
+        sources[name] = path
         waiting += _source(name, path)[1]
-    for package in list(found):
+    for package in list(sources):
         while package := package.rpartition(".")[0]:  # it runs too; what it imports decides for others
-            if package not in found and (path := _file_of(package, packages)):
-                found[package] = path
-    return digest.of_json(sorted((name, _source(name, path)[0]) for name, path in found.items()))
+            if package not in sources and (path := _file_of(package, packages)):
+                sources[package] = path
+    return digest.of_json(sorted((name, _source(name, path)[0]) for name, path in sources.items()))
 
 
 def _source(module: str, path: Path) -> tuple[str, tuple[str, ...]]:

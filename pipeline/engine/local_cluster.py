@@ -79,7 +79,7 @@ def start_workers(processes: int) -> Client:
 
 def _start(processes: int) -> Client:
     """Start them in another thread: this one hears Ctrl-C meanwhile, and kills what was started."""
-    before, interrupted, connecting = set(multiprocessing.active_children()), threading.Event(), threading.Lock()
+    existing, interrupted, connecting = set(multiprocessing.active_children()), threading.Event(), threading.Lock()
 
     def start() -> Client:
         resource_tracker.ensure_running()  # in the thread that first needs it, it would let SIGINT through again
@@ -101,7 +101,7 @@ def _start(processes: int) -> Client:
             interrupted.set()
             while wait_for([starting], timeout=0.05).not_done:
                 if connecting.acquire(blocking=False):
-                    for child in set(multiprocessing.active_children()) - before:
+                    for child in set(multiprocessing.active_children()) - existing:
                         child.kill()
                     connecting.release()
             raise

@@ -43,11 +43,13 @@ def _shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int
     shards = DataDirectory(request.data).check_shard_count(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
-    own = None if request.only is None else shard_of(request.only, shards)
-    if None not in (shard, own) and shard != own:
-        raise StoreError(f"object {request.only} is in shard {own} of {shards}, shard {shard} was asked for; leave one of them out")
-    asked = own if shard is None else shard
-    return shards, range(shards) if asked is None else [asked]
+    object_shard = None if request.only is None else shard_of(request.only, shards)
+    if None not in (shard, object_shard) and shard != object_shard:
+        raise StoreError(
+            f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one of them out"
+        )
+    selected = object_shard if shard is None else shard
+    return shards, range(shards) if selected is None else [selected]
 
 
 def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
@@ -63,8 +65,8 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
         return
     shards, numbers = _shards(request, shard)
     for number in numbers:
-        own = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
-        yield _foreseen(request, own, partial(plan_shard, request, number, shards))
+        items = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
+        yield _foreseen(request, items, partial(plan_shard, request, number, shards))
 
 
 def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:

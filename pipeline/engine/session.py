@@ -53,8 +53,8 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
     with ExitStack() as stack:
         try:
             collections = [directory.collection(artifact) for artifact in work.stage.inputs(work.settings)]
-            for name, wanted in work.models.items():
-                if directory.folder(name).digest() != wanted:
+            for name, expected in work.models.items():
+                if directory.folder(name).digest() != expected:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
             models = {name: directory.whole_folder(name) for name in work.models}
             process = stack.enter_context(work.stage.session(work.settings, models))

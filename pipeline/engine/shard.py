@@ -46,9 +46,9 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
     items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
     plan.total = len(items)
     if request.only is not None:
-        there = {request.only, *(output.shard.position if output.shard else ())}
-        plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
-        items = [item for item in items if item.object_id in there]
+        included = {request.only, *(output.shard.position if output.shard else ())}
+        plan.missing = tuple(item.object_id for item in items if item.object_id not in included)
+        items = [item for item in items if item.object_id in included]
     check_origins(directory, names_read(stage, plan.settings), {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
@@ -109,8 +109,8 @@ def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
 
 def missing(plan: Plan[ShardOutput]) -> list[Unit]:
     """List the units that are asked for and whose row is neither published under its key nor waiting to be, or is tried again."""
-    asked = (unit for unit in plan.units if plan.request.only in (None, unit.name))
-    return [unit for unit in asked if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
+    requested = (unit for unit in plan.units if plan.request.only in (None, unit.name))
+    return [unit for unit in requested if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
 
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
@@ -138,12 +138,12 @@ def published_before(plan: Plan[ShardOutput]) -> Collection:
 
 def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
     """Foresee a run from the seconds that objects took here before, else from what the stage says."""
-    typical, done = plan.stage.cost(plan.settings), plan.up_to_date()
-    number = 0 if done else len(missing(plan))
+    cost, up_to_date = plan.stage.cost(plan.settings), plan.up_to_date()
+    number = 0 if up_to_date else len(missing(plan))
     same = [shard for shard in published_before(plan).shards if shard.record.settings == plan.settings.results()]
     seconds = [row.seconds for shard in same for row in shard.record.rows]
-    mean = sum(seconds) / len(seconds) if seconds else typical.seconds
-    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * typical.kilobytes, done)
+    mean = sum(seconds) / len(seconds) if seconds else cost.seconds
+    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * cost.kilobytes, up_to_date)
 
 
 # ---- making it
@@ -165,14 +165,14 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
         if result := _kept(plan, unit):
             _check_strictness(plan, result)
             results[unit.name] = result
-    asked = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
+    pending = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
     began = time.perf_counter()
-    made = failed = 0
-    for result in _process(plan, asked, console):
+    processed = failed = 0
+    for result in _process(plan, pending, console):
         results[result.name] = result
-        made += 1
+        processed += 1
         failed += result.failure is not None
-    summary = Summary(made, failed, time.perf_counter() - began)
+    summary = Summary(processed, failed, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
     _publish(plan, [results[unit.name] for unit in plan.units])
@@ -190,16 +190,16 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
     """Refuse to overwrite other objects: two folders of meshes go by one name, or a manifest was forgotten."""
     request, record = plan.request, plan.output.record
     if record is not None and record.manifest != request.manifest:
-        asked = {unit.name for unit in plan.units}
-        if lost := [row.object_id for row in record.rows if row.object_id not in asked]:
+        planned = {unit.name for unit in plan.units}
+        if lost := [row.object_id for row in record.rows if row.object_id not in planned]:
             raise StoreError(
                 f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
                 f"({abbreviate(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
             )
-    there = published_before(plan)
-    if len(there) and not any(item.object_id in there for item in request.objects):
+    existing = published_before(plan)
+    if len(existing) and not any(item.object_id in existing for item in request.objects):
         raise StoreError(
-            f"{plan.path.parent} holds other objects ({abbreviate(list(there))}), and none of manifest "
+            f"{plan.path.parent} holds other objects ({abbreviate(list(existing))}), and none of manifest "
             f"{request.manifest}; name another --data (make: DATA=), or delete it"
         )
 
@@ -214,8 +214,8 @@ def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
     if result or row is None or shard is None:
         return result
     with suppress(StoreError):
-        kept = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=shard.record.processor_of(row), failure=row.failure)
-        return plan.output.rows.save(kept, shard.view(unit.name).verify(), unit.category)
+        reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=shard.record.processor_of(row), failure=row.failure)
+        return plan.output.rows.save(reused, shard.view(unit.name).verify(), unit.category)
     return None
 
 

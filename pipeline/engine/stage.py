@@ -111,8 +111,8 @@ class ObjectStage(Stage):
 
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
         """Add up the estimates of all of them."""
-        each = self.cost(settings)
-        return len(items), Cost(each.seconds * len(items), each.kilobytes * len(items))
+        cost = self.cost(settings)
+        return len(items), Cost(cost.seconds * len(items), cost.kilobytes * len(items))
 
     @abstractmethod
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:

@@ -36,11 +36,11 @@ def _files_by_name(kind: Kind) -> dict[str, list[tuple[Path, str]]]:
     """List the files of each name, this package's first, with the packages that they come with."""
     package = Path(str(resources.files("pipeline")))
     folder = package.parent / "data_manifests" if kind == "manifest" else package / "assets" / f"{kind}s"
-    found = {file.stem: [(file, "vt-pipeline")] for file in sorted(folder.glob("*.yaml"))}
+    files = {file.stem: [(file, "vt-pipeline")] for file in sorted(folder.glob("*.yaml"))}
     for entry in plugins.declared(f"{kind}s"):
         for file in plugins.folder_files(entry):
-            found.setdefault(file.stem, []).append((file, plugins.package_of(entry)))
-    return found
+            files.setdefault(file.stem, []).append((file, plugins.package_of(entry)))
+    return files
 
 
 def description_path(kind: Kind, name: str | Path) -> Path:
@@ -74,15 +74,15 @@ def description_path(kind: Kind, name: str | Path) -> Path:
             for entry in plugins.declared(f"{kind}s")
             if not plugins.folder_files(entry)
         ]
-        ways = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
-        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {ways}")
+        remedy = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
+        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {remedy}")
     return path
 
 
 def _file_like(path: Path) -> Path | None:
     """Find a YAML file beside a path that is called much like it."""
-    beside = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
-    return beside.get(meant(path.name, beside) or "")
+    neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
+    return neighbours.get(meant(path.name, neighbours) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
@@ -170,16 +170,16 @@ def texts_in(content: Any) -> Iterator[str]:
 
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     """Name every entry that cannot be used, with the reason and a short value; of `names`, all entries, the one that was meant."""
-    found: list[Any] = error.errors()
-    places = [item["loc"] for item in found]
+    details: list[Any] = error.errors()
+    places = [item["loc"] for item in details]
     guesses = {  # an entry of another part of the file is not what was meant
-        item["loc"]: meant(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in found if item["type"] == "extra_forbidden"
+        item["loc"]: meant(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
-    choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in found if item["type"] == "literal_error"}
-    guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in found if item["loc"] in choices}
+    choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
+    guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
     lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has a complaint for each
-    for item in found:
+    for item in details:
         place = item["loc"]
         inside = any(other[: len(place)] == place and other != place for other in places)
         if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
@@ -205,7 +205,7 @@ def _shown(value: object) -> str:
 def entry_names(model: type[BaseModel]) -> set[str]:
     """List the names of all entries of a model and of the models in it."""
     schema = model.model_json_schema()
-    return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
+    return {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", {})}
 
 
 def _describe(kind: str, name: str, message: str, guess: str | None, value: str) -> str:
@@ -215,6 +215,6 @@ def _describe(kind: str, name: str, message: str, guess: str | None, value: str)
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"
-    wanted = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
-    message = wanted.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
+    expected = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
+    message = expected.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
     return f"{name}: {message}" if name else message

@@ -25,8 +25,8 @@ def regular_stat(path: Path | str) -> os.stat_result:
         as little use to a reader.
     """
     try:
-        found = os.stat(path)
-        regular = stat.S_ISREG(found.st_mode)
+        status = os.stat(path)
+        regular = stat.S_ISREG(status.st_mode)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
@@ -35,17 +35,17 @@ def regular_stat(path: Path | str) -> os.stat_result:
         raise FileNotFoundError(errno.ENOENT, f"no file has such a name: {error}", str(path)) from error
     if not regular:
         raise IsADirectoryError(errno.EISDIR, "it is not a regular file", str(path))
-    return found
+    return status
 
 
-def read_file(path: Path, most: int) -> bytes:
+def read_file(path: Path, max_bytes: int) -> bytes:
     """Read a file.
 
     Parameters
     ----------
     path
         A regular file.
-    most
+    max_bytes
         Bytes that it may have.
 
     Raises
@@ -54,8 +54,8 @@ def read_file(path: Path, most: int) -> bytes:
         The file cannot be read, is no regular one, or is larger.
     """
     try:
-        if (size := regular_stat(path).st_size) > most:
-            raise InvalidInput(f"{path} has {size} bytes; {most} are the most that are read")
+        if (size := regular_stat(path).st_size) > max_bytes:
+            raise InvalidInput(f"{path} has {size} bytes; {max_bytes} are the most that are read")
         return path.read_bytes()
     except OSError as error:
         raise InvalidInput(f"{path} cannot be read ({error.strerror}); give the path of a file that can") from error

@@ -168,48 +168,50 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
 def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
     """Look at every entry by itself, so that all faults are reported at once."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
-    worn = [(entry.name, entry.mounts) for entry in file.fingers]
-    looks: list[Callable[[], object]] = [
+    finger_mounts = [(entry.name, entry.mounts) for entry in file.fingers]
+    checks: list[Callable[[], object]] = [
         lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
         lambda: _unit(file.palm.facing, "palm: facing"),
         *(partial(_find, "link", name, numbers) for name in names),
-        *(partial(_mounts, owner, [one], numbers, file, path) for owner, ones in (*worn, ("palm", file.palm.sensors)) for one in ones),
+        *(
+            partial(_mounts, owner, [mount], numbers, file, path)
+            for owner, mounts in (*finger_mounts, ("palm", file.palm.sensors))
+            for mount in mounts
+        ),
     ]
     faults = []
-    for look in looks:
+    for check in checks:
         try:
-            look()
+            check()
         except InvalidInput as error:
             faults.append(str(error))
     if faults:
         raise InvalidInput("; ".join(faults))
 
 
-def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> Hand:
+def _without_resting_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
     """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
     numbers = {link.name: i for i, link in enumerate(hand.links)}
-    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated]
-    named = frozenset((min(pair), max(pair)) for pair in pairs)
-    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
+    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated_pairs]
+    allowed = frozenset((min(pair), max(pair)) for pair in pairs)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | allowed)
 
 
 def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
     """Assemble the fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
-    entry_of |= {roles.joints[one.link - 1].name: one.entry for one in roles.followers}
+    entry_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
     groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves the fingers
     for entry in file.fingers:
-        own = {entry_of[joint] for joint in entry.joints}
-        known = next(
-            (first for first, others in groups.items() if own & {entry_of[name] for one in others for name in one.joints}), min(own)
-        )
-        groups.setdefault(known, []).append(entry)
+        indices = {entry_of[joint] for joint in entry.joints}
+        shared = (first for first, members in groups.items() if indices & {entry_of[name] for member in members for name in member.joints})
+        groups.setdefault(next(shared, min(indices)), []).append(entry)
     fingers, mounts = [], list[Mount]()
     for entries in groups.values():
         joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
         moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
-        first = len(mounts)
+        first_mount = len(mounts)
         for entry in entries:
             for mount in _mounts(entry.name, entry.mounts, numbers, file, path):
                 if mount.link not in moved:
@@ -217,20 +219,20 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
                     raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")
                 mounts.append(mount)
         name = "+".join(entry.name for entry in entries)
-        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first, len(mounts)))))
+        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first_mount, len(mounts)))))
     for mount in _mounts("palm", file.palm.sensors, numbers, file, path):
         if mover := next((finger.name for finger in fingers if mount.link in finger.links), None):
             raise InvalidInput(f"palm: finger {mover!r} moves the link of sensor {mount.name!r}; list the sensor under that finger")
         mounts.append(mount)
     if not mounts:
         raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
-    if twice := [mount.name for mount in mounts if [one.name for one in mounts].count(mount.name) > 1]:
+    if twice := [mount.name for mount in mounts if [other.name for other in mounts].count(mount.name) > 1]:
         raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
     return tuple(fingers), tuple(mounts)
 
 
 def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: HandFile, path: Path) -> list[Mount]:
-    found = []
+    mounts = []
     for number, entry in enumerate(entries):
         name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")
         sensor = entry.file or file.sensor
@@ -238,8 +240,8 @@ def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, i
             raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
         if sensor not in shipped_files("sensor"):
             sensor = str(path.parent / os.path.expanduser(sensor))
-        found.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
-    return found
+        mounts.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
+    return mounts
 
 
 def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
@@ -252,10 +254,10 @@ def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
     return pose
 
 
-def _find(kind: str, name: str, known: Mapping[str, Value]) -> Value:
-    if name not in known:
-        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(known))}")
-    return known[name]
+def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
+    if name not in values:
+        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(values))}")
+    return values[name]
 
 
 def _unit(vector: Vector, what: str) -> NDArray[np.float64]:

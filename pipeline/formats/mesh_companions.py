@@ -59,12 +59,12 @@ class Companions(Mapping[str, bytes]):
         self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
-        seen = set[str]()
+        names = set[str]()
         for name in self._names(file, self.content):  # one after the other: a file of names only would fill the memory with them
-            if name in seen:
+            if name in names:
                 continue
-            seen.add(name)
-            if len(seen) > MAX_NAMES:
+            names.add(name)
+            if len(names) > MAX_NAMES:
                 raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
             if path := self._find(name):
                 self.paths[name] = path
@@ -174,8 +174,8 @@ def _list(value: Any) -> list[Any]:
 def _after(word: bytes, content: bytes) -> Iterator[str]:
     """List what follows a word (lower case) on the lines that have it."""
     for line in BytesIO(content.replace(b"\r", b"\n")):
-        if (at := line.lower().find(word)) >= 0:
-            yield _decode(line[at + len(word) :])
+        if (start := line.lower().find(word)) >= 0:
+            yield _decode(line[start + len(word) :])
 
 
 def _decode(name: bytes) -> str:

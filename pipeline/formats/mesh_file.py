@@ -211,8 +211,8 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
-            stated = np.asarray(visual.uv, np.float64)[:, :2]
-            uv[:] = np.where(np.abs(stated) < MAX_UV, stated, 0)  # NaN too
+            coordinates = np.asarray(visual.uv, np.float64)[:, :2]
+            uv[:] = np.where(np.abs(coordinates) < MAX_UV, coordinates, 0)  # NaN too
     elif visual.kind == "vertex":
         colors[0] = 255
     elif visual.kind == "face":
@@ -229,10 +229,10 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
 
 def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
-    stated = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
-    if stated is None or len(stated) != count:
+    stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
+    if stored is None or len(stored) != count:
         return None
-    colors = np.array(trimesh.visual.color.to_rgba(stated), np.uint8)
+    colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
     if linear:
         colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
     return colors

@@ -105,7 +105,7 @@ def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]
     try:
         for kind, limit in {**limits, resource.RLIMIT_CORE: 0}.items():
             soft, hard = resource.getrlimit(kind)
-            resource.setrlimit(kind, (min([limit, *(stated for stated in (soft, hard) if stated != resource.RLIM_INFINITY)]), hard))
+            resource.setrlimit(kind, (min([limit, *(current for current in (soft, hard) if current != resource.RLIM_INFINITY)]), hard))
         try:
             arrays, head = _arrays(read())
         except InvalidInput as error:
@@ -129,12 +129,12 @@ def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]
 
 def _start() -> subprocess.Popen[bytes]:
     """Start a reader, one thread that finds the same modules; it ends when this process does."""
-    found = [str(Path(__file__).parents[2]), *(folder for folder in sys.path if folder)]
+    module_folders = [str(Path(__file__).parents[2]), *(folder for folder in sys.path if folder)]
     return subprocess.Popen(
         [sys.executable, "-P", "-W", "ignore", "-c", START],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(found), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(module_folders), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         start_new_session=True,  # Ctrl-C is for whoever asks
     )
 
@@ -185,9 +185,9 @@ def _mesh(head: dict[str, list[tuple[str, list[int]]]], stream: IO[bytes]) -> Me
     for array in arrays:
         if stream.readinto(content := _bytes(array)) != len(content):  # type: ignore[attr-defined]
             raise EOFError
-    vertices, faces, uv, face_material, base_color, material_texture, *others = arrays
-    colors = others.pop(0) if head["colors"] else None
-    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(others), colors))
+    vertices, faces, uv, face_material, base_color, material_texture, *textures = arrays
+    colors = textures.pop(0) if head["colors"] else None
+    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(textures), colors))
 
 
 def _bytes(array: NDArray[Any]) -> memoryview:

@@ -55,30 +55,30 @@ def links_without_mass(hand: Hand) -> list[str]:
 
 def _without_prefixes(element: Element) -> Element:
     """Copy an element without tags and attributes such as `drake:…`: whose prefix is not declared is no XML to those who read it next."""
-    kept = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
-    kept.text, kept.tail = element.text, element.tail
-    kept.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
-    return kept
+    copy = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
+    copy.text, copy.tail = element.text, element.tail
+    copy.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
+    return copy
 
 
 def _link(element: Element, link: Link, stem: Path) -> Element:
-    kept = _without_prefixes(element)
-    for visual in kept.findall("visual"):
-        kept.remove(visual)
+    copy = _without_prefixes(element)
+    for visual in copy.findall("visual"):
+        copy.remove(visual)
     if any(shape.kind == "mesh" for shape in link.collisions):
-        for collision in kept.findall("collision"):
+        for collision in copy.findall("collision"):
             if collision.find("geometry/mesh") is not None:
-                kept.remove(collision)
+                copy.remove(collision)
         for number, shape in enumerate(link.collisions):
             if shape.kind == "mesh":
                 path = stem.with_name(f"{stem.name}-{number}.obj")
                 trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
-                SubElement(SubElement(SubElement(kept, "collision"), "geometry"), "mesh", filename=str(path))
+                SubElement(SubElement(SubElement(copy, "collision"), "geometry"), "mesh", filename=str(path))
     if not mass_of(element):
-        for inertial in kept.findall("inertial"):
-            kept.remove(inertial)
-        kept.append(_estimated_inertial(link))
-    return kept
+        for inertial in copy.findall("inertial"):
+            copy.remove(inertial)
+        copy.append(_estimated_inertial(link))
+    return copy
 
 
 def _estimated_inertial(link: Link) -> Element:
@@ -97,21 +97,21 @@ def _estimated_inertial(link: Link) -> Element:
 
 
 def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
-    kept = _without_prefixes(element)
-    for mimic in kept.findall("mimic"):
-        kept.remove(mimic)
+    copy = _without_prefixes(element)
+    for mimic in copy.findall("mimic"):
+        copy.remove(mimic)
     if joint.name in hand.frozen:
-        kept.set("type", "fixed")
-        for origin in kept.findall("origin"):
-            kept.remove(origin)
-        add_origin(kept, joint.origin)
+        copy.set("type", "fixed")
+        for origin in copy.findall("origin"):
+            copy.remove(origin)
+        add_origin(copy, joint.origin)
     for follower in hand.followers:
         if follower.link == joint.child:
             ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
-            for limit in kept.findall("limit"):
+            for limit in copy.findall("limit"):
                 limit.set("lower", repr(min(ends) - 0.1))  # its leader's limits bind it: two that disagree would tear at it
                 limit.set("upper", repr(max(ends) + 0.1))
-    return kept
+    return copy
 
 
 def add_origin(element: Element, pose: np.ndarray) -> None:

@@ -73,16 +73,16 @@ def _read_metadata(path: Path) -> list[Viewpoint]:
 def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
     where = f"{path}, line {number}: {line.strip()[:80]!r}"
     try:
-        found = Viewpoint(*map(float, line.split()))
+        viewpoint = Viewpoint(*map(float, line.split()))
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{where} is not azimuth, elevation, in-plane rotation, distance ratio and field of view") from error
-    if not all(map(math.isfinite, vars(found).values())) or found.distance <= 0:
+    if not all(map(math.isfinite, vars(viewpoint).values())) or viewpoint.distance <= 0:
         raise InvalidInput(f"{where} has a value that is not finite, or a distance ratio that is not above 0")
-    if abs(found.elevation) > 90:
-        raise InvalidInput(f"{where} has an elevation of {found.elevation:g} degrees; it must be from -90 to 90")
-    if found.in_plane != 0:
-        raise InvalidInput(f"{where} has an in-plane rotation of {found.in_plane:g}; it must be 0, as in all the cited renderings")
-    return found
+    if abs(viewpoint.elevation) > 90:
+        raise InvalidInput(f"{where} has an elevation of {viewpoint.elevation:g} degrees; it must be from -90 to 90")
+    if viewpoint.in_plane != 0:
+        raise InvalidInput(f"{where} has an in-plane rotation of {viewpoint.in_plane:g}; it must be 0, as in all the cited renderings")
+    return viewpoint
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:

@@ -66,14 +66,14 @@ def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
 
 def photograph_file(path: Path, sensor: Sensor) -> Path | None:
     """Find the photograph that a sensor file names as its background; None where it names none."""
-    named = sensor.calibrated.background if sensor.calibrated else None
-    return path.parent / named if isinstance(named, str) else None
+    background = sensor.calibrated.background if sensor.calibrated else None
+    return path.parent / background if isinstance(background, str) else None
 
 
 def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
     """Name the sensor at each mount, the hand file's, or `override` on all: a shipped one, or an absolute path."""
-    chosen = [override or mount.sensor for mount in hand.sensors]
-    return tuple(name if (path := Path(name).expanduser()).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in chosen)
+    names = [override or mount.sensor for mount in hand.sensors]
+    return tuple(name if (path := Path(name).expanduser()).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in names)
 
 
 def sensor_files(names: Sequence[str]) -> list[Path]:
@@ -103,14 +103,14 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
     InvalidInput
         One cannot be read, or their images differ in rows or columns: one array holds those of all fingers; or some have an elastic gel.
     """
-    known = {name: load_sensor(name) for name in dict.fromkeys(names)}
-    if len({sensor.shape for sensor in known.values()}) > 1:
-        listed = ", ".join(f"{name} has {sensor.rows} x {sensor.cols}" for name, sensor in known.items())
+    sensors = {name: load_sensor(name) for name in dict.fromkeys(names)}
+    if len({sensor.shape for sensor in sensors.values()}) > 1:
+        listed = ", ".join(f"{name} has {sensor.rows} x {sensor.cols}" for name, sensor in sensors.items())
         raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
-    if len({sensor.gel is None for sensor in known.values()}) > 1:
-        soft, hard = (", ".join(name for name, sensor in known.items() if (sensor.gel is None) == rigid) for rigid in (False, True))
+    if len({sensor.gel is None for sensor in sensors.values()}) > 1:
+        soft, hard = (", ".join(name for name, sensor in sensors.items() if (sensor.gel is None) == rigid) for rigid in (False, True))
         raise InvalidInput(
             f"an elastic gel gives pressure and force, which {soft} would have and {hard} not; "
             "give all sensors of the hand a `gel`, or none"
         )
-    return tuple(map(known.__getitem__, names))
+    return tuple(map(sensors.__getitem__, names))

@@ -39,19 +39,19 @@ def find_below(root: Path, folder: Path, name: str) -> Path | None:
     The file of this name, upper or lower case, that is nearest to the mesh: of those with the deepest folder in common, the one whose path
     ends as the stated one does for longest. None if two are as near, or if it is in a folder that holds other meshes: it is theirs.
     """
-    stated = [part for part in name.lower().split("/") if part not in ("", ".", "..")]
-    if not stated or Path(stated[-1]).suffix not in SOUGHT or not folder.is_relative_to(root):
+    stated_parts = [part for part in name.lower().split("/") if part not in ("", ".", "..")]
+    if not stated_parts or Path(stated_parts[-1]).suffix not in SOUGHT or not folder.is_relative_to(root):
         return None
-    listing, here = _list(root, int(time.monotonic() // KEPT_SECONDS)), folder.relative_to(root).parts
+    listing, mesh_parts = _list(root, int(time.monotonic() // KEPT_SECONDS)), folder.relative_to(root).parts
     ranked = []
-    for parts in listing.files.get(stated[-1], ()):
-        shared = _common(parts[:-1], here)
+    for parts in listing.files.get(stated_parts[-1], ()):
+        shared = _common(parts[:-1], mesh_parts)
         branch = parts[: shared + 1]
         if len(branch) == len(parts) or branch not in listing.with_meshes:
-            ranked.append(((shared, _common([part.lower() for part in reversed(parts)], stated[::-1])), parts))
+            ranked.append(((shared, _common([part.lower() for part in reversed(parts)], stated_parts[::-1])), parts))
     best = max((rank for rank, _ in ranked), default=None)
-    found = [parts for rank, parts in ranked if rank == best]
-    return root.joinpath(*found[0]) if len(found) == 1 else None
+    nearest = [parts for rank, parts in ranked if rank == best]
+    return root.joinpath(*nearest[0]) if len(nearest) == 1 else None
 
 
 @dataclass(frozen=True)
@@ -65,10 +65,10 @@ class _Listing:
 @lru_cache(maxsize=2)
 def _list(root: Path, period: int) -> _Listing:
     """List what lies below a folder, links to folders apart."""
-    files, with_meshes, seen = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
+    files, with_meshes, entries = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
     for place, folders, names in os.walk(root):
-        seen += len(folders) + len(names)
-        if seen > MAX_ENTRIES:
+        entries += len(folders) + len(names)
+        if entries > MAX_ENTRIES:
             return _Listing({}, set())
         parts = Path(place).relative_to(root).parts
         for name in names:

@@ -55,15 +55,15 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     """
     try:
         robot = parse_urdf(path)
-        kept = _below(robot, root)
+        link_names = _below(robot, root)
         materials = _materials(robot)
-        elements = [element for element in robot.findall("link") if _name(element) in kept]
+        elements = [element for element in robot.findall("link") if _name(element) in link_names]
         files = {mesh.get("filename") for element in elements for mesh in element.iter("mesh")}
         with Meter(errors, f"{path.name}: reading meshes", len(files), "files", after=BAR_AFTER) as meter:
             read = _reader(meter)
             links = tuple(_link(element, path.parent, materials, read) for element in elements)
         numbers = {link.name: i for i, link in enumerate(links)}
-        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
+        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in link_names]
         return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
@@ -117,12 +117,12 @@ def _below(robot: Element, root: str | None) -> Collection[str]:
     if root not in names:
         raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
     ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
-    below, found = [root], {root}
+    below, reached = [root], {root}
     for link in below:  # grows as we go
-        new = [child for parent, child in ends if parent == link and child not in found]
-        below += new
-        found.update(new)
-    return found
+        children = [child for parent, child in ends if parent == link and child not in reached]
+        below += children
+        reached.update(children)
+    return reached
 
 
 def _end(joint: Element, role: str) -> str:
@@ -209,8 +209,8 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
     if len(order) != len(links):
         names = ", ".join(links[i].name for i in roots)
         raise InvalidInput(f"{len(links)} links with {len(joints)} joints are not a tree with one root (roots: {names})")
-    new = {old: i for i, old in enumerate(order)}
-    renumbered = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in sequence)
+    new_index = {old: i for i, old in enumerate(order)}
+    renumbered = tuple(replace(joint, parent=new_index[joint.parent], child=new_index[joint.child]) for joint in sequence)
     return tuple(links[i] for i in order), renumbered
 
 

@@ -46,13 +46,13 @@ def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
         obstore.put(bucket_of(path), key_of(path), content)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with errors_that_name(path), temporary(path) as beside:
-        with beside.open("wb") as file:
+    with errors_that_name(path), temporary(path) as temporary_file:
+        with temporary_file.open("wb") as file:
             file.write(content)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        beside.replace(path)
+        temporary_file.replace(path)
     if durable:
         flush(path.parent)
 
@@ -73,32 +73,32 @@ def written_to(folder: Place) -> Iterator[Path]:
             yield local
             copy(local, folder, files_below(local))
         return
-    work, fresh, was_there = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
+    work, new_files, existed = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
     with errors_that_name(folder), one_writer(work / "lock", folder):
         try:
-            shutil.rmtree(fresh, ignore_errors=True)
-            fresh.mkdir()
-            yield fresh
-            names = sorted(files_below(fresh))
+            shutil.rmtree(new_files, ignore_errors=True)
+            new_files.mkdir()
+            yield new_files
+            names = sorted(files_below(new_files))
             refuse_links(folder, names)
-            flush_folder(fresh)
+            flush_folder(new_files)
             for name in names:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (fresh / name).replace(folder / name)
+                (new_files / name).replace(folder / name)
             for parent in {(folder / name).parent for name in names}:
                 flush(parent)
         finally:
             shutil.rmtree(work, ignore_errors=True)
-            if not was_there:
+            if not existed:
                 with suppress(OSError):  # it holds files, unless writing them failed
                     folder.rmdir()
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
     """Raise a `StoreError` where a symbolic link lies on the way from a folder, which may be one, to a file below it."""
-    ways = {way for name in names for way in (Path(name), *Path(name).parents[:-1])}
-    if link := next((folder / way for way in sorted(ways) if (folder / way).is_symlink()), None):
+    paths = {path for name in names for path in (Path(name), *Path(name).parents[:-1])}
+    if link := next((folder / path for path in sorted(paths) if (folder / path).is_symlink()), None):
         raise StoreError(
             f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run this again"
         )
@@ -175,9 +175,9 @@ def create(path: Place, content: bytes) -> None:
     if path.exists():
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary(path) as beside, suppress(FileExistsError):
-        beside.write_bytes(content)
-        os.link(beside, path)
+    with temporary(path) as temporary_file, suppress(FileExistsError):
+        temporary_file.write_bytes(content)
+        os.link(temporary_file, path)
 
 
 def flush(path: Path) -> None:
@@ -204,18 +204,18 @@ def move_folder(source: Path, target: Place) -> None:
     if not isinstance(target, Path):
         names = files_below(source).keys()
         copy(source, target, names)
-        if strangers := files_below(target).keys() - names:
-            remove_files(target, strangers)
+        if superfluous := files_below(target).keys() - names:
+            remove_files(target, superfluous)
         return
     flush_folder(source)
     target.parent.mkdir(parents=True, exist_ok=True)
-    old = target.with_name(target.name + TEMPORARY)
-    shutil.rmtree(old, ignore_errors=True)
+    previous = target.with_name(target.name + TEMPORARY)
+    shutil.rmtree(previous, ignore_errors=True)
     with suppress(FileNotFoundError):
-        target.replace(old)
+        target.replace(previous)
     source.replace(target)
     flush(target.parent)
-    shutil.rmtree(old, ignore_errors=True)
+    shutil.rmtree(previous, ignore_errors=True)
 
 
 @contextmanager
@@ -230,10 +230,10 @@ def one_writer(lock: Place, what: Place) -> Iterator[None]:
     StoreError
         Another run holds it.
     """
-    here = lock if isinstance(lock, Path) else cache_of(lock)
-    here.parent.mkdir(parents=True, exist_ok=True)
+    lock_file = lock if isinstance(lock, Path) else cache_of(lock)
+    lock_file.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(here, timeout=0):
+        with FileLock(lock_file, timeout=0):
             yield
     except Timeout:
         raise StoreError(f"{what} is being made by another run; wait for it to end") from None

@@ -105,7 +105,7 @@ class Collection:
 
     def rows_digest(self, splits: Iterable[str]) -> str:
         """Compute the digest of what a dataset stage depends on: the rows of the splits' objects, their split, and the constants."""
-        wanted = set(splits)
-        rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in wanted]
+        split_names = set(splits)
+        rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in split_names]
         constants = sorted({shard.record.constants_digest for shard in self.shards})
         return digest.of_json({"rows": rows, "constants": constants})

@@ -63,13 +63,13 @@ class DataDirectory:
         while True:
             before = self._description()
             try:
-                found = read()
+                result = read()
             except StoreError:
                 if self._description() == before:
                     raise
             else:
                 if self._description() == before:
-                    return found
+                    return result
 
     def _description(self) -> bytes:
         with suppress(OSError):
@@ -146,8 +146,8 @@ class DataDirectory:
 
     def artifact_names(self) -> list[str]:
         """List the artifacts that have a folder here, or one of unfinished work; plugins that made none are not imported."""
-        there = names_in(self.root).keys() | names_in(self.root / WORK).keys()
-        return [name for name in ARTIFACTS if name in there]
+        folder_names = names_in(self.root).keys() | names_in(self.root / WORK).keys()
+        return [name for name in ARTIFACTS if name in folder_names]
 
     def folder_record(self, name: str) -> Place:
         """Return the path of a folder's record."""
@@ -156,18 +156,18 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
-        found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
-        return sorted(path.removesuffix(".json") for path in found)
+        records = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
+        records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
+        return sorted(path.removesuffix(".json") for path in records)
 
     def record_folders(self) -> list[Place]:
         """List the folders that hold records, or held one that was deleted."""
-        found = {"", *ARTIFACTS}
+        folders = {"", *ARTIFACTS}
         for where in TREES:
             for name in files_below(self.root / where):
                 parts = f"{where}/{name}".split("/")[:-1]
-                found.add("/".join(parts[: next((at for at, part in enumerate(parts) if is_version(part)), len(parts))]))
-        return [self.root / name for name in sorted(found)]
+                folders.add("/".join(parts[: next((index for index, part in enumerate(parts) if is_version(part)), len(parts))]))
+        return [self.root / name for name in sorted(folders)]
 
     def folder(self, name: str) -> FolderRecord:
         """Read the record of a folder; a `StoreError` where there is none."""
@@ -212,17 +212,17 @@ def made_by(name: str, record: FolderRecord) -> str:
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 
-def _differences(name: str, record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
+def _differences(name: str, record: FolderRecord, checked: Place, folder: Place) -> Iterator[str]:
     """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    for file, problem in changed_files(read, record.files).items():
+    for file, problem in changed_files(checked, record.files).items():
         yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
 def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
     """Compare files below a folder with the SHA-256 of when they were written: the problem of each that differs, by name."""
-    there = hashes_of(folder, files)
-    problems = {name: "differs from what was written" if name in there else "is missing" for name in files}
-    return {name: problem for name, problem in problems.items() if there.get(name) != files[name]}
+    hashes = hashes_of(folder, files)
+    problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
+    return {name: problem for name, problem in problems.items() if hashes.get(name) != files[name]}
 
 
 def shard_name(number: int, shards: int) -> str:

@@ -40,21 +40,21 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
         return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
-    part, order = part_shape(array, shape), planar_order(array)
-    stored = [part[axis] for axis in order] if order else part
+    block_shape, order = part_shape(array, shape), planar_order(array)
+    stored = [block_shape[axis] for axis in order] if order else block_shape
     values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
-    whole = np.empty((1, *shape) if len(part) > len(shape) else tuple(shape), dtype)
-    for block, value in zip(_blocks(whole.shape, part), values, strict=True):
-        whole[block] = value.transpose(np.argsort(order)) if order else value
-    return whole.reshape(shape)
+    decoded = np.empty((1, *shape) if len(block_shape) > len(shape) else tuple(shape), dtype)
+    for block, value in zip(_blocks(decoded.shape, block_shape), values, strict=True):
+        decoded[block] = value.transpose(np.argsort(order)) if order else value
+    return decoded.reshape(shape)
 
 
-def _blocks(shape: Sequence[int], part: Sequence[int]) -> list[tuple[slice, ...]]:
+def _blocks(shape: Sequence[int], block_shape: Sequence[int]) -> list[tuple[slice, ...]]:
     """List the parts that an array is cut into, in C order; an empty array has none."""
     if not math.prod(shape):
         return []
-    starts = product(*(range(0, size, step) for size, step in zip(shape, part, strict=True)))
-    return [tuple(slice(start, start + step) for start, step in zip(corner, part, strict=True)) for corner in starts]
+    starts = product(*(range(0, size, step) for size, step in zip(shape, block_shape, strict=True)))
+    return [tuple(slice(start, start + step) for start, step in zip(corner, block_shape, strict=True)) for corner in starts]
 
 
 def part_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:

@@ -30,14 +30,14 @@ def unnamed(folder: Place) -> Iterator[Place]:
             yield folder / name
         elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
             versions.append(name)
-    named: set[str | None] = set()  # read after the versions were listed: what is published meanwhile is named, or was not listed
+    locations: set[str | None] = set()  # read after the versions were listed: what is published meanwhile is named, or was not listed
     for name, is_folder in names_in(folder).items():
         if name.endswith(".json") and name != DESCRIPTION and not is_folder:
-            named.add(named_location(folder / name))
-    if None in named:  # a damaged record may have named any of them
+            locations.add(named_location(folder / name))
+    if None in locations:  # a damaged record may have named any of them
         return
     for name in versions:
-        if name not in named:
+        if name not in locations:
             yield folder / name
 
 
@@ -52,10 +52,10 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
     """
     if _link_to(directory, folder):
         return []
-    doomed = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
-    for path in doomed:
+    expired = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
+    for path in expired:
         remove(path)
-    return doomed
+    return expired
 
 
 def _written(path: Place) -> float:
@@ -83,9 +83,9 @@ def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECON
     removed = [path for folder in directory.record_folders() for path in collect(directory, folder, older_than)]
     work = directory.root / WORK
     if not isinstance(work, Path):
-        old = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
-        remove_files(work, old)
-        removed += [work / name for name in old]
+        expired = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
+        remove_files(work, expired)
+        removed += [work / name for name in expired]
     return removed
 
 
@@ -96,8 +96,8 @@ def links(directory: DataDirectory) -> list[Path]:
 
 def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
     """Find the symbolic link in a data directory that leads to a folder of it, if any; the directory itself may be reached by one."""
-    ways = [*reversed(folder.parents), folder] if isinstance(folder, Path) else []
-    return next((way for way in ways if directory.root in way.parents and way.is_symlink()), None)
+    paths = [*reversed(folder.parents), folder] if isinstance(folder, Path) else []
+    return next((path for path in paths if directory.root in path.parents and path.is_symlink()), None)
 
 
 def everything_unnamed(directory: DataDirectory) -> list[Place]:

@@ -40,14 +40,14 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
         return
     local = cache_of(folder)
     local.mkdir(parents=True, exist_ok=True)
-    here = files_below(local)
-    newer = [name for name, file in files_below(folder).items() if name not in here or file.written > here[name].written]
+    cached = files_below(local)
+    newer = [name for name, file in files_below(folder).items() if name not in cached or file.written > cached[name].written]
     copy(folder, local, newer)
     if not send:
         yield local
         return
-    there = files_below(local)
-    sent, ended = {name: there[name] for name in newer}, Event()  # the others have changed since a killed run sent them, if it did
+    copied = files_below(local)
+    sent, ended = {name: copied[name] for name in newer}, Event()  # the others have changed since a killed run sent them, if it did
 
     def send_until_ended() -> None:
         while not ended.wait(SECONDS):
@@ -69,7 +69,7 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
 
 def _send_changed(local: Path, folder: Place, sent: dict[str, File]) -> None:
     """Copy the files that have changed since they were sent."""
-    there = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
-    changed = [name for name, file in there.items() if sent.get(name) != file]
+    files = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
+    changed = [name for name, file in files.items() if sent.get(name) != file]
     copy(local, folder, changed)
-    sent.update({name: there[name] for name in changed})
+    sent.update({name: files[name] for name in changed})

@@ -83,10 +83,10 @@ class ShardOutput:
         with local_copy(self.work, begin=False) as work:
             for unfinished in work.glob(f"{self.name}-*.zarr"):  # of a run that was killed
                 shutil.rmtree(unfinished, ignore_errors=True)
-            beside = work / location
-            write_group(beside, self.artifact, record.rows, shapes, chunks, constants, attributes)
-            written = {"location": location, "metadata": metadata_digests(beside, self.artifact)}
-            _publish(self.directory, beside, path, self.record_path, record, written, version)
+            group = work / location
+            write_group(group, self.artifact, record.rows, shapes, chunks, constants, attributes)
+            written = {"location": location, "metadata": metadata_digests(group, self.artifact)}
+            _publish(self.directory, group, path, self.record_path, record, written, version)
         self.refresh()
         return path
 
@@ -128,7 +128,7 @@ class FolderOutput:
         """Return the path of the folder that is published with a record."""
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
-    def commit(self, beside: Path, record: FolderRecord) -> Place:
+    def commit(self, filled: Path, record: FolderRecord) -> Place:
         """Move a finished folder to a name of its own, unless a killed run has, and publish its record; returns the folder's path.
 
         Raises
@@ -137,7 +137,7 @@ class FolderOutput:
             In object storage: another run has published something meanwhile.
         """
         path, version = self.target(record), version_of(self.record_path)
-        unmoved = beside if record.files.keys() <= files_below(beside).keys() else None
+        unmoved = filled if record.files.keys() <= files_below(filled).keys() else None
         _publish(self.directory, unmoved, path, self.record_path, record, {"location": path.name}, version)
         self.refresh()
         return path
@@ -145,14 +145,14 @@ class FolderOutput:
 
 def withdraw(record_path: Place) -> None:
     """Remove a record, so that nobody finds what it names; who reads that already is given time."""
-    if (named := named_location(record_path)) is not None:
-        note_replaced(record_path.with_name(named))
+    if (location := named_location(record_path)) is not None:
+        note_replaced(record_path.with_name(location))
     remove(record_path)
 
 
 def _publish(
     directory: DataDirectory,
-    beside: Path | None,
+    source: Path | None,
     path: Place,
     record_path: Place,
     record: Provenance,
@@ -161,8 +161,8 @@ def _publish(
 ) -> None:
     """Move a group or folder, if it is `beside`, to its place, then publish its record with these fields, validated: it can be read."""
     record = type(record).model_validate({**dict(record), **fields})
-    if beside is not None:
-        move_folder(beside, path)
+    if source is not None:
+        move_folder(source, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
         note_replaced(path.with_name(replaced))

@@ -194,14 +194,14 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
         content = json.loads(read_bytes(path))
-        found, checksum = content.get("format"), content.pop("checksum", None)
+        version, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run {maker} first") from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
-    if isinstance(found, int) and found != FORMAT:
+    if isinstance(version, int) and version != FORMAT:
         raise StoreError(
-            f"{path}: the record is of format {found}, this version of vt-pipeline reads format {FORMAT}; "
+            f"{path}: the record is of format {version}, this version of vt-pipeline reads format {FORMAT}; "
             "use the version that wrote it, or delete the record and run its stage again"
         )
     try:

@@ -58,12 +58,12 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
 
 
 def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
-    root, before = directory.root, directory.shards()
-    if before in (None, shards):
+    root, old_shards = directory.root, directory.shards()
+    if old_shards in (None, shards):
         return
-    _check_no_runs(directory, before)
+    _check_no_runs(directory, old_shards)
     _discard_records(directory, shards)  # of a run of this command that was killed
-    taken = _contents(directory, before)
+    snapshot = _contents(directory, old_shards)
     directory = DataDirectory(root)  # what is read from now on is compared with this in the end
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
@@ -72,11 +72,11 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
             if members := [name for name in collection if shard_of(name, shards) == number]:
                 yield _write(directory, collection, members, number, shards)
     _set_shards(directory, shards)
-    if _contents(directory, before) != taken:
-        _set_shards(directory, before)
+    if _contents(directory, old_shards) != snapshot:
+        _set_shards(directory, old_shards)
         _discard_records(directory, shards)
         raise StoreError(f"{root}: a stage published rows meanwhile, so the number of shards is what it was; wait for runs to end")
-    _discard_records(directory, before)
+    _discard_records(directory, old_shards)
 
 
 def _check_no_runs(directory: DataDirectory, shards: int) -> None:
@@ -84,8 +84,8 @@ def _check_no_runs(directory: DataDirectory, shards: int) -> None:
     for record in directory.shard_records():
         if record.parent.name not in ARTIFACTS:
             raise StoreError(f"{record.parent} is an artifact of a package that is not installed; install it, or remove that folder first")
-    there = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
-    for name in sorted(there & ARTIFACTS.keys()):
+    names = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
+    for name in sorted(names & ARTIFACTS.keys()):
         for number in range(shards):
             with one_writer(directory.shard_lock(name, number, shards), directory.root / name):
                 pass

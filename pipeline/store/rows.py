@@ -29,13 +29,13 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
     StoreError
         An array is missing, unknown, has the wrong number of dimensions or kind, or holds NaN.
     """
-    wanted = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
-    optional = {name for name, array in wanted.items() if array.optional}
-    if missing := sorted(wanted.keys() - row.keys() - optional):
+    declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
+    optional = {name for name, array in declared.items() if array.optional}
+    if missing := sorted(declared.keys() - row.keys() - optional):
         raise StoreError(f"{artifact.name}: the stage returned no {', '.join(missing)}")
     conformed: Row = {}
     for name, value in row.items():
-        array = wanted.get(name) or (artifact.of(name) if "/" in name else None)
+        array = declared.get(name) or (artifact.of(name) if "/" in name else None)
         if array is None:
             raise StoreError(f"{artifact.name}: the stage returned {name}, which its schema does not know")
         dims = array.dims[1:] if array.per_object else array.dims

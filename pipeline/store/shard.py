@@ -61,19 +61,19 @@ class Shard:
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
         """The group's attributes: settings, and the descriptions of hand, sensor or scene."""
-        found = self.group.attrs.asdict()
+        stored = self.group.attrs.asdict()
         with self.errors_as_damage("its attributes cannot be used"):
-            digest.of_json(found)  # refuses what is no JSON: NaN
-        return found
+            digest.of_json(stored)  # refuses what is no JSON: NaN
+        return stored
 
     def _check_metadata(self, name: str) -> None:
         """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
         path = self.path / name / "zarr.json"
         try:
-            found = hashlib.sha256(read_bytes(path)).hexdigest()
+            sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
         except OSError as error:
             raise StoreError(f"{path} cannot be read ({error.strerror or 'there is no such file'}); {self.remedy}") from error
-        if found != self.record.metadata.get(name):
+        if sha256 != self.record.metadata.get(name):
             raise StoreError(f"{path} differs from what was written; {self.remedy}")
 
     @cached_property
@@ -134,15 +134,15 @@ class Shard:
 
     def _check_declaration(self, name: str, array: Any) -> None:
         """Refuse an array that is not as its schema, and the record, declare it: a stranger's store may be sound otherwise."""
-        known = self.artifact.of(declared(name))
-        if known is None:
+        declaration = self.artifact.of(declared(name))
+        if declaration is None:
             return
         with self.errors_as_damage(f"{name} cannot be opened"):
-            found = list(array_violations(name, known, ArraySpec.from_zarr(array)))
-        if not found and known.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
-            found = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
-        if found:
-            raise StoreError(f"{self.path}: {found[0]}; {self.remedy}")
+            violations = list(array_violations(name, declaration, ArraySpec.from_zarr(array)))
+        if not violations and declaration.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
+            violations = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
+        if violations:
+            raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
         """Read an array, or a part of it, by its path below the root.
@@ -165,8 +165,8 @@ class Shard:
 
     def is_complete(self) -> bool:
         """Whether every file of every array is there and holds something."""
-        there = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
-        ragged = {name for name in there if name.count("/") == 2}
+        array_paths = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
+        ragged = {name for name in array_paths if name.count("/") == 2}
         try:
             self.check_arrays()
             for name in ragged:
@@ -215,7 +215,7 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self._held or any(name == each for each in self)  # ragged arrays are listed last, if at all
+        return name in self._held or any(name == stored_name for stored_name in self)  # ragged arrays are listed last, if at all
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")

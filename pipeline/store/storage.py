@@ -123,9 +123,9 @@ def names_in(folder: Place) -> dict[str, bool]:
             return {}
         with os.scandir(folder) as entries:
             return {entry.name: os.path.isdir(entry) if entry.is_symlink() else entry.is_dir() for entry in entries}  # a link may loop
-    found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
-    files = {PurePosixPath(file["path"]).name: False for file in found["objects"]}
-    return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
+    listing = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
+    files = {PurePosixPath(file["path"]).name: False for file in listing["objects"]}
+    return files | {PurePosixPath(prefix).name: True for prefix in listing["common_prefixes"]}
 
 
 def files_below(folder: Place) -> dict[str, File]:
@@ -142,13 +142,13 @@ def files_below(folder: Place) -> dict[str, File]:
                     except OSError:  # a link to nothing, or to itself
                         files[name] = File(0, path.lstat().st_mtime)
         return files
-    return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
+    return {name: File(int(entry["size"]), entry["last_modified"].timestamp()) for name, entry in _listed(folder)}
 
 
 def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
     prefix = f"{key_of(folder)}/"
     for part in obstore.list(bucket_of(folder), prefix=prefix):
-        yield from ((found["path"].removeprefix(prefix), found) for found in part)
+        yield from ((entry["path"].removeprefix(prefix), entry) for entry in part)
 
 
 def remove(folder: Place) -> None:
@@ -164,13 +164,13 @@ def remove(folder: Place) -> None:
 def remove_files(folder: UPath, names: Iterable[str]) -> None:
     """Remove files below a folder in object storage, given by their paths below it; one of "" is the folder's own name."""
     keys = [f"{key_of(folder)}/{name}".removesuffix("/") for name in names]
-    until = time.monotonic() + RETRY["retry_timeout"].total_seconds()
+    deadline = time.monotonic() + RETRY["retry_timeout"].total_seconds()
     for attempt in count() if keys else ():
         try:
             obstore.delete(bucket_of(folder), keys)
             break
         except GenericError:  # the connection broke: the client cannot know that a repetition does no harm
-            if time.monotonic() > until:
+            if time.monotonic() > deadline:
                 raise
             pause(attempt)
 
@@ -183,11 +183,11 @@ def pause(attempt: int) -> None:
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
     """Give a name that no other process has for a file beside `path` to write and rename or link; in the end nothing is left of it."""
-    beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")  # processes in containers have equal numbers
+    temporary_file = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")  # processes in containers have equal numbers
     try:
-        yield beside
+        yield temporary_file
     finally:
-        beside.unlink(missing_ok=True)
+        temporary_file.unlink(missing_ok=True)
 
 
 def cache_of(folder: Place) -> Path:
@@ -204,11 +204,11 @@ def copy(source: Place, target: Place, names: Iterable[str]) -> None:
 def _copy_file(source: Place, target: Place) -> None:
     if isinstance(target, Path):
         target.parent.mkdir(parents=True, exist_ok=True)
-        with temporary(target) as beside:
-            with beside.open("wb") as file:
+        with temporary(target) as temporary_file:
+            with temporary_file.open("wb") as file:
                 for part in obstore.get(bucket_of(source), key_of(source)).stream():
                     file.write(part)
-            beside.replace(target)
+            temporary_file.replace(target)
     elif isinstance(source, Path):
         obstore.put(bucket_of(target), key_of(target), source)
     else:

@@ -37,9 +37,9 @@ def temporary_folder() -> Iterator[Path]:
     """
     parent = private_folder()
     with _locked(parent):
-        for left in parent.glob(f"{PREFIX}*"):
-            with suppress(OSError), _locked(left, wait=False):
-                shutil.rmtree(left, ignore_errors=True)
+        for leftover in parent.glob(f"{PREFIX}*"):
+            with suppress(OSError), _locked(leftover, wait=False):
+                shutil.rmtree(leftover, ignore_errors=True)
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
         lock = ExitStack()
         lock.enter_context(_locked(folder))

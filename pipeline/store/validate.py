@@ -37,10 +37,10 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
     """
     for _ in range(CHECKS):
         before = _records(root)
-        found = _problems_below(root, strict)
-        if not any(found.values()) or _records(root) == before:
+        problems = _problems_below(root, strict)
+        if not any(problems.values()) or _records(root) == before:
             break
-    return found
+    return problems
 
 
 def _records(root: Place) -> dict[Place, bytes]:
@@ -56,21 +56,21 @@ def _records(root: Place) -> dict[Place, bytes]:
 
 def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     directory = DataDirectory(root)
-    found: dict[Place, list[str]] = {}
+    problems: dict[Place, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
-            found[path] = _lines(_record_problems(path, name))
+            problems[path] = _lines(_record_problems(path, name))
         if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
             if lines := [line for check in checks for line in _lines(check)]:
-                found[root / name] = lines
+                problems[root / name] = lines
     for name in directory.folders():
-        found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
+        problems[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
     for path in everything_unnamed(directory):
         record = path.with_name(f"{unversioned(path.name)}.json")
         if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _is_missed(directory, record)):
-            found[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
-    return found
+            problems[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
+    return problems
 
 
 def _is_missed(directory: DataDirectory, record: Place) -> bool:
@@ -80,13 +80,13 @@ def _is_missed(directory: DataDirectory, record: Place) -> bool:
 
 def _lines(check: Iterator[str]) -> list[str]:
     """List the lines of a check, and the error that ended it."""
-    found: list[str] = []
+    lines: list[str] = []
     try:
         for line in check:
-            found.append(line)
+            lines.append(line)
     except StoreError as error:
-        found.append(str(error))
-    return found
+        lines.append(str(error))
+    return lines
 
 
 def problems_of(shard: Shard) -> list[str]:
@@ -102,9 +102,9 @@ def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
             shard.group.get(name)  # one after the other: where two fail side by side, asyncio prints the other's traceback
-        found = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
-    if found:
-        yield from (f"{line}; {shard.remedy}" for line in found)
+        violations = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
+    if violations:
+        yield from (f"{line}; {shard.remedy}" for line in violations)
         return
     shard.check_arrays()
     arrays = shard.artifact.arrays
@@ -164,6 +164,6 @@ def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     """Whether a folder holds the files that its record says, and was made from what is there now."""
     yield from directory.folder_problems(name)
     record = directory.folder(name)
-    others = set(files_of(directory.folder_path(name))) - record.files.keys()
-    yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(others))
+    unrecorded = set(files_of(directory.folder_path(name))) - record.files.keys()
+    yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(unrecorded))
     check_origins(directory, [name])
