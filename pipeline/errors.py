@@ -32,14 +32,14 @@ class BugFound(PipelineError):
     """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
 
 
-def meant(name: object, names: Collection[str]) -> str | None:
+def closest_name(name: object, names: Collection[str]) -> str | None:
     """Find the name that was probably meant, if one is alike."""
     return next(iter(get_close_matches(str(name), names, n=1, cutoff=0.7)), None)
 
 
-def unknown(kind: str, name: object, names: Collection[str]) -> str:
+def unknown_name(kind: str, name: object, names: Collection[str]) -> str:
     """Say that there is no such thing, for example no such stage, which one was probably meant, and which there are."""
-    guess = meant(name, names)
+    guess = closest_name(name, names)
     return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(names)}"
 
 

@@ -58,7 +58,7 @@ def check_unique(kind: str, name: str, packages: list[str]) -> None:
         raise InvalidInput(f"{kind} {name} is brought by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
 
 
-def sibling(entry: EntryPoint, name: str) -> str | None:
+def sibling_module(entry: EntryPoint, name: str) -> str | None:
     """Name the module `name` beside the one that an entry point names, if there is one; its package is not imported."""
     top, *subpackages = entry.module.split(".")[:-1] or [""]
     spec = find_spec(top) if top.isidentifier() else None

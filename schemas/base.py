@@ -39,7 +39,7 @@ class Array:
         return self.dims[:1] == ("object",)
 
 
-CHOSEN = ("grasp", "viewpoint", "press")
+INDEXED_DIMS = ("grasp", "viewpoint", "press")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
 COMMON = {

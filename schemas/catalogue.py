@@ -7,7 +7,7 @@ from pkgutil import iter_modules
 
 import schemas
 from pipeline import plugins
-from pipeline.errors import StoreError, meant
+from pipeline.errors import StoreError, closest_name
 from schemas.base import Artifact
 
 
@@ -40,5 +40,5 @@ def artifact_of(array: str) -> Artifact:
         if array in artifact.arrays:
             return artifact
     names = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
-    guess = meant(array, names)
+    guess = closest_name(array, names)
     raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(names)}")

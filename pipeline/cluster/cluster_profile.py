@@ -10,13 +10,13 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pipeline.formats.description_file import description_path, read_description
 
 
-def _is_text(value: Any) -> Any:
+def _require_text(value: Any) -> Any:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         raise ValueError(f"YAML reads it as the number {value}; write it in quotes and with its unit, as '04:00:00' or '16G'")
     return value
 
 
-def _is_one_line(line: str) -> str:
+def _require_one_line(line: str) -> str:
     if not line.isprintable():
         raise ValueError(
             f"{line!r} is no single line of printable text, as a job's script needs; take out control characters and line breaks"
@@ -24,7 +24,7 @@ def _is_one_line(line: str) -> str:
     return line
 
 
-Line = Annotated[str, AfterValidator(_is_one_line)]
+Line = Annotated[str, AfterValidator(_require_one_line)]
 Word = Annotated[Line, Field(pattern=r"^[^\s,]+$")]
 Number = Annotated[int, Field(ge=1, le=10**6)]
 
@@ -36,8 +36,8 @@ class Allocation(BaseModel):
 
     partition: Word
     cores: Number
-    memory: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^[1-9][0-9]*[KMGT]$")]
-    time: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^([0-9]+-)?[0-9]+(:[0-9]{2}){0,2}$")]
+    memory: Annotated[str, BeforeValidator(_require_text), Field(pattern=r"^[1-9][0-9]*[KMGT]$")]
+    time: Annotated[str, BeforeValidator(_require_text), Field(pattern=r"^([0-9]+-)?[0-9]+(:[0-9]{2}){0,2}$")]
 
 
 class GpuAllocation(Allocation):

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.errors import StageError, StoreError, first_line
-from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Stored
 from pipeline.store.storage import Place, on_disk, read_bytes
@@ -93,18 +93,18 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
     if not shutil.which("sbatch"):
         raise StageError("sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run")
     scripts = {job.output: script_of(job, submission) for job in jobs}
-    with one_writer(folder / "lock", folder):
+    with exclusive_lock(folder / "lock", folder):
         jobs_by_output = {job.output: job for job in submitted_jobs(folder)}
         _refuse_unfinished(states_of(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output]))
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
-            write_at_once(path, os.fsencode(scripts[job.output]))  # a path among its arguments may be no text
+            write_atomically(path, os.fsencode(scripts[job.output]))  # a path among its arguments may be no text
             ids[job.output] = _sbatch(path, dependency(job, {other.output: other for other in jobs}, ids), list(ids.values()))
             tasks = submission.shards if job.is_array else None
             submitted = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
             jobs_by_output[job.output] = submitted
-            write_at_once(folder / "jobs.json", _SubmittedJobs(jobs=tuple(jobs_by_output.values())).model_dump_json(indent=1).encode())
+            write_atomically(folder / "jobs.json", _SubmittedJobs(jobs=tuple(jobs_by_output.values())).model_dump_json(indent=1).encode())
             yield submitted
 
 
@@ -120,12 +120,12 @@ def _refuse_unfinished(states: Iterable[JobState]) -> None:
 def _sbatch(script: Path, condition: str | None, earlier_ids: list[str]) -> str:
     """Submit a script; returns the job's number."""
     options = [f"--dependency={condition}"] if condition else []
-    completed = _ask("sbatch", "--parsable", *options, str(script))
+    completed = _run_command("sbatch", "--parsable", *options, str(script))
     number = completed.stdout.strip().partition(";")[0]
     if completed.returncode or not number.isdigit():
         remedy = f"; `scancel {' '.join(earlier_ids)}` ends what was submitted before it" if earlier_ids else ""
         raise StageError(
-            f"sbatch refuses {script}: {_complaint(completed)}. Partition, memory, time and options are those of the "
+            f"sbatch refuses {script}: {_error_line(completed)}. Partition, memory, time and options are those of the "
             f"cluster file (--cluster), the array has a task per shard{remedy}"
         )
     return number
@@ -188,9 +188,9 @@ def _exit_status(path: Path) -> int | None:
 def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], str]:
     """State and reason of every task that Slurm has not forgotten; and why it does not answer, where it does not."""
     numbers = ",".join(job.number for job in jobs)
-    completed = _ask("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
+    completed = _run_command("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
     if completed.returncode and "Invalid job id" not in completed.stderr:
-        return {}, f"squeue does not answer: {_complaint(completed)}"
+        return {}, f"squeue does not answer: {_error_line(completed)}"
     rows = (line.strip().split("|", 3) for line in completed.stdout.splitlines() if line.count("|") >= 3)
     return {number if index == "N/A" else f"{number}_{index}": (state, reason) for number, index, state, reason in rows}, ""
 
@@ -198,17 +198,17 @@ def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], s
 def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
     """State of every task that accounting knows; none where there is no accounting."""
     numbers = ",".join(job.number for job in jobs)
-    completed = _ask("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
+    completed = _run_command("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
     rows = (line.strip().split("|", 1) for line in completed.stdout.splitlines() if "|" in line and not completed.returncode)
     return {task: (state.split()[0], "") for task, state in rows if state}
 
 
-def _complaint(completed: subprocess.CompletedProcess[str]) -> str:
+def _error_line(completed: subprocess.CompletedProcess[str]) -> str:
     """Return the first line of what a command reports of its failure."""
     return next(iter((completed.stderr or completed.stdout).splitlines()), f"status {completed.returncode}").rstrip(".")
 
 
-def _ask(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def _run_command(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run one of Slurm's commands; where it cannot be run, it has failed with the reason."""
     try:
         return subprocess.run([program, *arguments], capture_output=True, text=True, check=False, timeout=SECONDS)

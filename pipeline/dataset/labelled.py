@@ -10,7 +10,7 @@ import xarray
 from xarray.backends import BackendArray, BackendEntrypoint
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from pipeline.errors import StoreError, unknown
+from pipeline.errors import StoreError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, place, zarr_store
@@ -44,10 +44,10 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """
     if artifact not in ARTIFACTS:
-        raise StoreError(unknown("artifact", artifact, ARTIFACTS))
+        raise StoreError(unknown_name("artifact", artifact, ARTIFACTS))
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     first_index = collection.shards.index(collection.first)  # an error without shards
-    shards = [_opened(shard) for shard in collection.shards]
+    shards = [_open_shard(shard) for shard in collection.shards]
     failures = [failure for shard in shards for failure in shard.attrs["failures"].items()]
     shards[0].attrs["failures"] = dict(failures)  # the attributes of the first are the whole's
     if collection.missing:
@@ -75,7 +75,7 @@ def _zeros(shard: xarray.Dataset, template: xarray.Dataset) -> xarray.Dataset:
     return shard.drop_vars(zeros.keys(), errors="ignore").assign(zeros)
 
 
-def _opened(shard: Shard) -> xarray.Dataset:
+def _open_shard(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
         plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes a Shard
@@ -93,14 +93,14 @@ class _ShardReader(BackendEntrypoint):
         plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
         stored = {str(name): array.variable for name, array in plain.data_vars.items()}
         lazy = {
-            name: (variable.dims, LazilyIndexedArray(_Stored(shard, name)), variable.attrs, variable.encoding)
+            name: (variable.dims, LazilyIndexedArray(_StoredArray(shard, name)), variable.attrs, variable.encoding)
             for name, variable in stored.items()
         }
         dataset: xarray.Dataset = plain.assign(lazy)
         return dataset
 
 
-class _Stored(BackendArray):
+class _StoredArray(BackendArray):
     """The values of an array of a shard."""
 
     def __init__(self, shard: Shard, name: str) -> None:

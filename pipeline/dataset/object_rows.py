@@ -19,7 +19,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
-from schemas.base import CHOSEN, Artifact
+from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
 
 CACHE_MEGABYTES = 256.0
@@ -75,8 +75,8 @@ class ObjectRows:
                 f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
             )
         directory = DataDirectory(self.data)
-        self._owner = {name: _owner(name) for name in self._needed()}
-        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
+        self._artifact_of = {name: _find_artifact(name) for name in self._needed()}
+        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._artifact_of.values()}
         for collection in self._collections.values():
             self._refuse_unmade(collection)
         check_origins(directory, self._collections)
@@ -105,7 +105,7 @@ class ObjectRows:
 
     def _refuse_unmade(self, collection: Collection) -> None:
         shard = collection.first
-        for name, artifact in self._owner.items():
+        for name, artifact in self._artifact_of.items():
             if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
                 raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
 
@@ -132,8 +132,8 @@ class ObjectRows:
 
     def size(self, array: str, dim: str) -> int:
         """How many entries an array has along one of its dimensions, in every object."""
-        position = self._owner[array].arrays[array].dims.index(dim)
-        return int(self._collections[self._owner[array].name].first.array(array).shape[position])
+        position = self._artifact_of[array].arrays[array].dims.index(dim)
+        return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
     def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:
         """Read an object's part of an array; the array itself if it has no object dimension.
@@ -156,19 +156,19 @@ class ObjectRows:
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)
-        if array not in self._owner:
-            raise StoreError(f"array {array} was not opened, only {', '.join(self._owner)}; name it when the rows are opened")
-        artifact = self._owner[array]
+        if array not in self._artifact_of:
+            raise StoreError(f"array {array} was not opened, only {', '.join(self._artifact_of)}; name it when the rows are opened")
+        artifact = self._artifact_of[array]
         shard = self._collections[artifact.name].shard(object_id)
         if array in DERIVED and not shard.has(array):
             return self._derive(array, object_id, grasp)
         dims = artifact.arrays[array].dims
         if dims[0] != "object":
             return self._cache.get((array,), lambda: shard.read(array))
-        by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
+        by_grasp = grasp is not None and len(dims) > 1 and dims[1] in INDEXED_DIMS
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         stored, position = shard.array(array), shard.position[object_id]
-        indices = {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}
+        indices = {"camera": camera, **dict.fromkeys(INDEXED_DIMS, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
             if (number := indices.get(dim)) is not None and not -count <= number < count:
                 raise StoreError(f"{object_id} has no {dim} {number}; there are {count}, numbered from 0")
@@ -218,7 +218,7 @@ class _Cache:
         return array
 
 
-def _owner(array: str) -> Artifact:
+def _find_artifact(array: str) -> Artifact:
     try:
         return artifact_of(array)
     except KeyError as error:

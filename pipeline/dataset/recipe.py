@@ -32,7 +32,7 @@ MAX_BYTES = 2**28
 MAX_NAME_BYTES = 255
 """Of a path in a recipe: file systems take no longer name."""
 
-SHORT = 16
+SHORT_DIGITS = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
 
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
@@ -201,7 +201,7 @@ class Recipe(BaseModel):
         if not previous:
             raise InvalidInput("it has no objects")
 
-    def parts(self) -> dict[str, str]:
+    def entry_hashes(self) -> dict[str, str]:
         """Compute the hashes for `checksums`."""
         content = self.model_dump(mode="json", exclude={"checksums"})
         stages = content.pop("stages")
@@ -211,7 +211,7 @@ class Recipe(BaseModel):
         """Write the recipe as YAML, with its checksums."""
         head = self.model_dump(mode="json", exclude={"objects", "checksums", "manifest"})
         manifest = self.manifest.model_dump(mode="json", exclude_none=True)
-        content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.parts()}
+        content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.entry_hashes()}
         entries = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=140)
         lines = "".join(f"  {line}\n" for line in self.objects.splitlines())
         about = "# Makes a dataset of visuotactile grasps again and compares it: vt-pipeline remake THIS-FILE --data FOLDER"
@@ -241,7 +241,7 @@ def read_recipe(path: Path) -> Recipe:
     try:
         recipe = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
         recipe.rows  # noqa: B018 (an error where a line cannot be used)
-        changed = sorted({name for name, _ in recipe.parts().items() ^ recipe.checksums.items()})
+        changed = sorted({name for name, _ in recipe.entry_hashes().items() ^ recipe.checksums.items()})
     except ValidationError as error:
         raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
     except ValueError as error:

@@ -27,7 +27,7 @@ CONNECT_SECONDS = 10
 """After which there is no scheduler at an address."""
 JOIN_SECONDS = 60
 """After which no worker is going to join."""
-LOOK_SECONDS = 10
+POLL_SECONDS = 10
 """Between two looks at which workers there are, while no object is finished."""
 
 BUNDLE_SECONDS = 2.0
@@ -70,10 +70,12 @@ class Dask(Executor):
             while (waiting or suspects) and len(running) < workers:
                 size = _bundle_size(done / max(seconds, 1e-3), len(waiting) / workers)
                 bundle = [suspects.popleft()] if suspects else [waiting.popleft() for _ in range(size)]
-                future = client.submit(dask_worker.do, packed, bundle, limit, key=f"{work.stage.name}-{uuid.uuid4()}", pure=False)
+                future = client.submit(
+                    dask_worker.process_units, packed, bundle, limit, key=f"{work.stage.name}-{uuid.uuid4()}", pure=False
+                )
                 running[future] = (bundle, time.monotonic())
             with client.as_current(), suppress(TimeoutError, CancelledError):
-                wait([*running], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED")
+                wait([*running], timeout=POLL_SECONDS, return_when="FIRST_COMPLETED")
             for future in [future for future in running if future.done()]:
                 bundle, began = running.pop(future)
                 if future.cancelled():  # the scheduler was started again, and knows of nothing
@@ -90,7 +92,7 @@ class Dask(Executor):
                     if len(tries) < self._tries:
                         suspects.extend(bundle)
                         continue
-                    results = [record_crash(work, bundle[0], _why(max(tries), limit))]
+                    results = [record_crash(work, bundle[0], _crash_reason(max(tries), limit))]
                 done, seconds = done + len(results), seconds + sum(result.seconds for result in results)
                 yield from results
 
@@ -112,7 +114,7 @@ class Dask(Executor):
                 if client.cluster is not None:  # what watches over a worker gives up where that dies as soon as it has joined
                     client.cluster.scale(self._count)
                 with suppress(TimeoutError):
-                    client.wait_for_workers(1, timeout=LOOK_SECONDS)
+                    client.wait_for_workers(1, timeout=POLL_SECONDS)
             return len(workers)
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
@@ -121,7 +123,7 @@ class Dask(Executor):
         """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
         for _ in range(self._tries):
             with suppress(KilledWorker):
-                client.gather([client.submit(dask_worker.do, packed, [], 0.0, pure=False) for _ in range(self._workers(client))])
+                client.gather([client.submit(dask_worker.process_units, packed, [], 0.0, pure=False) for _ in range(self._workers(client))])
                 return
         raise StageError(
             f"{stage} cannot start: its process died each time while it opened (killed, or memory ran out?); "
@@ -169,7 +171,7 @@ def _bundle_size(rate: float, share: float) -> int:
     return max(1, int(min(BUNDLE_SECONDS * rate, share / 2)))
 
 
-def _why(seconds: float, limit: float) -> str:
+def _crash_reason(seconds: float, limit: float) -> str:
     """Why an object's processes died, by the longest time that one of them lived."""
     if seconds >= limit:
         return f"it took longer than object_seconds = {limit}; simplify the mesh, or raise it and run again with --retry"

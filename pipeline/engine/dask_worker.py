@@ -64,7 +64,7 @@ def end_session() -> None:
     util._exit_function()  # type: ignore[attr-defined]
 
 
-def do(packed: bytes, units: Sequence[Unit], seconds: float) -> list[Result]:
+def process_units(packed: bytes, units: Sequence[Unit], seconds: float) -> list[Result]:
     """Do jobs; the kernel ends this process when one of them has taken `seconds`, in whatever native code it may be."""
     process, results = open_session(packed), []
     try:

@@ -59,7 +59,7 @@ class Deferred(Executor):
         self._executor: Executor | None = None
 
     @property
-    def _made(self) -> Executor:
+    def _delegate(self) -> Executor:
         if self._executor is None:
             self._executor = self._make()
         return self._executor
@@ -67,11 +67,11 @@ class Deferred(Executor):
     @property
     def processes(self) -> int:
         """Those of the other executor."""
-        return self._made.processes
+        return self._delegate.processes
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Let the other executor make the units."""
-        return self._made.run(work, units)
+        return self._delegate.run(work, units)
 
     def close(self, *, at_once: bool) -> None:
         """Give back what the other executor has opened, if it was made."""

@@ -22,7 +22,7 @@ from pipeline.store.local_copy import local_copy
 from pipeline.store.origins import check_origins
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
-from pipeline.store.storage import files_below, names_in, remove
+from pipeline.store.storage import files_below, list_folder, remove
 
 _WORK = re.compile("[0-9a-f]{16}")
 """Names of folders that are being filled; another one may be part of a longer name, as models/gcn/touch."""
@@ -95,7 +95,7 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
         plan.output.commit(work, record)
         record_path.unlink()
     for folder in {work_folder.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
-        for name in filter(_WORK.fullmatch, names_in(folder)):
+        for name in filter(_WORK.fullmatch, list_folder(folder)):
             remove(folder / name)
     return Summary(plan.total, 0, time.perf_counter() - began)
 

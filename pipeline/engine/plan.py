@@ -114,7 +114,7 @@ class Plan(Generic[Output]):
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
         self.path: Place = output.path
-        self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
+        self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
         self.schema = list(schema)
@@ -129,15 +129,15 @@ class Plan(Generic[Output]):
         record = self.output.record
         if record is None or record.key != self.key:
             return False
-        if self.request.retry and isinstance(record, ShardRecord) and any(self.is_own(row.failure) for row in record.rows):
+        if self.request.retry and isinstance(record, ShardRecord) and any(self.failed_here(row.failure) for row in record.rows):
             return False
         return self.output.is_sound() if self.request.check else self.output.is_complete()
 
-    def is_own(self, failure: Failure | None) -> bool:
+    def failed_here(self, failure: Failure | None) -> bool:
         """Whether something failed in this stage."""
         return failure is not None and failure.stage == self.stage.name
 
-    def tries_again(self, unit: Unit) -> bool:
+    def is_retried(self, unit: Unit) -> bool:
         """Whether a unit is asked for again where it failed."""
         return self.request.retry and self.request.only in (None, unit.name)
 

@@ -14,7 +14,7 @@ from pipeline.engine.plan import Forecast, Plan, Request, Summary
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
-from pipeline.store.atomic import one_writer
+from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.reshard import shard_of
@@ -33,12 +33,12 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan
     if isinstance(request.stage, DatasetStage):
         yield plan_folder(request)
         return
-    shards, numbers = _shards(request, shard)
+    shards, numbers = _selected_shards(request, shard)
     for number in numbers:
         yield plan_shard(request, number, shards)
 
 
-def _shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
+def _selected_shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
     """Say into how many shards the dataset is split, and which of them are asked for."""
     shards = DataDirectory(request.data).check_shard_count(request.shards)
     if shard is not None and shard >= shards:
@@ -61,15 +61,15 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
         The dataset is split into another number of shards, or the one object is in another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
-        yield _foreseen(request, request.objects, lambda: plan_folder(request))
+        yield _forecast_output(request, request.objects, lambda: plan_folder(request))
         return
-    shards, numbers = _shards(request, shard)
+    shards, numbers = _selected_shards(request, shard)
     for number in numbers:
         items = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
-        yield _foreseen(request, items, partial(plan_shard, request, number, shards))
+        yield _forecast_output(request, items, partial(plan_shard, request, number, shards))
 
 
-def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
+def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
     try:
         plan = make_plan()
         return plan.path, forecast_folder(plan) if isinstance(plan.output, FolderOutput) else forecast_shard(plan)
@@ -94,7 +94,7 @@ def run(plan: Plan[Any], console: Console) -> Summary:
         Processing an object raised what no stage is meant to raise.
     """
     try:
-        with one_writer(plan.output.lock, plan.path):
+        with exclusive_lock(plan.output.lock, plan.path):
             plan.output.refresh()  # the run that held the lock before may have made it
             if plan.up_to_date():
                 return Summary()

@@ -56,7 +56,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
             for name, expected in work.models.items():
                 if directory.folder(name).digest() != expected:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
-            models = {name: directory.whole_folder(name) for name in work.models}
+            models = {name: directory.verified_folder(name) for name in work.models}
             process = stack.enter_context(work.stage.session(work.settings, models))
         except Exception as error:
             raise _cannot_start(work.stage, error) from error

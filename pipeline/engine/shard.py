@@ -104,10 +104,10 @@ def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
 def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
     """Find the published row of a unit, unless it failed and is tried again."""
     row = published(plan, unit)
-    return None if row is not None and plan.is_own(row.failure) and plan.tries_again(unit) else row
+    return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit) else row
 
 
-def missing(plan: Plan[ShardOutput]) -> list[Unit]:
+def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
     """List the units that are asked for and whose row is neither published under its key nor waiting to be, or is tried again."""
     requested = (unit for unit in plan.units if plan.request.only in (None, unit.name))
     return [unit for unit in requested if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
@@ -115,7 +115,7 @@ def missing(plan: Plan[ShardOutput]) -> list[Unit]:
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
     """Check whether a result waits to be published, other than a failure that is tried again."""
-    return result is not None and (unit.failure is not None or result.failure is None or not plan.tries_again(unit))
+    return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit))
 
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
@@ -123,12 +123,12 @@ def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
     failed: dict[str, Failure] = {}
     for unit in plan.units:
         state = finished(plan, unit) or published(plan, unit)
-        if state and state.failure and plan.is_own(state.failure):
+        if state and state.failure and plan.failed_here(state.failure):
             failed[unit.name] = state.failure
     return failed
 
 
-def published_before(plan: Plan[ShardOutput]) -> Collection:
+def published_collection(plan: Plan[ShardOutput]) -> Collection:
     """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
     try:
         return plan.directory.collection(plan.output.artifact)
@@ -139,8 +139,8 @@ def published_before(plan: Plan[ShardOutput]) -> Collection:
 def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
     """Foresee a run from the seconds that objects took here before, else from what the stage says."""
     cost, up_to_date = plan.stage.cost(plan.settings), plan.up_to_date()
-    number = 0 if up_to_date else len(missing(plan))
-    same = [shard for shard in published_before(plan).shards if shard.record.settings == plan.settings.results()]
+    number = 0 if up_to_date else len(pending_units(plan))
+    same = [shard for shard in published_collection(plan).shards if shard.record.settings == plan.settings.results()]
     seconds = [row.seconds for shard in same for row in shard.record.rows]
     mean = sum(seconds) / len(seconds) if seconds else cost.seconds
     return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * cost.kilobytes, up_to_date)
@@ -162,7 +162,7 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
         return Summary()
     results: dict[str, Result] = {}
     for unit in plan.units:
-        if result := _kept(plan, unit):
+        if result := _reuse(plan, unit):
             _check_strictness(plan, result)
             results[unit.name] = result
     pending = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
@@ -196,7 +196,7 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
                 f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
                 f"({abbreviate(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
             )
-    existing = published_before(plan)
+    existing = published_collection(plan)
     if len(existing) and not any(item.object_id in existing for item in request.objects):
         raise StoreError(
             f"{plan.path.parent} holds other objects ({abbreviate(list(existing))}), and none of manifest "
@@ -204,7 +204,7 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
         )
 
 
-def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
+def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
     """Find what need not be made again: a row that waits, or the published one; one that is damaged is made again."""
     result = finished(plan, unit)
     if result and not _is_settled(plan, unit, result):

@@ -15,7 +15,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline import plugins
-from pipeline.errors import InvalidInput, meant
+from pipeline.errors import InvalidInput, closest_name
 from pipeline.formats.file_content import read_file
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
@@ -67,7 +67,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = meant(name, shipped) or _file_like(path) or meant(path.name, shipped)
+        guess = closest_name(name, shipped) or _similar_file(path) or closest_name(path.name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
@@ -79,10 +79,10 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     return path
 
 
-def _file_like(path: Path) -> Path | None:
+def _similar_file(path: Path) -> Path | None:
     """Find a YAML file beside a path that is called much like it."""
     neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
-    return neighbours.get(meant(path.name, neighbours) or "")
+    return neighbours.get(closest_name(path.name, neighbours) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
@@ -173,11 +173,11 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     details: list[Any] = error.errors()
     places = [item["loc"] for item in details]
     guesses = {  # an entry of another part of the file is not what was meant
-        item["loc"]: meant(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
+        item["loc"]: closest_name(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
-    guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
+    guesses |= {item["loc"]: closest_name(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
     lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has a complaint for each
     for item in details:
         place = item["loc"]
@@ -186,7 +186,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
             continue
         if item["type"] == "union_tag_not_found":
             place = (*place, item["ctx"]["discriminator"].strip("'"))
-        value = "" if item["type"] == "value_error" else _shown(item["input"])  # ours say what they want
+        value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # ours say what they want
         name = ".".join(str(part) for part in place if not UNION_MEMBER.fullmatch(str(part)))
         lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
     return "; ".join(
@@ -194,7 +194,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     )
 
 
-def _shown(value: object) -> str:
+def _quoted_value(value: object) -> str:
     """Quote a number, a text or nothing, if it is short."""
     if value is None:
         return " (it is null)"

@@ -12,10 +12,10 @@ from pathlib import Path
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 """Metres per unit, by its sign."""
 
-HEAD = 65_536
+HEAD_BYTES = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
 
-LISTED = 2**20
+MAX_LISTING = 2**20
 """Bytes that the list of a 3MF file's members may have: 10,000 of them."""
 
 MODEL = "3D/3dmodel.model"
@@ -51,7 +51,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        head = stream.read(HEAD)
+        head = stream.read(HEAD_BYTES)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
     return _positive(unit) if unit else None, axis[1].decode().lower() if axis else "y"
@@ -62,7 +62,7 @@ def _threemf(file: Path) -> float | None:
         if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # of others, a little may be gigabytes
             return None
         with archive.open(MODEL) as stream:
-            unit = _attribute(stream.read(HEAD), rb"model", rb"unit")
+            unit = _attribute(stream.read(HEAD_BYTES), rb"model", rb"unit")
     return THREEMF.get(unit) if unit else 1e-3
 
 
@@ -70,8 +70,8 @@ class _Head(io.FileIO):
     """A file of which little is read at a time: a ZIP file may list millions of members."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read some bytes, `LISTED` at most."""
-        return super().read(LISTED if size is None or size < 0 else min(size, LISTED)) or b""
+        """Read some bytes, `MAX_LISTING` at most."""
+        return super().read(MAX_LISTING if size is None or size < 0 else min(size, MAX_LISTING)) or b""
 
 
 def _attribute(text: bytes, tag: bytes, name: bytes) -> bytes | None:

@@ -105,17 +105,17 @@ def load_hand(name: str | Path) -> Hand:
         A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
     """
     path = description_path("hand", name).resolve()
-    if path in _last:
-        digests, hand = _last[path]
+    if path in _cached:
+        digests, hand = _cached[path]
         if digests == _digests(hand):
             return hand
     hand = _read(path)
-    _last.clear()
-    _last[path] = _digests(hand), hand
+    _cached.clear()
+    _cached[path] = _digests(hand), hand
     return hand
 
 
-_last: dict[Path, tuple[list[str] | None, Hand]] = {}
+_cached: dict[Path, tuple[list[str] | None, Hand]] = {}
 """The hand that this process loaded last, with the digests of its files: a stage asks for it several times, and meshes may be large."""
 
 
@@ -133,7 +133,7 @@ def _read(path: Path) -> Hand:
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
     try:
-        return _without_resting_contacts(_assemble(file, path, urdf), file.allowed_contacts)
+        return _with_allowed_contacts(_assemble(file, path, urdf), file.allowed_contacts)
     except InvalidInput as error:
         raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
 
@@ -189,7 +189,7 @@ def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[
         raise InvalidInput("; ".join(faults))
 
 
-def _without_resting_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
+def _with_allowed_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
     """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
     numbers = {link.name: i for i, link in enumerate(hand.links)}
     pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated_pairs]

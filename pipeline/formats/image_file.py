@@ -38,14 +38,14 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         per colour.
     """
     remedy = "8-bit RGB, without transparency"
-    pixels: NDArray[np.uint8] = _opened(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
+    pixels: NDArray[np.uint8] = _read_pixels(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
     return pixels
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`."""
     modes = ("1", "L", "P", "I;16", "RGB")
-    levels = _opened(path, modes, "colours", "8-bit grey, 0 outside", _levels)
+    levels = _read_pixels(path, modes, "colours", "8-bit grey, 0 outside", _levels)
     return np.asarray(levels.any(axis=2) if levels.ndim == 3 else levels != 0)
 
 
@@ -55,13 +55,13 @@ def _levels(image: Image.Image) -> NDArray[Any]:
 
 def read_depth(path: Path) -> NDArray[Any]:
     """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
-    numbers = read_array(path) if path.suffix.lower() == ".npy" else _opened(path, ("I;16",), "depths", "16-bit grey", np.asarray)
+    numbers = read_array(path) if path.suffix.lower() == ".npy" else _read_pixels(path, ("I;16",), "depths", "16-bit grey", np.asarray)
     if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
         raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
     return np.asarray(numbers)
 
 
-def _opened(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
+def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
     """Open an image in one of Pillow's modes, and convert it."""
     content = read_file(path, MAX_BYTES)
     try:

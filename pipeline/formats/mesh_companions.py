@@ -29,7 +29,7 @@ MAX_NAMES = 1000
 MAX_ENTRIES = 1_000_000
 """Commas and opening brackets of a glTF's JSON: each may become a hundred bytes."""
 
-MAX_FOREIGN = 2**25
+MAX_NON_ASCII = 2**25
 """Bytes of a JSON that is not ASCII: as text, a single character beyond it makes all others four times as large."""
 
 
@@ -98,14 +98,14 @@ class Companions(Mapping[str, bytes]):
             case ".dae":
                 yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", content))
             case ".ply":
-                yield from _after(b"texturefile", content.partition(b"end_header")[0])
+                yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
                 line = content.partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
                 library = _decode(line)
                 yield library
                 if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
                     check_file(path)
-                    yield from _after(b"map_kd", path.read_bytes())
+                    yield from _names_after(b"map_kd", path.read_bytes())
 
     def _find(self, name: str) -> Path | None:
         """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
@@ -148,8 +148,10 @@ def _read_gltf(file: Path) -> dict[str, Any]:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
         raise InvalidInput(f"{file.name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
-    if len(content) > MAX_FOREIGN and not content.isascii():
-        raise InvalidInput(f"{file.name} has {len(content)} bytes of JSON, {MAX_FOREIGN} are the most unless all is ASCII; write it as GLB")
+    if len(content) > MAX_NON_ASCII and not content.isascii():
+        raise InvalidInput(
+            f"{file.name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB"
+        )
     try:
         tree = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -171,7 +173,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def _after(word: bytes, content: bytes) -> Iterator[str]:
+def _names_after(word: bytes, content: bytes) -> Iterator[str]:
     """List what follows a word (lower case) on the lines that have it."""
     for line in BytesIO(content.replace(b"\r", b"\n")):
         if (start := line.lower().find(word)) >= 0:

@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_reader import read_apart
+from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -56,7 +56,7 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
     InvalidInput
         The file is missing or empty, is not what its suffix says, holds no triangle mesh, or takes too much memory or time.
     """
-    return read_apart(file, root or file.parent)
+    return read_in_subprocess(file, root or file.parent)
 
 
 def parse_mesh(file: Path, root: Path) -> Mesh:

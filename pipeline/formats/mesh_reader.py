@@ -32,7 +32,7 @@ BYTES = 5 * 2**28
 SECONDS = 60
 """Processor time that reading a file may take: a million faces take 7 s at most."""
 
-WAY_OUT = "decimate the mesh, name each part once, or write it as binary PLY"
+REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = """
 import collada, lxml.builder, PIL.Image
 from pipeline.formats.mesh_file import parse_mesh
@@ -47,7 +47,7 @@ _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""
 
 
-def read_apart(file: Path, root: Path) -> Mesh:
+def read_in_subprocess(file: Path, root: Path) -> Mesh:
     """Read a mesh file in a process of its own.
 
     Parameters
@@ -154,17 +154,17 @@ def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | str:
             return head["error"] if "error" in head else _mesh(head, reader.stdout)
     except (BrokenPipeError, EOFError):
         pass
-    return _ended(file.name, reader.wait())
+    return _failure_reason(file.name, reader.wait())
 
 
-def _ended(name: str, status: int) -> str:
+def _failure_reason(name: str, status: int) -> str:
     """Say why a file could not be read, from the status that its reader ended with."""
     if status == errno.ENOMEM:
-        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {WAY_OUT}"
+        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}"
     if status == 128 + signal.SIGXCPU:
-        return f"{name} takes more than {SECONDS} s of processor time to read; {WAY_OUT}"
+        return f"{name} takes more than {SECONDS} s of processor time to read; {REMEDY}"
     if status == 128 + signal.SIGKILL:
-        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {WAY_OUT}, or use fewer workers"
+        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {REMEDY}, or use fewer workers"
     if status > 128:
         return f"{name} ends the process that reads it ({signal.Signals(status - 128).name}); write it with another program"
     raise StageError(f"the process that reads mesh files ended with status {status}; what it printed says why")

@@ -15,7 +15,7 @@ from pipeline.kernels.hand.model import Hand, Joint, Link
 DENSITY = 1000.0
 """kg/m³ of the boxes around a link's collision shapes, from which the mass of a link without one is estimated."""
 
-LEAST_MASS = 1e-3
+MIN_MASS = 1e-3
 """kg, of a link without a mass and without collision shapes."""
 
 
@@ -86,7 +86,7 @@ def _estimated_inertial(link: Link) -> Element:
     corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y, z = high - low
-    mass = max(DENSITY * float(x * y * z), LEAST_MASS)
+    mass = max(DENSITY * float(x * y * z), MIN_MASS)
     moments = {"ixx": y * y + z * z, "iyy": x * x + z * z, "izz": x * x + y * y}
     inertial = Element("inertial")
     SubElement(inertial, "origin", xyz=_text((low + high) / 2))

@@ -12,13 +12,13 @@ from pathlib import Path
 
 from pipeline.formats.file_content import MESH_SUFFIXES
 
-SOUGHT = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
+SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
 """Suffixes of what is looked for. A glTF's buffer is not: another one would be another shape."""
 
 MAX_ENTRIES = 200_000
 """Files and folders below a folder that is searched; in a larger one nothing is found."""
 
-KEPT_SECONDS = 60
+CACHE_SECONDS = 60
 """A listing is used for as long: thousands of meshes may lack their textures."""
 
 
@@ -40,9 +40,9 @@ def find_below(root: Path, folder: Path, name: str) -> Path | None:
     ends as the stated one does for longest. None if two are as near, or if it is in a folder that holds other meshes: it is theirs.
     """
     stated_parts = [part for part in name.lower().split("/") if part not in ("", ".", "..")]
-    if not stated_parts or Path(stated_parts[-1]).suffix not in SOUGHT or not folder.is_relative_to(root):
+    if not stated_parts or Path(stated_parts[-1]).suffix not in SEARCHED_SUFFIXES or not folder.is_relative_to(root):
         return None
-    listing, mesh_parts = _list(root, int(time.monotonic() // KEPT_SECONDS)), folder.relative_to(root).parts
+    listing, mesh_parts = _list(root, int(time.monotonic() // CACHE_SECONDS)), folder.relative_to(root).parts
     ranked = []
     for parts in listing.files.get(stated_parts[-1], ()):
         shared = _common(parts[:-1], mesh_parts)
@@ -73,7 +73,7 @@ def _list(root: Path, period: int) -> _Listing:
         parts = Path(place).relative_to(root).parts
         for name in names:
             suffix = os.path.splitext(name)[1].lower()
-            if suffix in SOUGHT:
+            if suffix in SEARCHED_SUFFIXES:
                 files[name.lower()].append((*parts, name))
             elif suffix in MESH_SUFFIXES:
                 with_meshes.update(parts[:depth] for depth in range(1, len(parts) + 1))

@@ -19,7 +19,7 @@ from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
 from pipeline.formats.mesh_file import MAX_FACES, load_mesh
-from pipeline.formats.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
+from pipeline.formats.urdf_shapes import Color, material_color, numbers_of, origin_of, shape_of
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
@@ -63,7 +63,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
             read = _reader(meter)
             links = tuple(_link(element, path.parent, materials, read) for element in elements)
         numbers = {link.name: i for i, link in enumerate(links)}
-        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in link_names]
+        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end_link(joint, "parent") in link_names]
         return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
@@ -74,7 +74,7 @@ def _materials(robot: Element) -> dict[str, Color]:
     colors: dict[str, Color] = {}
     for material in (*robot.findall("material"), *robot.iter("material")):
         if material.find("color") is not None and (name := material.get("name")):
-            colors.setdefault(name, named_color(material, {}))
+            colors.setdefault(name, material_color(material, {}))
     return colors
 
 
@@ -116,7 +116,7 @@ def _below(robot: Element, root: str | None) -> Collection[str]:
         return names
     if root not in names:
         raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
-    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
+    ends = [(_end_link(joint, "parent"), _end_link(joint, "child")) for joint in robot.findall("joint")]
     below, reached = [root], {root}
     for link in below:  # grows as we go
         children = [child for parent, child in ends if parent == link and child not in reached]
@@ -125,7 +125,7 @@ def _below(robot: Element, root: str | None) -> Collection[str]:
     return reached
 
 
-def _end(joint: Element, role: str) -> str:
+def _end_link(joint: Element, role: str) -> str:
     end = joint.find(role)
     return end.get("link", "") if end is not None else ""
 
@@ -171,7 +171,7 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
         raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
     ends = []
     for role in ("parent", "child"):
-        link = _end(element, role)
+        link = _end_link(element, role)
         if link not in numbers:
             raise InvalidInput(f"joint {name} has {role} link {link!r}, which is not among the file's links")
         ends.append(numbers[link])

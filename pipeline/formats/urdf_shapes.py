@@ -27,7 +27,7 @@ MAX_NUMBER = 1e6
 MAX_LEVELS = 20
 """Folders around a URDF in which a package is looked for."""
 
-WAY_IN = "copy it there, or put an empty package.xml into the folder that holds both"
+REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 
 GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
@@ -53,7 +53,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         It has no geometry, or one that cannot be used.
     """
     material = element.find("material")
-    origin, color = origin_of(element), named_color(material, materials)
+    origin, color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
         body: Any
         companions: tuple[Path, ...] = ()
@@ -101,7 +101,7 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
         path = folder / name.removeprefix("file://")
         if _is_below(path, root):
             return path, root
-        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {WAY_IN}")
+        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {REMEDY}")
     package, _, inner = rest.partition("/")
     places = [(place / rest, place / package if _is_package(place / package) else root) for place in ancestors]
     existing = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in ancestors if inner)) if path.is_file()]
@@ -109,7 +109,7 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
         if _is_below(path, limit):
             return path, limit
     if existing:
-        raise InvalidInput(f"{name} is {existing[0][0]}, outside {root}, the package of the URDF; {WAY_IN}")
+        raise InvalidInput(f"{name} is {existing[0][0]}, outside {root}, the package of the URDF; {REMEDY}")
     raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")
 
 
@@ -125,7 +125,7 @@ def _is_below(path: Path, root: Path) -> bool:
         raise InvalidInput(f"{str(path)!r} is not the path of a file ({error}); give that of a mesh file") from error
 
 
-def named_color(material: Element | None, materials: Mapping[str, Color]) -> Color:
+def material_color(material: Element | None, materials: Mapping[str, Color]) -> Color:
     """Read the sRGB colour of a material, by its own element or by name."""
     if material is None:
         return GREY

@@ -23,10 +23,10 @@ from pipeline.store.storage import (
     copy,
     files_below,
     key_of,
-    pause,
     read_bytes,
     remove_files,
     temporary,
+    wait_before_retry,
 )
 
 ATTEMPTS = 12
@@ -37,7 +37,7 @@ UNFINISHED = ".unfinished"
 """The folder, in the one that they are for, of files that are being written, and of the lock of whoever writes them."""
 
 
-def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
+def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> None:
     """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut takes neither.
 
     A symbolic link at `path` is replaced; nothing is written where it points to.
@@ -46,7 +46,7 @@ def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
         obstore.put(bucket_of(path), key_of(path), content)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with errors_that_name(path), temporary(path) as temporary_file:
+    with name_in_errors(path), temporary(path) as temporary_file:
         with temporary_file.open("wb") as file:
             file.write(content)
             if durable:
@@ -58,7 +58,7 @@ def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
 
 
 @contextmanager
-def written_to(folder: Place) -> Iterator[Path]:
+def atomic_writes(folder: Place) -> Iterator[Path]:
     """Give an empty folder on this machine's disk to write files in; at the end each takes its place in `folder` at once.
 
     `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed; a failed one leaves no empty folder.
@@ -69,13 +69,13 @@ def written_to(folder: Place) -> Iterator[Path]:
         A link lies in the way, or another run is writing into the folder.
     """
     if not isinstance(folder, Path):
-        with local_copy(folder, begin=False) as local, errors_that_name(local):
+        with local_copy(folder, begin=False) as local, name_in_errors(local):
             yield local
             copy(local, folder, files_below(local))
         return
     work, new_files, existed = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
-    with errors_that_name(folder), one_writer(work / "lock", folder):
+    with name_in_errors(folder), exclusive_lock(work / "lock", folder):
         try:
             shutil.rmtree(new_files, ignore_errors=True)
             new_files.mkdir()
@@ -105,7 +105,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
 
 
 @contextmanager
-def errors_that_name(path: Path) -> Iterator[None]:
+def name_in_errors(path: Path) -> Iterator[None]:
     """Add a path to errors of the system that name none, such as that of a full disk."""
     try:
         yield
@@ -149,7 +149,7 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
         No put succeeds, and nobody else has written anything.
     """
     if isinstance(path, Path):
-        write_at_once(path, content)
+        write_atomically(path, content)
         return True
     mode: Any = "create" if version is None else {"e_tag": version}
     reason = ""
@@ -163,7 +163,7 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
             if current != version:
                 return False
             reason = first_line(error)
-            pause(attempt)
+            wait_before_retry(attempt)
     raise StoreError(f"{path} cannot be written: each of {ATTEMPTS} conditional puts failed, though nobody else wrote: {reason}")
 
 
@@ -219,7 +219,7 @@ def move_folder(source: Path, target: Place) -> None:
 
 
 @contextmanager
-def one_writer(lock: Place, what: Place) -> Iterator[None]:
+def exclusive_lock(lock: Place, what: Place) -> Iterator[None]:
     """Hold a lock; the system frees it however its holder ends.
 
     Object storage has no locks: there, only runs on the same machine are kept apart. Of two others that make the same, one publishes

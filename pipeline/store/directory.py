@@ -21,7 +21,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
+from pipeline.store.storage import Place, cache_of, copy, files_below, list_folder, map_in_threads, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
@@ -56,9 +56,9 @@ class DataDirectory:
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
-        return self._steadily(self._shards)
+        return self._read_consistently(self._shards)
 
-    def _steadily(self, read: Callable[[], T]) -> T:
+    def _read_consistently(self, read: Callable[[], T]) -> T:
         """Read records; again, where `reshard` has replaced them meanwhile."""
         while True:
             before = self._description()
@@ -122,22 +122,22 @@ class DataDirectory:
     def shard_records(self, *artifacts: str) -> list[Place]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
         records: list[Place] = []
-        for artifact in artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder):
+        for artifact in artifacts or sorted(name for name, is_folder in list_folder(self.root).items() if is_folder):
             folder = self.root / artifact
-            records += map(folder.joinpath, fnmatch.filter(sorted(names_in(folder)), SHARD_RECORD))
+            records += map(folder.joinpath, fnmatch.filter(sorted(list_folder(folder)), SHARD_RECORD))
         return records
 
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
-            self._collections[artifact.name] = self._steadily(partial(self._collection, artifact))
+            self._collections[artifact.name] = self._read_consistently(partial(self._collection, artifact))
         return self._collections[artifact.name]
 
     def _collection(self, artifact: Artifact) -> Collection:
         folder, shards = self.root / artifact.name, self._shards()
-        records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
+        records = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
         read_one = partial(read_record, kind=ShardRecord)
-        read = list(map(read_one, records)) if isinstance(folder, Path) else in_threads(read_one, records)
+        read = list(map(read_one, records)) if isinstance(folder, Path) else map_in_threads(read_one, records)
         return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
@@ -146,7 +146,7 @@ class DataDirectory:
 
     def artifact_names(self) -> list[str]:
         """List the artifacts that have a folder here, or one of unfinished work; plugins that made none are not imported."""
-        folder_names = names_in(self.root).keys() | names_in(self.root / WORK).keys()
+        folder_names = list_folder(self.root).keys() | list_folder(self.root / WORK).keys()
         return [name for name in ARTIFACTS if name in folder_names]
 
     def folder_record(self, name: str) -> Place:
@@ -156,7 +156,7 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        records = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
+        records = [name for name in list_folder(self.root) if RECORD.fullmatch(name)]
         records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in records)
 
@@ -182,7 +182,7 @@ class DataDirectory:
         folder = self.folder_path(name)
         return _differences(name, self.folder(name), folder, folder)
 
-    def whole_folder(self, name: str) -> Path:
+    def verified_folder(self, name: str) -> Path:
         """Return the folder that a record names, or a copy of it on this machine's disk if it is in object storage.
 
         Raises
@@ -230,7 +230,7 @@ def shard_name(number: int, shards: int) -> str:
     return f"{number:04d}-of-{shards:04d}"
 
 
-def is_of(record: Place, shards: int | None) -> bool:
+def has_shard_count(record: Place, shards: int | None) -> bool:
     """Whether the record of a shard is of a dataset that is split into that number."""
     return record.stem.endswith(f"-of-{shards or 0:04d}")
 

@@ -31,7 +31,7 @@ def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
     if array is None:
         return [with_checksum(values.tobytes())]
     stored = values[None] if array.per_object else values
-    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, part_shape(array, values.shape))]
+    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, chunk_shape(array, values.shape))]
 
 
 def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
@@ -40,7 +40,7 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
         return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
-    block_shape, order = part_shape(array, shape), planar_order(array)
+    block_shape, order = chunk_shape(array, shape), planar_order(array)
     stored = [block_shape[axis] for axis in order] if order else block_shape
     values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
     decoded = np.empty((1, *shape) if len(block_shape) > len(shape) else tuple(shape), dtype)
@@ -57,7 +57,7 @@ def _blocks(shape: Sequence[int], block_shape: Sequence[int]) -> list[tuple[slic
     return [tuple(slice(start, start + step) for start, step in zip(corner, block_shape, strict=True)) for corner in starts]
 
 
-def part_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
+def chunk_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
     """Return the shape of a chunk of one object's array, with the object's axis where the array has one."""
     return chunking(array, (1, *shape))[1] if array.per_object else tuple(shape)
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, is_version
 from pipeline.store.record import named_location
-from pipeline.store.storage import TEMPORARY, Place, files_below, names_in, remove, remove_files
+from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, remove, remove_files
 
 GRACE_SECONDS = 3600.0
 """How long a group that was replaced is kept: readers that opened it may still be at work."""
@@ -22,16 +22,16 @@ REPLACED = ".replaced"
 one in the folder that has won; hidden, it does no harm there."""
 
 
-def unnamed(folder: Place) -> Iterator[Place]:
+def unreferenced(folder: Place) -> Iterator[Place]:
     """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
     versions: list[str] = []
-    for name, is_folder in sorted(names_in(folder).items()):
+    for name, is_folder in sorted(list_folder(folder).items()):
         if name.endswith(TEMPORARY):
             yield folder / name
         elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
             versions.append(name)
     locations: set[str | None] = set()  # read after the versions were listed: what is published meanwhile is named, or was not listed
-    for name, is_folder in names_in(folder).items():
+    for name, is_folder in list_folder(folder).items():
         if name.endswith(".json") and name != DESCRIPTION and not is_folder:
             locations.add(named_location(folder / name))
     if None in locations:  # a damaged record may have named any of them
@@ -52,7 +52,7 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
     """
     if _link_to(directory, folder):
         return []
-    expired = [path for path in unnamed(folder) if time.time() - _written(path) > older_than]
+    expired = [path for path in unreferenced(folder) if time.time() - _written(path) > older_than]
     for path in expired:
         remove(path)
     return expired
@@ -67,10 +67,10 @@ def _written(path: Place) -> float:
     return max((file.written for file in files_below(path).values()), default=0.0)
 
 
-def note_replaced(path: Place) -> None:
+def mark_replaced(path: Place) -> None:
     """Note that a folder is replaced now: its readers are given time, however old it is."""
     if not isinstance(path, Path):
-        write_at_once(path / REPLACED, b"")
+        write_atomically(path / REPLACED, b"")
     elif path.exists():
         os.utime(path, follow_symlinks=False)
 
@@ -100,6 +100,6 @@ def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
     return next((path for path in paths if directory.root in path.parents and path.is_symlink()), None)
 
 
-def everything_unnamed(directory: DataDirectory) -> list[Place]:
+def all_unreferenced(directory: DataDirectory) -> list[Place]:
     """Find all in a data directory that no record names."""
-    return [path for folder in directory.record_folders() for path in unnamed(folder)]
+    return [path for folder in directory.record_folders() for path in unreferenced(folder)]

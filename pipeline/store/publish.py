@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, changed_files, shard_name, versioned
-from pipeline.store.garbage import collect, note_replaced
+from pipeline.store.garbage import collect, mark_replaced
 from pipeline.store.local_copy import local_copy
 from pipeline.store.record import FolderRecord, Provenance, ShardRecord, named_location, read_record, serialise_with_checksum
 from pipeline.store.row_files import Chunks, RowFiles
@@ -146,7 +146,7 @@ class FolderOutput:
 def withdraw(record_path: Place) -> None:
     """Remove a record, so that nobody finds what it names; who reads that already is given time."""
     if (location := named_location(record_path)) is not None:
-        note_replaced(record_path.with_name(location))
+        mark_replaced(record_path.with_name(location))
     remove(record_path)
 
 
@@ -165,7 +165,7 @@ def _publish(
         move_folder(source, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
-        note_replaced(path.with_name(replaced))
+        mark_replaced(path.with_name(replaced))
     if not replace_version(record_path, serialise_with_checksum(record), version):
         raise StoreError(f"{record_path} was published by another run meanwhile; run again")
     if isinstance(path, Path):  # object storage has no lock: there it is a command of its own

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, is_of
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, has_shard_count
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.row_files import Chunks, encode_row
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, in_threads, names_in, read_bytes
+from pipeline.store.storage import Place, list_folder, map_in_threads, read_bytes
 from schemas.catalogue import ARTIFACTS
 
 
@@ -48,7 +48,7 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     if directory.shards() is None:
         raise StoreError(f"{directory.root} holds no shards; `vt-pipeline run` makes some")
     try:
-        with one_writer(directory.root / WORK / "reshard.lock", directory.root):
+        with exclusive_lock(directory.root / WORK / "reshard.lock", directory.root):
             yield from _reshard(directory, shards)
     except OSError as error:
         raise StoreError(
@@ -84,17 +84,17 @@ def _check_no_runs(directory: DataDirectory, shards: int) -> None:
     for record in directory.shard_records():
         if record.parent.name not in ARTIFACTS:
             raise StoreError(f"{record.parent} is an artifact of a package that is not installed; install it, or remove that folder first")
-    names = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
+    names = list_folder(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
     for name in sorted(names & ARTIFACTS.keys()):
         for number in range(shards):
-            with one_writer(directory.shard_lock(name, number, shards), directory.root / name):
+            with exclusive_lock(directory.shard_lock(name, number, shards), directory.root / name):
                 pass
 
 
 def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
     """Read the records of that number of shards as they are now."""
-    paths = [path for path in directory.shard_records() if is_of(path, shards)]
-    return dict(zip(paths, in_threads(_content, paths), strict=True))
+    paths = [path for path in directory.shard_records() if has_shard_count(path, shards)]
+    return dict(zip(paths, map_in_threads(_content, paths), strict=True))
 
 
 def _content(record: Place) -> bytes:
@@ -106,13 +106,13 @@ def _content(record: Place) -> bytes:
 
 
 def _set_shards(directory: DataDirectory, shards: int) -> None:
-    write_at_once(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
+    write_atomically(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
     """Remove the records of that number of shards."""
     for path in directory.shard_records():
-        if is_of(path, shards):
+        if has_shard_count(path, shards):
             withdraw(path)
 
 

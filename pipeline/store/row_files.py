@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.formats.file_content import regular_stat
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from pipeline.store.encode import decode_array, encode_array, with_checksum, without_checksum
 from pipeline.store.record import Failure, Stored
 from pipeline.store.rows import Row, row_digest
@@ -102,7 +102,9 @@ class RowFiles:
         saved = result.model_copy(update={"digest": row_digest(row, result.failure, category), "arrays": arrays})
         footer = with_checksum(saved.model_dump_json().encode())
         parts = [chunk for name in row for chunk in chunks[name]]
-        write_at_once(self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False)
+        write_atomically(
+            self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False
+        )
         return saved
 
     def find(self, name: str, key: str) -> Result | None:

@@ -19,7 +19,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import array_violations, declared, numpy_dtype
+from pipeline.store.spec import array_violations, numpy_dtype, schema_name
 from pipeline.store.storage import File, Place, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
@@ -134,7 +134,7 @@ class Shard:
 
     def _check_declaration(self, name: str, array: Any) -> None:
         """Refuse an array that is not as its schema, and the record, declare it: a stranger's store may be sound otherwise."""
-        declaration = self.artifact.of(declared(name))
+        declaration = self.artifact.of(schema_name(name))
         if declaration is None:
             return
         with self.errors_as_damage(f"{name} cannot be opened"):
@@ -235,7 +235,7 @@ class RowView(Mapping[str, np.ndarray]):
         for name, array in self.shard.artifact.arrays.items():
             if array.per_object and self.shard.has(name):
                 yield name
-        yield from map(declared, self.ragged())
+        yield from map(schema_name, self.ragged())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
-from schemas.base import CHOSEN, FIXED, Array, Artifact
+from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -80,7 +80,7 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
     single = tuple(1 if dim == "camera" else size for dim, size in zip(array.dims, extents, strict=True))
     if _ITEM[array.dtype] * math.prod(extents[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape
-    if len(array.dims) > 2 and array.dims[1] in CHOSEN and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
+    if len(array.dims) > 2 and array.dims[1] in INDEXED_DIMS and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
         return file_shape, (1, 1, *single[2:])
     return file_shape, (1, *single[1:])
 
@@ -107,7 +107,7 @@ def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attrib
         node = tree
         for parent in parents:
             node = node.setdefault(parent, {})
-        array = artifact.of(declared(path))
+        array = artifact.of(schema_name(path))
         if array is None:
             raise ValueError(f"{artifact.name} has no array {path}; its schema names {sorted(artifact.arrays)}")
         node[leaf] = array_spec(array, shape)
@@ -118,7 +118,7 @@ def _members(tree: Mapping[str, Any]) -> dict[str, Any]:
     return {name: node if isinstance(node, ArraySpec) else GroupSpec(attributes={}, members=_members(node)) for name, node in tree.items()}
 
 
-def declared(path: str) -> str:
+def schema_name(path: str) -> str:
     """Return the name of a path in its schema: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
     parts = path.split("/")
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
@@ -132,7 +132,7 @@ def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
             yield f"{name}: the array is missing"
     sizes: dict[str, tuple[int, str]] = {}
     for path, stored in stored_arrays.items():
-        declaration = artifact.of(declared(path))
+        declaration = artifact.of(schema_name(path))
         if declaration is None:
             yield f"{path}: the schema knows no such array"
             continue

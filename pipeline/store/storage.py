@@ -116,7 +116,7 @@ def on_disk(path: Place) -> Path | None:
     return path if isinstance(path, Path) else None
 
 
-def names_in(folder: Place) -> dict[str, bool]:
+def list_folder(folder: Place) -> dict[str, bool]:
     """List what is directly in a folder, by name: whether it is a folder; nothing where there is no such folder."""
     if isinstance(folder, Path):
         if not folder.is_dir():
@@ -172,10 +172,10 @@ def remove_files(folder: UPath, names: Iterable[str]) -> None:
         except GenericError:  # the connection broke: the client cannot know that a repetition does no harm
             if time.monotonic() > deadline:
                 raise
-            pause(attempt)
+            wait_before_retry(attempt)
 
 
-def pause(attempt: int) -> None:
+def wait_before_retry(attempt: int) -> None:
     """Wait before a request is repeated, longer each time, up to 3 s."""
     time.sleep(0.05 * 2 ** min(attempt, 6))
 
@@ -198,7 +198,7 @@ def cache_of(folder: Place) -> Path:
 
 def copy(source: Place, target: Place, names: Iterable[str]) -> None:
     """Copy files, given by their paths below `source`, from a disk to object storage, from there to a disk, or within it."""
-    in_threads(lambda name: _copy_file(source / name, target / name), list(names))
+    map_in_threads(lambda name: _copy_file(source / name, target / name), list(names))
 
 
 def _copy_file(source: Place, target: Place) -> None:
@@ -215,7 +215,7 @@ def _copy_file(source: Place, target: Place) -> None:
         obstore.copy(bucket_of(target), key_of(source), key_of(target))
 
 
-def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
+def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
     """Call a function that waits for the network with each of some items, several at a time."""
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(function, items))

@@ -12,8 +12,8 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, made_by, unversioned
-from pipeline.store.garbage import everything_unnamed
+from pipeline.store.directory import DESCRIPTION, DataDirectory, has_shard_count, is_version, made_by, unversioned
+from pipeline.store.garbage import all_unreferenced
 from pipeline.store.origins import check_origins
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -59,26 +59,26 @@ def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     problems: dict[Place, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
-            problems[path] = _lines(_record_problems(path, name))
+            problems[path] = _collect_lines(_record_problems(path, name))
         if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
-            if lines := [line for check in checks for line in _lines(check)]:
+            if lines := [line for check in checks for line in _collect_lines(check)]:
                 problems[root / name] = lines
     for name in directory.folders():
-        problems[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
-    for path in everything_unnamed(directory):
+        problems[directory.folder_record(name)] = _collect_lines(_folder_problems(directory, name))
+    for path in all_unreferenced(directory):
         record = path.with_name(f"{unversioned(path.name)}.json")
-        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _is_missed(directory, record)):
+        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
             problems[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
     return problems
 
 
-def _is_missed(directory: DataDirectory, record: Place) -> bool:
+def _lacks_record(directory: DataDirectory, record: Place) -> bool:
     """Whether a shard should have its record: others of the same objects do. One that was withdrawn, or split otherwise, leaves none."""
-    return is_of(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
+    return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
-def _lines(check: Iterator[str]) -> list[str]:
+def _collect_lines(check: Iterator[str]) -> list[str]:
     """List the lines of a check, and the error that ended it."""
     lines: list[str] = []
     try:
@@ -91,7 +91,7 @@ def _lines(check: Iterator[str]) -> list[str]:
 
 def problems_of(shard: Shard) -> list[str]:
     """Check a shard: structure first; where that is right, every value is read and compared with its digest."""
-    return _lines(_shard_problems(shard))
+    return _collect_lines(_shard_problems(shard))
 
 
 def _record_problems(record: Place, artifact: str) -> Iterator[str]:

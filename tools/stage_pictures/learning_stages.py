@@ -29,7 +29,7 @@ Panels = list[tuple[str, Panel]]
 
 def draw_unet(shown: Shown, path: Path) -> None:
     """Draw a touch, and its depth as predicted."""
-    model = load_touch_model(shown.source.directory.whole_folder("models/unet"), "cpu")
+    model = load_touch_model(shown.source.directory.verified_folder("models/unet"), "cpu")
     depths, sensors = shown.rows["touch"]["depth"][shown.grasp], shown.source.sensors()
     touched = np.flatnonzero(shown.rows["grasps"]["touch_success"][shown.grasp]).tolist()
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
@@ -48,7 +48,7 @@ def draw_unet(shown: Shown, path: Path) -> None:
 
 def draw_local_network(shown: Shown, path: Path) -> None:
     """Draw the press with the largest contact that does not reach the rim, and what the local network reads in it."""
-    model = load_touch_model(shown.source.directory.whole_folder("models/touch"), "cpu")
+    model = load_touch_model(shown.source.directory.verified_folder("models/touch"), "cpu")
     assert isinstance(model, LocalTouchModel)
     row = shown.source.directory.collection(ARTIFACTS["presses"]).view(shown.object_id)
     number = largest_whole(row["press_contact"])
@@ -81,7 +81,7 @@ def reading_panels(model: LocalTouchModel, image: np.ndarray, indentation: np.nd
 def draw_charts(shown: Shown, path: Path) -> None:
     """Draw true and predicted points of the grasp's touches, with their charts."""
     rows, sensors = shown.rows, shown.source.sensors()
-    model = load_touch_model(shown.source.directory.whole_folder("models/unet"), "cpu")
+    model = load_touch_model(shown.source.directory.verified_folder("models/unet"), "cpu")
     panels: Panels = []
     for finger in np.flatnonzero(rows["grasps"]["touch_success"][shown.grasp]).tolist():
         pose, depth = rows["grasps"]["sensor_pose"][shown.grasp, finger], rows["touch"]["depth"][shown.grasp, finger]
