@@ -1,4 +1,4 @@
-"""What other installed packages bring: sensors, hands, stages and schemas, by the entry points of their metadata.
+"""Extensions from other installed packages: sensors, hands, stages and schemas, found by entry points in their metadata.
 
 Listing reads metadata alone. A package's code is imported when its stage or schema is used.
 """
@@ -48,14 +48,14 @@ def load(entry: EntryPoint, error_type: type[PipelineError], value: str | None =
         frame = traceback.extract_tb(error.__traceback__)[-1]
         raise error_type(
             f"{entry.name} of package {package_of(entry)}: {value} cannot be imported: {type(error).__name__}: {error} "
-            f"({frame.filename}, line {frame.lineno}); mend it, or `pip uninstall {package_of(entry)}`"
+            f"({frame.filename}, line {frame.lineno}); fix it, or `pip uninstall {package_of(entry)}`"
         ) from error
 
 
 def check_unique(kind: str, name: str, packages: list[str]) -> None:
-    """Raise an InvalidInput that names the packages, if more than one brings what is called `name`."""
+    """Raise an `InvalidInput` that names the packages, if more than one provides this name."""
     if len(packages) > 1:
-        raise InvalidInput(f"{kind} {name} is brought by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
+        raise InvalidInput(f"{kind} {name} is provided by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
 
 
 def sibling_module(entry: EntryPoint, name: str) -> str | None:

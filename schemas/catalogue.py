@@ -1,4 +1,4 @@
-"""Every artifact by name, in the order in which they are made: those that the modules of this package declare, then those of plugins."""
+"""Every artifact by name, in the order in which they are made: first those of this package's modules, then those of plugins."""
 
 from collections import UserDict
 from importlib import import_module
@@ -12,7 +12,7 @@ from schemas.base import Artifact
 
 
 class _Catalogue(UserDict[str, Artifact]):
-    """Artifacts by name; one that a plugin declares is imported when it is asked for."""
+    """Artifacts by name; one that a plugin declares is imported when it is first used."""
 
     data: dict[str, Artifact | EntryPoint]  # type: ignore[assignment]
 
@@ -35,7 +35,7 @@ for _entry in plugins.declared("schemas"):
 
 
 def artifact_of(array: str) -> Artifact:
-    """Find the first artifact that has an array of this name; a `KeyError` that lists all names where there is none."""
+    """Find the first artifact that has an array of this name; raise a `KeyError` that lists all names if there is none."""
     for artifact in ARTIFACTS.values():
         if array in artifact.arrays:
             return artifact

@@ -1,4 +1,4 @@
-"""What a submission to Slurm amounts to: a job per output, what each waits for, and its script, as text."""
+"""Plan a submission to Slurm: one job per output, its dependencies and its script."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pipeline.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Job:
-    """One job: an array of a task per shard, or the single task of a dataset stage.
+    """A job: an array with one task per shard, or the single task of a dataset stage.
 
     Attributes
     ----------
     settings
-        Of the stage; with `assignments`, its own --set, they are what the stage runs with.
+        Settings that the stage runs with, including `assignments`, the job's own --set options.
     waits_for
         Outputs of other jobs that this one reads.
     """
@@ -43,15 +43,15 @@ class Job:
 
     @property
     def name(self) -> str:
-        """What Slurm and the files in `.work/slurm` call it."""
+        """The job's name in Slurm and in `.work/slurm`."""
         return "-".join([self.stage.name, *(assignment.partition("=")[2] for assignment in self.assignments)])
 
 
 @dataclass(frozen=True)
 class Submission:
-    """What all jobs of a submission share.
+    """The parameters that all jobs of a submission share.
 
-    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` takes scripts, logs and exit statuses.
+    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` holds scripts, logs and exit statuses.
     """
 
     profile: ClusterProfile
@@ -62,7 +62,7 @@ class Submission:
 
 
 def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
-    """Plan the jobs of some stages, given in the order of the pipeline, by what each reads and writes.
+    """Plan the jobs of stages, given in the order of the pipeline, from what each reads and writes.
 
     A stage whose folder is named by one of its settings gets a job per folder that the other stages read: one `train-gcn` per
     configuration that `evaluate` is asked for.
@@ -78,7 +78,7 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
 
 
 def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
-    """Find the job in which a stage writes this folder, if necessary with another value of the setting that the folder is named by."""
+    """Find the job in which a stage writes this folder, if necessary with another value of the setting that names the folder."""
     output, value = stage.writes(settings), Path(folder).name
     if output == folder:
         return Job(stage, settings)
@@ -89,7 +89,7 @@ def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
 
 
 def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:
-    """Say when a job may start, as `sbatch --dependency` takes it; None where it waits for nothing.
+    """Return a job's `--dependency` option of `sbatch`; None if it waits for no other job.
 
     A task of an array waits for the task of the same shard; whatever involves a dataset stage waits for whole jobs.
 
@@ -100,7 +100,7 @@ def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str
     jobs
         All jobs, by output.
     ids
-        The number that Slurm gave each of those it waits for, by output.
+        Slurm's numbers of the jobs that it waits for, by output.
     """
     shardwise = [ids[name] for name in job.waits_for if job.is_array and jobs[name].is_array]
     whole_jobs = [ids[name] for name in job.waits_for if not (job.is_array and jobs[name].is_array)]
@@ -171,7 +171,7 @@ def command_of(job: Job, submission: Submission, cores: int) -> str:
 
 
 def allocation_of(job: Job, profile: ClusterProfile) -> Allocation:
-    """Say what a task is given: GPUs where its settings let it use one and the cluster has some."""
+    """Select the resources of a task: with GPUs if its settings use one and the cluster has any."""
     settings = dict(job.settings)
     uses_gpu = settings.get("accelerator", settings.get("device", "cpu")) != "cpu"
     return profile.gpu if uses_gpu and profile.gpu else profile.cpu

@@ -49,7 +49,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     first_index = collection.shards.index(collection.first)  # an error without shards
     shards = [_open_shard(shard) for shard in collection.shards]
     failures = [failure for shard in shards for failure in shard.attrs["failures"].items()]
-    shards[0].attrs["failures"] = dict(failures)  # the attributes of the first are the whole's
+    shards[0].attrs["failures"] = dict(failures)  # concatenation keeps the attributes of the first
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:
@@ -63,12 +63,12 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
 
 
 def _lazy(array: xarray.DataArray) -> xarray.DataArray:
-    """Let an array be read by as many objects as lie in a chunk of it."""
+    """Make an array lazy: it is read in blocks of as many objects as share a chunk."""
     return array.chunk({"object": array.encoding["chunks"][0]} if "object" in array.dims else {})
 
 
 def _zeros(shard: xarray.Dataset, template: xarray.Dataset) -> xarray.Dataset:
-    """Give a shard in which every object failed the arrays of another one, of its sizes."""
+    """Add zeros to a shard in which every object failed, in the shapes of another shard's arrays."""
     rows = {"object": [0] * shard.sizes["object"]}
     arrays = {str(name): array.variable for name, array in template.data_vars.items() if "object" in array.dims}
     zeros = {name: xarray.full_like(array.isel(rows), "" if array.dtype.kind in "OUT" else 0) for name, array in arrays.items()}

@@ -23,13 +23,13 @@ from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
 
 CACHE_MEGABYTES = 256.0
-"""Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
+"""Size of the cache of decoded arrays: a small dataset is read once, a large one streams through."""
 
 POINTS = ("local_points", "local_count")
-"""Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
+"""Arrays that need not be stored: they are computed from depth and sensor pose, equal to the bit."""
 
 DIFFERENCE = "difference"
-"""Not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+"""An array that is not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
 
 DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """Arrays that are derived on reading, and the stored arrays that they need."""
@@ -56,14 +56,14 @@ class ObjectRows:
     Attributes
     ----------
     object_ids, categories
-        Of the objects, in order.
+        Of the objects, in id order.
     left_out
         Objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks.
 
     Raises
     ------
     StoreError
-        No such array; an artifact has not been made, or from something else than is there now; no usable object.
+        No such array; an artifact has not been made, or not from the current inputs; no usable object.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class ObjectRows:
         return len(self.object_ids)
 
     def _needed(self) -> list[str]:
-        """List the arrays to read: those asked for, and those that derived ones follow from."""
+        """List the arrays to read: the requested ones, and those that derived ones are computed from."""
         sources = (source for name in self.arrays for source in DERIVED.get(name, ()))
         return list(dict.fromkeys([*(name for name in self.arrays if name != DIFFERENCE), *sources]))
 
@@ -114,11 +114,11 @@ class ObjectRows:
         return self._collections[artifact].first.attributes
 
     def sensor(self) -> Sensor:
-        """Read the sensor of all tactile images; a `StoreError` if `touch` describes none, or the fingers wear different ones."""
+        """Read the sensor of all tactile images; raise a `StoreError` if `touch` describes none, or the fingers wear different ones."""
         return self._described(touch_sensor)
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """Read the sensor of each finger; a `StoreError` if `touch` describes none."""
+        """Read the sensor of each finger; raise a `StoreError` if `touch` describes none."""
         return self._described(touch_sensors)
 
     def _described(self, read: Callable[[Mapping[str, Any]], Described]) -> Described:
@@ -131,7 +131,7 @@ class ObjectRows:
             raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
     def size(self, array: str, dim: str) -> int:
-        """How many entries an array has along one of its dimensions, in every object."""
+        """Return the size of an array along one of its dimensions, the same in every object."""
         position = self._artifact_of[array].arrays[array].dims.index(dim)
         return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
@@ -176,10 +176,10 @@ class ObjectRows:
         if chunks[0] > 1:  # a chunk holds several objects
             chunk_start = position - position % chunks[0]
             rows = self._cache.get((array, shard.path, chunk_start), lambda: shard.read(array, slice(chunk_start, chunk_start + chunks[0])))
-            row = rows[(position - chunk_start, *part)]  # a text too is an array
+            row = rows[(position - chunk_start, *part)]  # a string becomes an array, too
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
             return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
-        else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp
+        else:  # also for grasp 0, the first in a pass through an object: one call in place of one per grasp
             row = self._cache.get((array, object_id, camera), lambda: shard.read(array, (position, *part)))
         return np.asarray(row[grasp] if by_grasp else row)
 

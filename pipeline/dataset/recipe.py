@@ -1,6 +1,6 @@
-"""Recipes: a dataset as what makes it, with the digests that prove it.
+"""Recipes: everything that is needed to make a dataset again, with digests to verify it.
 
-A recipe is a YAML file of a few kilobytes, and of a line per object. It may come from a stranger: no name in it is a path outside the
+A recipe is a YAML file of a few kilobytes and one line per object. It may come from a stranger: no name in it may be a path outside the
 folders that its user gives.
 """
 
@@ -27,16 +27,16 @@ from pipeline.store.record import Name, Sha256, Text
 from pipeline.store.reshard import shard_of
 
 MAX_BYTES = 2**28
-"""Of a recipe: 200 bytes for each of a million objects, and some more."""
+"""Maximum size of a recipe: 200 bytes for each of a million objects, and some more."""
 
 MAX_NAME_BYTES = 255
-"""Of a path in a recipe: file systems take no longer name."""
+"""Maximum length of a path in a recipe: file systems accept no longer name."""
 
 SHORT_DIGITS = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
 
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
-"""Text files that a recipe may hold, which `remake` writes: how many, and those that nothing runs."""
+"""Text files that a recipe may hold, which `remake` writes: their maximum number, and suffixes of files that nothing executes."""
 
 OBJECTS = "\nobjects: |\n"
 """The line between the head of a recipe and the lines of its objects."""
@@ -45,7 +45,7 @@ _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?
 
 
 class StageRecipe(BaseModel):
-    """What a stage made, of which settings, code and files.
+    """The output of a stage, and the settings, code and files that made it.
 
     Attributes
     ----------
@@ -74,14 +74,14 @@ class StageRecipe(BaseModel):
 
 
 class RecipeRow(NamedTuple):
-    """An object of a recipe: the hash of its source, and the digest of its row in the artifact of each stage, whole or its beginning."""
+    """An object of a recipe: the hash of its source, and the digest, or its beginning, of its row in the artifact of each stage."""
 
     source: str
     digests: tuple[str, ...]
 
 
 def _with_safe_paths(manifest: Manifest) -> Manifest:
-    """Refuse sources that name files elsewhere than below the folder that the user gives, or below the package that holds them."""
+    """Refuse sources that name files outside the folder that the user gives, or outside the package that holds them."""
     for source in manifest.sources:
         names: list[str | None] = []
         match source:
@@ -107,7 +107,7 @@ def _is_below(name: str) -> bool:
 
 
 def check_file_name(name: str) -> str:
-    """Refuse what is no path below the folder of a recipe's files, or is one of a hidden file."""
+    """Refuse a name that is no path below the folder of a recipe's files, or that of a hidden file."""
     if not _is_below(name) or "/." in f"/{name}" or CONTROLS.search(name):
         raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
     return name
@@ -120,7 +120,7 @@ def _check_text_name(name: str) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes texts of several lines as they are, where YAML can."""
+    """Writes strings of several lines as literal blocks, where YAML can."""
 
 
 _Dumper.add_representer(
@@ -129,7 +129,7 @@ _Dumper.add_representer(
 
 
 class Recipe(BaseModel):
-    """A dataset as what makes it.
+    """Everything that is needed to make a dataset again.
 
     Attributes
     ----------
@@ -138,15 +138,15 @@ class Recipe(BaseModel):
     manifest
         The objects. A folder of meshes has no path here, or the name of its folder where there are several.
     preset
-        From which the settings began: a name for readers.
+        The preset that the settings began with: a name for readers.
     seed
         The root seed.
     shards
-        Into how many shards the objects were split; a remade dataset may have another number.
+        Number of shards that the objects were split into; a remade dataset may have another number.
     stages
         By name, in their order.
     versions
-        Of the libraries that results may depend on; of several, all, between commas.
+        Versions of the libraries that results may depend on; several are separated by commas.
     processors
         The kinds of processors that computed rows.
     texts
@@ -154,9 +154,9 @@ class Recipe(BaseModel):
     files
         The SHA-256 of the others that these name: meshes, pictures.
     files_url
-        Where these can be had.
+        Where these can be downloaded.
     checksums
-        The hash of every other entry, each stage being one.
+        The hash of every other entry; each stage counts as one.
     objects
         A line per object, in order of their ids: its id, source and rows (`rows`).
     """
@@ -202,7 +202,7 @@ class Recipe(BaseModel):
             raise InvalidInput("it has no objects")
 
     def entry_hashes(self) -> dict[str, str]:
-        """Compute the hashes for `checksums`."""
+        """Compute the hash of every entry, for `checksums`."""
         content = self.model_dump(mode="json", exclude={"checksums"})
         stages = content.pop("stages")
         return {name: digest.of_json(value) for name, value in {**content, **stages}.items()}
@@ -271,7 +271,7 @@ def roots_of(rows: Mapping[str, tuple[str, str]], constants: str, shards: int) -
     constants
         The digest of the arrays without an object dimension.
     shards
-        Into how many the objects are split, whatever number they are stored in.
+        Number of shards to compute with, whatever number they are stored in.
     """
     members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
     for name, (row_digest, split) in rows.items():

@@ -20,15 +20,15 @@ class Comparison:
     Attributes
     ----------
     compared
-        How many rows were looked at.
+        Number of rows compared.
     differing
         Objects by the first stage in which their row differs.
     following
-        How many rows of later stages differ too.
+        Number of rows of later stages that differ too.
     absent
         Objects without a row, by stage.
     remarks
-        What else differs, as sentences.
+        Other differences, as sentences.
     """
 
     compared: int = 0
@@ -51,7 +51,7 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
     recipe
         The recipe.
     directory
-        Remade, or published. Its records are read, no arrays: `validate` compares these with the records.
+        Remade or published data. Only its records are read: `validate` compares arrays with these.
     names
         The rows of these objects alone, without the roots; by default all.
 
@@ -93,7 +93,7 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
 
 
 def _without_misprints(stage: str, differing: list[str], agrees: list[bool], comparison: Comparison) -> list[str]:
-    """Hold the roots against the rows: where the root of a shard agrees, so do its rows, and a digest that differs is a misprint."""
+    """Compare roots with rows: if the root of a shard agrees, so do its rows, and a digest that differs is an error in the recipe."""
     shards = len(agrees)
     if wrong := [name for name in differing if agrees[shard_of(name, shards)]]:
         comparison.remarks.append(f"{stage}: the recipe's digests of {abbreviate(wrong)} are wrong, for the roots of their shards agree")

@@ -25,7 +25,7 @@ from pipeline.store.record import FolderRecord, read_record, serialise_with_chec
 from pipeline.store.storage import files_below, list_folder, remove
 
 _WORK = re.compile("[0-9a-f]{16}")
-"""Names of folders that are being filled; another one may be part of a longer name, as models/gcn/touch."""
+"""Names of work folders; another name may be part of a longer one, such as models/gcn/touch."""
 
 
 def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
@@ -34,7 +34,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     Raises
     ------
     StoreError
-        No object is in the stage's splits, or all of them failed; an input has not been made, or from something else than is there now.
+        No object is in the stage's splits, or all of them failed; an input has not been made, or not from the current inputs.
     """
     stage: DatasetStage = request.stage
     name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
@@ -65,7 +65,7 @@ def _objects(plan: Plan[FolderOutput]) -> list[str]:
 
 
 def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
-    """Refuse a manifest that has changed since the objects were made: what is learned from goes by the splits that are stored."""
+    """Refuse a manifest whose splits have changed since the objects were made: training selects objects by the stored splits."""
     splits, manifest_splits = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
     for collection in plan.inputs:
         for object_id in collection:
@@ -78,7 +78,7 @@ def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
 
 
 def forecast_folder(plan: Plan[FolderOutput]) -> Forecast:
-    """Foresee a run from what the stage says."""
+    """Estimate a run from the stage's own estimate."""
     cost, up_to_date = plan.stage.cost(plan.settings, plan.total), plan.up_to_date()
     return Forecast(0 if up_to_date else plan.total, plan.total, cost.seconds, cost.kilobytes, up_to_date)
 
@@ -89,12 +89,12 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     with local_copy(work_folder, send=True) as work:
         record_path = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
         record = _finished(plan, work, record_path) or _fill(plan, work, record_path, console)
-        for name in filter(is_hidden, files_below(work)):  # a checkpoint; from now on a killed run needs it no more
-            with suppress(OSError):  # one of the system's, which is in use
+        for name in filter(is_hidden, files_below(work)):  # a checkpoint, which a killed run no longer needs
+            with suppress(OSError):  # a system file in use
                 remove(work / name)
         plan.output.commit(work, record)
         record_path.unlink()
-    for folder in {work_folder.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
+    for folder in {work_folder.parent, work.parent}:  # this work, and unfinished work of runs with other settings
         for name in filter(_WORK.fullmatch, list_folder(folder)):
             remove(folder / name)
     return Summary(plan.total, 0, time.perf_counter() - began)
@@ -127,7 +127,7 @@ def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Cons
 
 
 def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
-    """Compare every row that is looked at with its digest, so that nothing is learned from what is damaged."""
+    """Compare every row that is read with its digest, so that nothing is learned from damaged data."""
     objects = _objects(plan)
     with Meter(console, f"{plan.stage.name} checks its inputs", len(objects) * len(plan.inputs), "rows") as meter:
         for collection in plan.inputs:

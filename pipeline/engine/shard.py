@@ -32,12 +32,12 @@ from pipeline.store.storage import exists
 
 
 def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOutput]:
-    """Plan a shard that an object stage makes; with `only`, of this object and those that are published already.
+    """Plan a shard of an object stage; with `only`, of this object and those that are already published.
 
     Raises
     ------
     StoreError
-        An input has not been made, or was made from something else than what is there now.
+        An input has not been made, or was not made from the current inputs.
     """
     stage: ObjectStage = request.stage
     directory = DataDirectory(request.data)
@@ -72,7 +72,7 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
             row = collection.row(item.object_id)
             inputs[collection.artifact.name] = row.digest
             failure = failure or row.failure
-        if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # of one that is missing the stage says so
+        if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # the stage reports a missing one
             origin = {**inputs, "files": keys.assets_digest(files)}
     else:
         try:
@@ -88,38 +88,38 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
 
 
 def finished(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
-    """Find what a unit has come to that waits to be published; None where that is not known yet."""
+    """Find the result of a unit that waits to be published; None if there is none yet."""
     if unit.failure:
         return Result(name=unit.name, key=unit.key, digest=row_digest({}, unit.failure, unit.category), failure=unit.failure)
     return plan.output.rows.find(unit.name, unit.key)
 
 
 def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit; None where there is none that was made under its key."""
+    """Find the published row of a unit; None if there is none with its key."""
     shard = plan.output.shard
     row = shard.row(unit.name) if shard and unit.name in shard.position else None
     return row if row is not None and row.key == unit.key else None
 
 
 def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit, unless it failed and is tried again."""
+    """Find the published row of a unit, unless it failed and is retried."""
     row = published(plan, unit)
     return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit) else row
 
 
 def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
-    """List the units that are asked for and whose row is neither published under its key nor waiting to be, or is tried again."""
+    """List the requested units without a row, published or waiting to be, under their key, and those to retry."""
     requested = (unit for unit in plan.units if plan.request.only in (None, unit.name))
     return [unit for unit in requested if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
 
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
-    """Check whether a result waits to be published, other than a failure that is tried again."""
+    """Check whether a result waits to be published, and is no failure to retry."""
     return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit))
 
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
-    """List the objects that failed in this stage as it is now, published or not, with their reasons."""
+    """List the objects that failed under this stage's current key, published or not, with their reasons."""
     failed: dict[str, Failure] = {}
     for unit in plan.units:
         state = finished(plan, unit) or published(plan, unit)
@@ -129,7 +129,7 @@ def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
 
 
 def published_collection(plan: Plan[ShardOutput]) -> Collection:
-    """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
+    """Open all shards of the artifact; none if one is damaged or of another version, and must be made again."""
     try:
         return plan.directory.collection(plan.output.artifact)
     except StoreError:
@@ -137,7 +137,7 @@ def published_collection(plan: Plan[ShardOutput]) -> Collection:
 
 
 def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
-    """Foresee a run from the seconds that objects took here before, else from what the stage says."""
+    """Estimate a run from the seconds that objects took before, else from the stage's own estimate."""
     cost, up_to_date = plan.stage.cost(plan.settings), plan.up_to_date()
     number = 0 if up_to_date else len(pending_units(plan))
     same = [shard for shard in published_collection(plan).shards if shard.record.settings == plan.settings.results()]
@@ -146,18 +146,18 @@ def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
     return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * cost.kilobytes, up_to_date)
 
 
-# ---- making it
+# ---- processing and publishing
 
 
 def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
-    """Process what is missing, then publish.
+    """Process pending units, then publish.
 
-    With `only`, nothing is published where readers would lose a row: one that has to be made again first, or that cannot be read. A shard
-    that has no objects any more is withdrawn.
+    With `only`, nothing is published if readers would lose a row that must be made again first, or that cannot be read. A shard without
+    objects is withdrawn.
     """
     plan.directory.set_shard_count(plan.output.shards)
     _check_same_manifest(plan)
-    if not plan.units:  # the objects that it had are gone
+    if not plan.units:  # all its objects are gone
         withdraw(plan.output.record_path)
         return Summary()
     results: dict[str, Result] = {}
@@ -180,14 +180,14 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
 
 
 def _loses_rows(plan: Plan[ShardOutput], results: Mapping[str, Result]) -> bool:
-    """Whether readers would lose a published row if these were published."""
+    """Check whether readers would lose a published row if these results were published."""
     if plan.output.shard is None:
         return exists(plan.output.record_path)
     return not plan.output.shard.position.keys() <= results.keys()
 
 
 def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
-    """Refuse to overwrite other objects: two folders of meshes go by one name, or a manifest was forgotten."""
+    """Refuse to overwrite other objects: two folders of meshes may have one name, or a manifest may be forgotten."""
     request, record = plan.request, plan.output.record
     if record is not None and record.manifest != request.manifest:
         planned = {unit.name for unit in plan.units}
@@ -205,7 +205,7 @@ def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
 
 
 def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
-    """Find what need not be made again: a row that waits, or the published one; one that is damaged is made again."""
+    """Find a row to reuse: one that waits, or the published one, unless it is damaged."""
     result = finished(plan, unit)
     if result and not _is_settled(plan, unit, result):
         plan.output.rows.discard(unit.name, unit.key)
@@ -220,7 +220,7 @@ def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
 
 
 def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> Iterator[Result]:
-    """Process units; a bug in one of them is raised at the end, when the others are done."""
+    """Process units; raise a bug in one of them at the end, when the others are done."""
     work, bugs = Work(plan.stage, cast(ObjectSettings, plan.settings), plan.request.data, plan.model_digests), []
     with Meter(console, plan.stage.name, len(units), "objects") as meter:
         for result in plan.request.executor.run(work, units) if units else ():
@@ -277,7 +277,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         metadata={},
     )
     output.commit(record, [result.shapes for result in results], lambda number: output.rows.chunks(results[number]), constants, attributes)
-    try:  # where the objects were split otherwise meanwhile, nobody finds this shard; its rows are kept for the next run
+    try:  # if the data were resharded meanwhile, nobody finds this shard; its rows are kept for the next run
         plan.directory.check_shard_count(output.shards)
     except StoreError:
         withdraw(output.record_path)
@@ -286,7 +286,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
 
 
 def _labels(plan: Plan[ShardOutput]) -> Row:
-    """Read the labels of dimensions that the inputs have too, from their shards of the same number: others may not be made again yet."""
+    """Read the labels of dimensions from the inputs' shards of the same number: others may be out of date."""
     labels: Row = {}
     for collection in plan.inputs:
         shard = collection.shard(plan.units[0].name)

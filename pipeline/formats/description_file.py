@@ -22,7 +22,7 @@ Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", 
 Model = TypeVar("Model", bound=BaseModel)
 
 UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float|bool")
-"""Part of a place in pydantic's errors that is no entry: the type tried, where an entry may have several."""
+"""Part of a location in pydantic's errors that is no entry but the type tried, where an entry may have several."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 """Limits of a description file: a larger one would take minutes to read."""
 
@@ -58,7 +58,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     InvalidInput
         There is no such file, and the message lists the shipped ones; or several packages have one of this name.
     TypeError
-        It is neither.
+        `name` is neither.
     """
     if not isinstance(name, str | Path):
         raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
@@ -80,7 +80,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
 
 
 def _similar_file(path: Path) -> Path | None:
-    """Find a YAML file beside a path that is called much like it."""
+    """Find a YAML file beside a path with a similar name."""
     neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
     return neighbours.get(closest_name(path.name, neighbours) or "")
 
@@ -112,7 +112,7 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
 
 
 def entries_of(model: type[BaseModel]) -> str:
-    """List a model's entries in a sentence."""
+    """Write a sentence that lists a model's entries."""
     return "Its entries are " + ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
 
 
@@ -128,7 +128,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML without aliases, which a few hundred bytes of can stand for gigabytes, and without tags such as `!!float`.
+    """Parse YAML without aliases, a few hundred bytes of which may expand to gigabytes, and without tags such as `!!float`.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def parse_yaml(text: str) -> Any:
 
 
 class _UniqueEntries(yaml.CSafeLoader):
-    """Refuses an entry that is there twice, of which YAML's readers keep the last."""
+    """Refuses duplicate entries, of which YAML's readers keep the last."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         counts = Counter((key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode))
@@ -160,7 +160,7 @@ class _UniqueEntries(yaml.CSafeLoader):
 
 
 def texts_in(content: Any) -> Iterator[str]:
-    """Yield every text in the content of a YAML file: the names of other files are among them."""
+    """Yield every string in the content of a YAML file; the names of other files are among them."""
     if isinstance(content, str):
         yield content
     elif isinstance(content, dict | list):
@@ -169,24 +169,24 @@ def texts_in(content: Any) -> Iterator[str]:
 
 
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
-    """Name every entry that cannot be used, with the reason and a short value; of `names`, all entries, the one that was meant."""
+    """Name every unusable entry, with the reason and a short value; suggest the closest one of `names`, all entries."""
     details: list[Any] = error.errors()
     places = [item["loc"] for item in details]
-    guesses = {  # an entry of another part of the file is not what was meant
+    guesses = {  # the same name in another part of the file is no suggestion
         item["loc"]: closest_name(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
     choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
     guesses |= {item["loc"]: closest_name(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
-    lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has a complaint for each
+    lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has an error for each
     for item in details:
         place = item["loc"]
         inside = any(other[: len(place)] == place and other != place for other in places)
-        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
+        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from another error
             continue
         if item["type"] == "union_tag_not_found":
             place = (*place, item["ctx"]["discriminator"].strip("'"))
-        value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # ours say what they want
+        value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # our own messages state the value
         name = ".".join(str(part) for part in place if not UNION_MEMBER.fullmatch(str(part)))
         lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
     return "; ".join(
@@ -195,7 +195,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
 
 
 def _quoted_value(value: object) -> str:
-    """Quote a number, a text or nothing, if it is short."""
+    """Quote a number, a string or null, if it is short."""
     if value is None:
         return " (it is null)"
     short = len(value) <= 60 if isinstance(value, str) else abs(value) < 10**60 if isinstance(value, int) else isinstance(value, float)

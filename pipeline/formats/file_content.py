@@ -1,4 +1,4 @@
-"""The content of files that a user or a stranger gives."""
+"""Read files that come from a user or a stranger."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf"
 
 
 def regular_stat(path: Path | str) -> os.stat_result:
-    """Find size and times of a regular file, and refuse what is none: a pipe may never say anything, a device never end.
+    """Find size and times of a regular file, and refuse others: a pipe may block for ever, a device may never end.
 
-    Whatever opens a file that a user or a stranger may have given asks here first, whether it opens it itself or has a library do so.
+    Call this before a file that comes from a user or a stranger is opened, here or by a library.
 
     Raises
     ------
     OSError
-        There is no such file; an `IsADirectoryError` where a folder is in its place, or a pipe, a device or a link to itself, which are
-        as little use to a reader.
+        There is no such file; an `IsADirectoryError` for a folder, a pipe, a device or a link to itself.
     """
     try:
         status = os.stat(path)
@@ -46,12 +45,12 @@ def read_file(path: Path, max_bytes: int) -> bytes:
     path
         A regular file.
     max_bytes
-        Bytes that it may have.
+        Maximum size.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no regular one, or is larger.
+        The file cannot be read, is not regular, or is larger.
     """
     try:
         if (size := regular_stat(path).st_size) > max_bytes:

@@ -27,7 +27,7 @@ from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
-"""Names an array's entry, and files of exports."""
+"""A name of an array's entry, and of exported files."""
 Value = TypeVar("Value")
 
 
@@ -36,7 +36,7 @@ class _Entry(BaseModel):
 
 
 class _SensorMount(_Entry):
-    """Where a sensor sits: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
+    """The mount of a sensor: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
 
     link: str = Field(description="Link of the URDF; one that the finger's joints move.")
     origin: Vector = Field(description="Middle of the sensor plane, the base of the gel, on the link's surface, m.")
@@ -49,7 +49,7 @@ class _SensorMount(_Entry):
 class _FingerEntry(_Entry):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
-    name: Label = Field(description="Of the finger, in messages, and of its sensor.")
+    name: Label = Field(description="Name of the finger in messages, and of its sensor.")
     joints: list[str] = Field(min_length=1, description="Joints of the URDF that move it, and no other finger.")
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
@@ -72,11 +72,11 @@ class _PalmEntry(_Entry):
 
 
 class HandFile(_Entry):
-    """A robot hand: a URDF, and what that does not say. Lengths are metres."""
+    """A robot hand: a URDF, and what it does not state. Lengths are metres."""
 
-    name: str = Field(description="Of the hand, recorded in grasps.")
+    name: str = Field(description="Name of the hand, recorded in grasps.")
     urdf: str = Field(description="Path of the URDF, from the hand file.")
-    sensor: str | None = Field(None, description="What fingers wear: a shipped sensor, or a path from the hand file.")
+    sensor: str | None = Field(None, description="The sensor that fingers wear: a shipped one, or a path from the hand file.")
     palm: _PalmEntry = Field(description="Where the hand is placed over an object.")
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
@@ -87,8 +87,8 @@ class HandFile(_Entry):
         {},
         description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
     )
-    torque: float = Field(0.7, gt=0, le=1e6, description="Of the motors at most, N m (N where a joint slides).")
-    friction: float = Field(0.5, ge=0, le=100, description="Of the hand's surfaces.")
+    torque: float = Field(0.7, gt=0, le=1e6, description="Maximum torque of the motors, N m (N for a joint that slides).")
+    friction: float = Field(0.5, ge=0, le=100, description="Friction coefficient of the hand's surfaces.")
 
 
 def load_hand(name: str | Path) -> Hand:
@@ -116,11 +116,11 @@ def load_hand(name: str | Path) -> Hand:
 
 
 _cached: dict[Path, tuple[list[str] | None, Hand]] = {}
-"""The hand that this process loaded last, with the digests of its files: a stage asks for it several times, and meshes may be large."""
+"""The hand that this process loaded last, with the digests of its files: a stage loads it several times, and meshes may be large."""
 
 
 def _digests(hand: Hand) -> list[str] | None:
-    """Hash the files of a hand; None where one is gone."""
+    """Hash the files of a hand; None if one is missing."""
     try:
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
     except OSError:
@@ -166,7 +166,7 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
 
 
 def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
-    """Look at every entry by itself, so that all faults are reported at once."""
+    """Check every entry by itself, so that all faults are reported together."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
     finger_mounts = [(entry.name, entry.mounts) for entry in file.fingers]
     checks: list[Callable[[], object]] = [
@@ -190,7 +190,7 @@ def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[
 
 
 def _with_allowed_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
-    """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
+    """Set the allowed contacts: those that the hand file states, and those of neighbours that overlap at rest."""
     numbers = {link.name: i for i, link in enumerate(hand.links)}
     pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated_pairs]
     allowed = frozenset((min(pair), max(pair)) for pair in pairs)
@@ -202,7 +202,7 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
     entry_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
-    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves the fingers
+    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves them
     for entry in file.fingers:
         indices = {entry_of[joint] for joint in entry.joints}
         shared = (first for first, members in groups.items() if indices & {entry_of[name] for member in members for name in member.joints})

@@ -18,13 +18,13 @@ from pipeline.formats.file_content import read_file
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """Pillow would open others too, some by starting a program."""
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-"""Of their files."""
+"""Suffixes of their files."""
 MAX_BYTES, MAX_PIXELS = 2**28, 2**25
-"""Of a file, and of the image in it: 33 megapixels take 100 MB."""
+"""Limits of a file, and of the image in it: 33 megapixels take 100 MB."""
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
-    """Select the files that are called as images are, sorted, without one."""
+    """Select the files with the suffix of an image, sorted, except `leave_out`."""
     return sorted(file for file in files if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())
 
 
@@ -50,7 +50,7 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
 
 
 def _levels(image: Image.Image) -> NDArray[Any]:
-    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: numbers of colours, of which any may be black
+    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: indices of a palette, in which any colour may be black
 
 
 def read_depth(path: Path) -> NDArray[Any]:
@@ -62,7 +62,7 @@ def read_depth(path: Path) -> NDArray[Any]:
 
 
 def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
-    """Open an image in one of Pillow's modes, and convert it."""
+    """Open an image that has one of these Pillow modes, and convert it."""
     content = read_file(path, MAX_BYTES)
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:

@@ -1,6 +1,6 @@
 """The files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture.
 
-They are what a mesh's key covers, and all that its reader may open.
+The key of a mesh covers them, and its reader may open no others.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
-"""Size of a mesh file, and of the files that it names together."""
+"""Maximum size of a mesh file, and of all files that it names together."""
 
 MAX_NAMES = 1000
-"""File names in a mesh file."""
+"""Maximum number of file names in a mesh file."""
 
 MAX_ENTRIES = 1_000_000
-"""Commas and opening brackets of a glTF's JSON: each may become a hundred bytes."""
+"""Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
 
 MAX_NON_ASCII = 2**25
-"""Bytes of a JSON that is not ASCII: as text, a single character beyond it makes all others four times as large."""
+"""Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 
 
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are there; a symbolic link is where it leads. `missing` lists the names of the others.
+    Only regular files below the root are included; a symbolic link counts as its target. `missing` lists the names of the others.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Companions(Mapping[str, bytes]):
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
         names = set[str]()
-        for name in self._names(file, self.content):  # one after the other: a file of names only would fill the memory with them
+        for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
             if name in names:
                 continue
             names.add(name)
@@ -174,7 +174,7 @@ def _list(value: Any) -> list[Any]:
 
 
 def _names_after(word: bytes, content: bytes) -> Iterator[str]:
-    """List what follows a word (lower case) on the lines that have it."""
+    """List the names that follow a word (lower case) in lines that contain it."""
     for line in BytesIO(content.replace(b"\r", b"\n")):
         if (start := line.lower().find(word)) >= 0:
             yield _decode(line[start + len(word) :])

@@ -20,7 +20,7 @@ VIEWS, PIXELS = 24, 137
 
 METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
 MAX_BYTES = 2**20
-"""Of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
+"""Maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
 
 
 def rendering_files(folder: Path) -> list[Path]:
@@ -95,7 +95,7 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
             return np.array(image)
     except InvalidInput:
         raise
-    except UnidentifiedImageError as error:  # its text names a place in memory, another in each run
+    except UnidentifiedImageError as error:  # its message has a memory address, which differs in each run
         raise InvalidInput(f"{path} is no PNG file; download the model's renderings again") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
@@ -107,7 +107,7 @@ def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequen
     Parameters
     ----------
     folder
-        Made if missing.
+        The folder; created if missing.
     images
         (24, 137, 137, 4) uint8, RGBA.
     viewpoints

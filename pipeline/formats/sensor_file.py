@@ -31,7 +31,7 @@ def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Se
     Raises
     ------
     InvalidInput
-        The file cannot be used, and the message names it and what is wrong with it; or it cannot have these pixels.
+        The file cannot be used, or cannot have these pixels; the message names the file and the fault.
     """
     sensor = _read_sensor(name)
     if shape is None:
@@ -56,7 +56,7 @@ def _read_sensor(name: str | Path) -> Sensor:
 
 
 def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
-    """Return the bytes of a photograph, or those of a PNG of its image where its EXIF data turn it: kernels take pixels as they are."""
+    """Return the bytes of a photograph, or of a PNG of its image if its EXIF data rotate it: kernels ignore EXIF data."""
     if np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):
         return content
     with io.BytesIO() as file:
@@ -65,7 +65,7 @@ def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
 
 
 def photograph_file(path: Path, sensor: Sensor) -> Path | None:
-    """Find the photograph that a sensor file names as its background; None where it names none."""
+    """Find the photograph that a sensor file names as its background; None if it names none."""
     background = sensor.calibrated.background if sensor.calibrated else None
     return path.parent / background if isinstance(background, str) else None
 
@@ -96,7 +96,7 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
 
     Returns
     -------
-    As many sensors.
+    One sensor per name.
 
     Raises
     ------

@@ -26,9 +26,9 @@ from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
 MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
-"""What a URDF file may have: bytes; links, joints and shapes."""
+"""Limits of a URDF file: its size; its number of links, joints and shapes."""
 BAR_AFTER = 1.0
-"""Seconds of reading meshes after which a bar shows how far it is."""
+"""Seconds of reading meshes after which a progress bar is shown."""
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -39,7 +39,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     path
         The file; mesh files are relative to it, or to a package (`package://`) around it.
     root
-        Read only this link and what hangs from it; by default, the whole tree.
+        Read only this link and its descendants; by default, the whole tree.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def _materials(robot: Element) -> dict[str, Color]:
 
 
 def parse_urdf(path: Path) -> Element:
-    """Parse a URDF file; an `InvalidInput` says why it is none."""
+    """Parse a URDF file; raise an `InvalidInput` if it is none."""
     try:
         regular_stat(path)
         content = path.read_bytes()
@@ -100,7 +100,7 @@ def _parse_xml(content: bytes) -> Element:
 
 
 def _check_size(content: bytes) -> None:
-    """Refuse what no hand has and what would take minutes or gigabytes to read."""
+    """Refuse content that no hand has, and that would take minutes or gigabytes to read."""
     if len(content) > MAX_BYTES:
         raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
     if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
@@ -110,7 +110,7 @@ def _check_size(content: bytes) -> None:
 
 
 def _below(robot: Element, root: str | None) -> Collection[str]:
-    """List the names of a link and all that hang from it, of all links where none is given."""
+    """List the names of a link and its descendants; of all links if none is given."""
     names = [_name(link) for link in robot.findall("link")]
     if root is None:
         return names
@@ -131,7 +131,7 @@ def _end_link(joint: Element, role: str) -> str:
 
 
 def _reader(meter: Meter) -> Callable[[Path, Path], Mesh]:
-    """Read each mesh file once, and no more faces than a hand may have."""
+    """Make a function that reads each mesh file once, and refuses more faces than a hand may have."""
     faces = 0
 
     @cache
@@ -153,7 +153,7 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
-    mass_of(element)  # which physics needs later, without the file's name at hand
+    mass_of(element)  # checked here, where errors name the file; physics needs it later
     return Link(_name(element), shapes("visual"), shapes("collision"))
 
 

@@ -22,10 +22,10 @@ from pipeline.kernels.hand.model import Shape
 
 Color = tuple[int, int, int]
 MAX_NUMBER = 1e6
-"""Metres or radians that a number may be."""
+"""Maximum of a number, metres or radians."""
 
 MAX_LEVELS = 20
-"""Folders around a URDF in which a package is looked for."""
+"""Number of folders around a URDF in which a package is searched for."""
 
 REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 
@@ -41,7 +41,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
     element
         Of the URDF.
     folder
-        That of the URDF, which mesh files are looked for from.
+        The URDF's folder, to which the paths of mesh files are relative.
     materials
         sRGB colours by the names of the URDF's materials.
     read
@@ -85,13 +85,13 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     """Find a mesh file by the name that a URDF gives it, in the URDF's package, and the folder of its package.
 
     That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
-    `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
+    `package://PACKAGE/REST` is searched for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
     `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
 
     Raises
     ------
     InvalidInput
-        The file lies outside, or a package's file is not there; the message says where it was looked for.
+        The file lies outside, or a package's file is missing; the message names the folders that were searched.
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
@@ -118,7 +118,7 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_below(path: Path, root: Path) -> bool:
-    """Whether a path leads below a folder, links followed."""
+    """Check whether a path leads below a folder, after following links."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
@@ -174,7 +174,7 @@ def origin_of(element: Element) -> NDArray[np.float64]:
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of some attributes, given how many each holds."""
+    """Read the positive numbers of attributes, given the count of each."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = numbers_of(element, key, (0.0,) * count)

@@ -1,4 +1,4 @@
-"""Publish files and folders at once: by renaming on a disk, by conditional puts in object storage."""
+"""Publish files and folders atomically: by renaming on a disk, by conditional puts in object storage."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from pipeline.store.storage import (
 )
 
 ATTEMPTS = 12
-"""Conditional puts that are tried while nobody else writes: object storage may refuse one in a race, or a connection may break."""
+"""Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
 
 
 UNFINISHED = ".unfinished"
-"""The folder, in the one that they are for, of files that are being written, and of the lock of whoever writes them."""
+"""The subfolder of a target folder that holds unfinished files and the lock of their writer."""
 
 
 def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> None:
-    """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut takes neither.
+    """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut loses neither.
 
-    A symbolic link at `path` is replaced; nothing is written where it points to.
+    A symbolic link at `path` is replaced; its target does not change.
     """
     if not isinstance(path, Path):
         obstore.put(bucket_of(path), key_of(path), content)
@@ -59,14 +59,14 @@ def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> No
 
 @contextmanager
 def atomic_writes(folder: Place) -> Iterator[Path]:
-    """Give an empty folder on this machine's disk to write files in; at the end each takes its place in `folder` at once.
+    """Yield an empty local folder to write files in; at the end each file is moved into `folder` atomically.
 
-    `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed; a failed one leaves no empty folder.
+    `folder` may be a symbolic link; links below it are refused. Files of a killed writer are removed. A failed one leaves no empty folder.
 
     Raises
     ------
     StoreError
-        A link lies in the way, or another run is writing into the folder.
+        A path below the folder is a symbolic link, or another run is writing into the folder.
     """
     if not isinstance(folder, Path):
         with local_copy(folder, begin=False) as local, name_in_errors(local):
@@ -96,7 +96,7 @@ def atomic_writes(folder: Place) -> Iterator[Path]:
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Raise a `StoreError` where a symbolic link lies on the way from a folder, which may be one, to a file below it."""
+    """Raise a `StoreError` if the path of a file below a folder contains a symbolic link; the folder itself may be one."""
     paths = {path for name in names for path in (Path(name), *Path(name).parents[:-1])}
     if link := next((folder / path for path in sorted(paths) if (folder / path).is_symlink()), None):
         raise StoreError(
@@ -106,7 +106,7 @@ def refuse_links(folder: Path, names: Iterable[str]) -> None:
 
 @contextmanager
 def name_in_errors(path: Path) -> Iterator[None]:
-    """Add a path to errors of the system that name none, such as that of a full disk."""
+    """Add a path to OS errors that name none, such as that of a full disk."""
     try:
         yield
     except OSError as error:
@@ -116,7 +116,7 @@ def name_in_errors(path: Path) -> Iterator[None]:
 
 
 def version_of(path: Place) -> str | None:
-    """Read the version that object storage gives the content of a file; None for a missing file, and on a disk, where locks are held."""
+    """Read the ETag of a file in object storage; None for a missing file, and on a disk, where locks are used."""
     if isinstance(path, Path):
         return None
     try:
@@ -126,9 +126,9 @@ def version_of(path: Place) -> str | None:
 
 
 def replace_version(path: Place, content: bytes, version: str | None) -> bool:
-    """Replace a file at once, in object storage on the condition that nobody else has written it.
+    """Replace a file atomically; in object storage, only if no other process has written it.
 
-    The answer to a put may be lost, and its repetition refused because of the first: the content is compared afterwards.
+    The response to a put may be lost, and its retry refused because the first one succeeded: the content is compared afterwards.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
     Raises
     ------
     StoreError
-        No put succeeds, and nobody else has written anything.
+        No put succeeds, though no other process has written the file.
     """
     if isinstance(path, Path):
         write_atomically(path, content)
@@ -168,7 +168,7 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
 
 
 def create(path: Place, content: bytes) -> None:
-    """Write a file at once, unless there is one."""
+    """Write a file atomically, unless it exists."""
     if not isinstance(path, Path):
         replace_version(path, content, None)
         return
@@ -181,7 +181,7 @@ def create(path: Place, content: bytes) -> None:
 
 
 def flush(path: Path) -> None:
-    """Wait until the disk has the content of a file, or the names in a folder."""
+    """Flush the content of a file, or the entries of a folder, to the disk."""
     opened = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened)
@@ -190,16 +190,16 @@ def flush(path: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Wait until the disk has a folder with everything in it."""
+    """Flush a folder and everything in it to the disk."""
     for path in [*folder.rglob("*"), folder]:
         flush(path)
 
 
 def move_folder(source: Path, target: Place) -> None:
-    """Move a folder from this machine's disk to where readers will look for it, in place of what is there.
+    """Move a local folder to its published path, and replace what is there.
 
-    That may be what a killed run left, or the same rows, made again: readers see it until the new one is there. The source is no longer
-    needed, and gone if that is on the same disk.
+    That may be what a killed run left, or the same rows, computed before: readers see it until it is replaced. On a disk, the source is
+    gone afterwards.
     """
     if not isinstance(target, Path):
         names = files_below(source).keys()
@@ -220,10 +220,10 @@ def move_folder(source: Path, target: Place) -> None:
 
 @contextmanager
 def exclusive_lock(lock: Place, what: Place) -> Iterator[None]:
-    """Hold a lock; the system frees it however its holder ends.
+    """Hold a lock; the system releases it however its holder ends.
 
-    Object storage has no locks: there, only runs on the same machine are kept apart. Of two others that make the same, one publishes
-    first, and both have written the same.
+    Object storage has no locks: there, only runs on the same machine exclude each other. Of two others that compute the same output, one
+    publishes first, and both have written the same.
 
     Raises
     ------

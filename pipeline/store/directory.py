@@ -28,7 +28,7 @@ from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
 WORK = ".work"
-"""The folder of what is being made."""
+"""The folder of unfinished work."""
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """The pattern of the names of shards' records."""
 
@@ -44,10 +44,10 @@ class DatasetDescription(Stored):
 
 
 class DataDirectory:
-    """A data directory; each artifact is read when it is first asked for.
+    """A data directory; each artifact is read when it is first used.
 
-    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; beside them lie the groups and folders
-    that they name, and in `.work` those that are being made.
+    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; the groups and folders that they
+    name lie beside them, unfinished ones in `.work`.
     """
 
     def __init__(self, root: str | Place) -> None:
@@ -59,7 +59,7 @@ class DataDirectory:
         return self._read_consistently(self._shards)
 
     def _read_consistently(self, read: Callable[[], T]) -> T:
-        """Read records; again, where `reshard` has replaced them meanwhile."""
+        """Read records; repeat this if `reshard` has replaced them meanwhile."""
         while True:
             before = self._description()
             try:
@@ -100,7 +100,7 @@ class DataDirectory:
         Raises
         ------
         StoreError
-            The dataset has another number than the one asked for.
+            The dataset has another number of shards than requested.
         """
         current = self.shards()
         if current is not None and count not in (None, current):
@@ -111,7 +111,7 @@ class DataDirectory:
         return current or count or 1
 
     def set_shard_count(self, count: int) -> None:
-        """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
+        """Store the number of shards, unless another run has; raise a `StoreError` if that run chose another number."""
         create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
         self.check_shard_count(count)
 
@@ -145,7 +145,7 @@ class DataDirectory:
         return [artifact for artifact in map(ARTIFACTS.__getitem__, self.artifact_names()) if self.collection(artifact).shards]
 
     def artifact_names(self) -> list[str]:
-        """List the artifacts that have a folder here, or one of unfinished work; plugins that made none are not imported."""
+        """List the artifacts that have a folder, or one of unfinished work; plugins without one are not imported."""
         folder_names = list_folder(self.root).keys() | list_folder(self.root / WORK).keys()
         return [name for name in ARTIFACTS if name in folder_names]
 
@@ -178,12 +178,12 @@ class DataDirectory:
         return (self.root / name).with_name(self.folder(name).location)
 
     def folder_problems(self, name: str) -> Iterator[str]:
-        """Compare the files that the record of a folder names with what it says: a line for each that differs."""
+        """Compare the files of a folder with its record; yield a line for each that differs."""
         folder = self.folder_path(name)
         return _differences(name, self.folder(name), folder, folder)
 
     def verified_folder(self, name: str) -> Path:
-        """Return the folder that a record names, or a copy of it on this machine's disk if it is in object storage.
+        """Return the folder that a record names, or a local copy if it is in object storage, after checking its files.
 
         Raises
         ------
@@ -208,18 +208,18 @@ class DataDirectory:
 
 
 def made_by(name: str, record: FolderRecord) -> str:
-    """Name what makes a folder: the stage that its record names, or for scores the command, whose stage nobody can run alone."""
+    """Name what makes a folder: the stage in its record, or the command for scores, whose stage cannot be run alone."""
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 
 def _differences(name: str, record: FolderRecord, checked: Place, folder: Place) -> Iterator[str]:
-    """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
+    """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
     for file, problem in changed_files(checked, record.files).items():
         yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
 def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
-    """Compare files below a folder with the SHA-256 of when they were written: the problem of each that differs, by name."""
+    """Compare files below a folder with their recorded SHA-256; return the problem of each that differs, by name."""
     hashes = hashes_of(folder, files)
     problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
     return {name: problem for name, problem in problems.items() if hashes.get(name) != files[name]}
@@ -231,7 +231,7 @@ def shard_name(number: int, shards: int) -> str:
 
 
 def has_shard_count(record: Place, shards: int | None) -> bool:
-    """Whether the record of a shard is of a dataset that is split into that number."""
+    """Check whether a record belongs to a dataset with this number of shards."""
     return record.stem.endswith(f"-of-{shards or 0:04d}")
 
 
@@ -241,7 +241,7 @@ def versioned(name: str, content: object) -> str:
 
 
 def is_version(name: str) -> bool:
-    """Whether a group or folder is called as `versioned` calls them."""
+    """Check whether a group or folder has a name made by `versioned`."""
     return _VERSION.fullmatch(name) is not None
 
 

@@ -18,10 +18,10 @@ from numcodecs import blosc
 from pipeline.store.spec import LEVEL, chunking, planar_order
 from schemas.base import Array
 
-blosc.use_threads = False  # threads write the blocks of a chunk in the order in which they finish: equal values get equal bytes without
+blosc.use_threads = False  # threads would write a chunk's blocks in the order in which they finish: equal values, other bytes
 
 ABSENT = (2**64 - 1, 2**64 - 1)
-"""Offset and size, in the index of a file, of a chunk that is not there: Zarr reads the fill value."""
+"""Offset and size of a missing chunk in the index of a file: Zarr reads the fill value."""
 
 
 def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
@@ -35,7 +35,7 @@ def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
 
 
 def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
-    """Decode what `encode_array` returned; a `ValueError` where a chunk differs from its checksum."""
+    """Decode what `encode_array` returned; raise a `ValueError` if a chunk differs from its checksum."""
     if np.dtype(dtype).kind in "OUT":
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
@@ -72,7 +72,7 @@ def encode_chunk(array: Array, values: np.ndarray) -> bytes:
 
 
 def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
-    """Lay out a file of `sharding_indexed`: the chunks there are, then the index of all, in C order, with its checksum."""
+    """Lay out a file of `sharding_indexed`: the existing chunks, then the index of all, in C order, with its checksum."""
     offset, index = 0, []
     for chunk in chunks:
         index.append(ABSENT if chunk is None else (offset, len(chunk)))
@@ -83,13 +83,13 @@ def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Append the crc32c of some bytes."""
+    """Append the crc32c of bytes."""
     checksum: int = google_crc32c.value(content)
     return content + checksum.to_bytes(4, "little")
 
 
 def without_checksum(content: bytes) -> bytes:
-    """Compare some bytes with the crc32c at their end; a `ValueError` where they differ."""
+    """Remove the crc32c at the end of bytes; raise a `ValueError` if it differs from that of the rest."""
     if len(content) < 4 or google_crc32c.value(content[:-4]) != int.from_bytes(content[-4:], "little"):
         raise ValueError("its bytes differ from their checksum")
     return content[:-4]

@@ -15,15 +15,15 @@ from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, remove, remove_files
 
 GRACE_SECONDS = 3600.0
-"""How long a group that was replaced is kept: readers that opened it may still be at work."""
+"""How long a replaced group is kept: readers may still have it open."""
 
 REPLACED = ".replaced"
-"""A file that is written into a folder in object storage when it is replaced: its age is the folder's. A run that loses a race may leave
-one in the folder that has won; hidden, it does no harm there."""
+"""A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a
+race may leave one in the current folder; it is hidden, and does no harm there."""
 
 
 def unreferenced(folder: Place) -> Iterator[Place]:
-    """Find the groups and folders directly in a folder that none of its records names, and files that were never finished."""
+    """Find the groups and folders directly in a folder that none of its records names, and unfinished files."""
     versions: list[str] = []
     for name, is_folder in sorted(list_folder(folder).items()):
         if name.endswith(TEMPORARY):
@@ -59,16 +59,16 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
 
 
 def _written(path: Place) -> float:
-    """When something was written, or replaced, s since 1970; never, where it is gone meanwhile."""
+    """Return when a path was written or replaced, s since 1970; infinity if it is gone."""
     if isinstance(path, Path):
-        with suppress(FileNotFoundError):  # another run has renamed it, or removed it, too
+        with suppress(FileNotFoundError):  # another run has renamed or removed it
             return path.lstat().st_mtime
         return math.inf
     return max((file.written for file in files_below(path).values()), default=0.0)
 
 
 def mark_replaced(path: Place) -> None:
-    """Note that a folder is replaced now: its readers are given time, however old it is."""
+    """Mark a folder as replaced now, so that its readers get the grace period, however old it is."""
     if not isinstance(path, Path):
         write_atomically(path / REPLACED, b"")
     elif path.exists():
@@ -76,9 +76,9 @@ def mark_replaced(path: Place) -> None:
 
 
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Place]:
-    """Remove from a data directory all that no record names and was replaced, or written, longer ago, s; returns what was removed.
+    """Remove from a data directory what no record names and is older than `older_than`, s; return what was removed.
 
-    In object storage, what runs left half done goes too: there they remove only what is their own.
+    In object storage, this includes unfinished work: there, a run removes only its own.
     """
     removed = [path for folder in directory.record_folders() for path in collect(directory, folder, older_than)]
     work = directory.root / WORK
@@ -101,5 +101,5 @@ def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
 
 
 def all_unreferenced(directory: DataDirectory) -> list[Place]:
-    """Find all in a data directory that no record names."""
+    """Find everything in a data directory that no record names."""
     return [path for folder in directory.record_folders() for path in unreferenced(folder)]

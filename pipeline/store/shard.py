@@ -24,7 +24,7 @@ from pipeline.store.storage import File, Place, exists, files_below, is_machine_
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
-"""How the path of a chunk ends that belongs to an array."""
+"""The end of a chunk's path, which follows that of its array."""
 
 
 class Shard:
@@ -48,7 +48,7 @@ class Shard:
 
     @property
     def has_rows(self) -> bool:
-        """Check whether an object came through; where none did, arrays have size 0, or are left out."""
+        """Whether any object has a row; without one, arrays have size 0 or are left out."""
         return any(row.failure is None for row in self.record.rows)
 
     @cached_property
@@ -67,7 +67,7 @@ class Shard:
         return stored
 
     def _check_metadata(self, name: str) -> None:
-        """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
+        """Raise an error if a `zarr.json` has changed: Zarr and readers rely on it."""
         path = self.path / name / "zarr.json"
         try:
             sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
@@ -83,12 +83,12 @@ class Shard:
 
     @cached_property
     def _sound_files(self) -> Counter[str]:
-        """Count the files that hold something, by the array that they are chunks of."""
+        """The number of non-empty chunk files by array."""
         return Counter(_CHUNK.sub("", name) for name, file in self._files.items() if file.bytes)
 
     @contextmanager
     def errors_as_damage(self, what: str) -> Iterator[None]:
-        """Turn whatever zarr and its codecs raise on bytes that changed into a `StoreError`."""
+        """Convert any error that zarr and its codecs raise on changed bytes to a `StoreError`."""
         try:
             yield
         except StoreError:
@@ -100,14 +100,14 @@ class Shard:
 
     @property
     def remedy(self) -> str:
-        """What to do about a shard that is damaged, or that was replaced since it was opened."""
+        """The remedy for a shard that is damaged, or was replaced since it was opened."""
         record = self.path.with_name(f"{self.path.name.rpartition('-')[0]}.json")
         if not exists(record) or named_location(record) not in (None, self.path.name):
             return "it was replaced since it was opened: open the dataset again, or run the same command again"
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
     def has(self, name: str) -> bool:
-        """Whether there is an array of this name at the root: not every shard has all that its schema allows."""
+        """Check whether the root has an array of this name: not every shard has all arrays of its schema."""
         return name in self.record.metadata
 
     def array(self, name: str) -> Any:
@@ -128,12 +128,12 @@ class Shard:
         if (sound := self._sound_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
         self._check_declaration(name, array)
-        if "/" not in name:  # the others are of one object each: too many to keep
+        if "/" not in name:  # ragged arrays are too many to keep: each is of one object
             self._opened[name] = array
         return array
 
     def _check_declaration(self, name: str, array: Any) -> None:
-        """Refuse an array that is not as its schema, and the record, declare it: a stranger's store may be sound otherwise."""
+        """Raise an error if an array differs from its schema or record: a stranger's store may be sound otherwise."""
         declaration = self.artifact.of(schema_name(name))
         if declaration is None:
             return
@@ -164,27 +164,27 @@ class Shard:
             self.array(name)
 
     def is_complete(self) -> bool:
-        """Whether every file of every array is there and holds something."""
+        """Check that every file of every array exists and is not empty."""
         array_paths = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
         ragged = {name for name in array_paths if name.count("/") == 2}
         try:
             self.check_arrays()
             for name in ragged:
-                if not self._sound_files[name]:  # else it is whole: a ragged array is one file, or none where its size is 0
+                if not self._sound_files[name]:  # else it is complete: a ragged array is one file, or none where its size is 0
                     self.array(name)
         except StoreError:
             return False
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
 
     def view(self, object_id: str) -> RowView:
-        """Open an object's row, read array by array when asked for."""
+        """Open an object's row; its arrays are read on demand."""
         return RowView(self, object_id)
 
 
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when first asked for, and kept; after `verify` they are those that it looked at.
+    Arrays are read when first used, and kept; after `verify` they are the verified ones.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
@@ -222,7 +222,7 @@ class RowView(Mapping[str, np.ndarray]):
         return f"{group}/{self.object_id}/{leaf}"
 
     def ragged(self) -> list[str]:
-        """Paths below the root of the object's ragged arrays."""
+        """List the paths below the root of the object's ragged arrays."""
         paths: list[str] = []
         with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
             for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
@@ -255,12 +255,12 @@ class RowView(Mapping[str, np.ndarray]):
         return {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
 
     def verify(self) -> Row:
-        """Read the row and hold it.
+        """Read the row, compare it with its digest, and keep it.
 
         Raises
         ------
         StoreError
-            It cannot be read, or is not what its stage wrote.
+            It cannot be read, or differs from what its stage wrote.
         """
         recorded = self.record
         self._held = {}

@@ -71,7 +71,7 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
 
 
 def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Compute the shapes of a file and of a chunk in it, of a stored array of this shape."""
+    """Compute the shapes of a file and of its chunks for a stored array of this shape."""
     extents = tuple(max(1, size) for size in shape)
     if not array.per_object:
         return extents, extents
@@ -86,7 +86,7 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
 
 
 def planar_order(array: Array) -> tuple[int, ...]:
-    """Return the order in which axes are stored, empty where it is their own: one plane per colour takes a third of the space."""
+    """Return the order in which axes are stored, empty for their own order: one plane per colour takes a third of the space."""
     if array.dims[-1] != "rgb" or len(array.dims) < 3:
         return ()
     *leading, row, col, rgb = range(len(array.dims))
@@ -94,7 +94,7 @@ def planar_order(array: Array) -> tuple[int, ...]:
 
 
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """Specify a whole shard by the shape of every array, by its path below the root, and the root's attributes.
+    """Specify a shard from the shape of every array, by its path below the root, and the root's attributes.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def schema_name(path: str) -> str:
 
 
 def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
-    """List the violations of a schema by a stored group: a line each that names array and reason."""
+    """List the violations of a schema by a stored group, one line each with array and reason."""
     stored_arrays = dict(_arrays(group))
     for name, array in artifact.arrays.items():
         if name not in stored_arrays and not array.optional:
@@ -134,7 +134,7 @@ def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
     for path, stored in stored_arrays.items():
         declaration = artifact.of(schema_name(path))
         if declaration is None:
-            yield f"{path}: the schema knows no such array"
+            yield f"{path}: the schema has no such array"
             continue
         violations = list(array_violations(path, declaration, stored))
         yield from violations
@@ -144,7 +144,7 @@ def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
 
 
 def array_violations(path: str, declaration: Array, stored: AnyArray) -> Iterator[str]:
-    """List the violations of a declaration by a stored array, a line each."""
+    """List the violations of a declaration by a stored array, one line each."""
     if stored.data_type != _DTYPES.get(declaration.dtype, declaration.dtype):
         yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
     if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):

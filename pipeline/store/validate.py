@@ -1,4 +1,4 @@
-"""Check shards and folders against their schemas, records and digests: every way in which one is wrong, as one line."""
+"""Check shards and folders against their schemas, records and digests; each problem is one line."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
 CHECKS = 5
-"""Checks of a data directory that changes during each."""
+"""Attempts to check a data directory that changes meanwhile."""
 
 
 def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
@@ -33,7 +33,7 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
 
     Returns
     -------
-    The problems by path of record; an empty list for each that has none.
+    The problems by path of record; an empty list for a record without problems.
     """
     for _ in range(CHECKS):
         before = _records(root)
@@ -44,7 +44,7 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
 
 
 def _records(root: Place) -> dict[Place, bytes]:
-    """Read every record as it is now, and the description."""
+    """Read every current record, and the description."""
     directory = DataDirectory(root)
     paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
     content = {}
@@ -74,7 +74,7 @@ def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
 
 
 def _lacks_record(directory: DataDirectory, record: Place) -> bool:
-    """Whether a shard should have its record: others of the same objects do. One that was withdrawn, or split otherwise, leaves none."""
+    """Check whether a record is missing: other artifacts have this shard. Withdrawn shards, and other numbers of shards, leave none."""
     return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
@@ -90,7 +90,7 @@ def _collect_lines(check: Iterator[str]) -> list[str]:
 
 
 def problems_of(shard: Shard) -> list[str]:
-    """Check a shard: structure first; where that is right, every value is read and compared with its digest."""
+    """Check a shard: first its structure; if that is right, every value against its digest."""
     return _collect_lines(_shard_problems(shard))
 
 
@@ -101,7 +101,7 @@ def _record_problems(record: Place, artifact: str) -> Iterator[str]:
 def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
-            shard.group.get(name)  # one after the other: where two fail side by side, asyncio prints the other's traceback
+            shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback
         violations = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
     if violations:
         yield from (f"{line}; {shard.remedy}" for line in violations)
@@ -136,7 +136,7 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
 
 
 def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether the shards of an artifact belong together, and were made from what is there now."""
+    """Check that the shards of an artifact belong together, and were made from the current inputs."""
     collection = directory.collection(ARTIFACTS[name])
     collection.first  # noqa: B018 (an error where shards were made with different scenes or sensors)
     if lacking := list(collection.missing):
@@ -149,7 +149,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
 
 
 def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether one kind of processor computed all rows of an artifact."""
+    """Check that one kind of processor computed all rows of an artifact."""
     collection = directory.collection(ARTIFACTS[name])
     kinds = collection.processors().most_common()
     if len(kinds) > 1:
@@ -161,7 +161,7 @@ def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
 
 
 def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether a folder holds the files that its record says, and was made from what is there now."""
+    """Check that a folder holds the files of its record, and was made from the current inputs."""
     yield from directory.folder_problems(name)
     record = directory.folder(name)
     unrecorded = set(files_of(directory.folder_path(name))) - record.files.keys()

@@ -52,7 +52,7 @@ def write_group(
     shapes
         The shapes of each row's arrays, without the object dimension.
     chunks
-        Reads the encoded row of a number; called once for each.
+        Reads the encoded row with this number; called once per row.
     constants
         Arrays without an object dimension.
     attributes
@@ -100,7 +100,7 @@ def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
 
 
 def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
-    """Write the metadata of a group and all that is in it, as Zarr writes it."""
+    """Write the metadata of a group and its members, as Zarr writes it."""
     path.mkdir(parents=True)
     described = ArrayV3Metadata.from_dict(spec.model_dump()) if isinstance(spec, ArraySpec) else GroupMetadata(spec.attributes)
     for name, content in described.to_buffer_dict(default_buffer_prototype()).items():
@@ -110,7 +110,7 @@ def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
 
 
 def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:
-    """Write a file of an array: a part per object, None where it has no row, whose values are zeros."""
+    """Write a file of an array from one part per object; None, for an object without a row, becomes zeros."""
     if not math.prod(shape):
         return
     file_shape, chunk = chunking(array, shape)
