@@ -20,7 +20,7 @@ from benchmarks.provenance import provenance
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
 from pipeline.reports.trade_pictures import draw_trade
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from pipeline.tradeoff.advice import Workload, within_time
 from pipeline.tradeoff.end_to_end import measure_end_to_end
 from pipeline.tradeoff.measure import Setup, measure_trade
@@ -111,7 +111,7 @@ def _write(page: Path, trades: list[MeasuredTrade], end: MeasuredTrade | None, m
         for point in trade.points:
             numbers = [f"{value:.4g}" for value in (point.seconds, point.kilobytes, point.error, point.interval.low, point.interval.high)]
             rows.writerow([trade.stage, point.label, " ".join(point.presets), *numbers, trade.unit, trade.metric])
-    write_at_once(folder / "tradeoff.csv", buffer.getvalue().encode())
+    write_atomically(folder / "tradeoff.csv", buffer.getvalue().encode())
 
 
 def _section(trade: MeasuredTrade, page: Path, *, title: bool = True) -> list[str]:

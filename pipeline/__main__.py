@@ -10,7 +10,7 @@ def _end(number: int, _: object) -> None:
 
 
 def main() -> None:
-    """Run the command line; worker processes import this module again, and have no use for the rest.
+    """Run the command line. It is imported here, because worker processes import this module too, and do not need it.
 
     Before a command begins, and after its end, Ctrl-C and SIGTERM end this process at once: libraries that are being imported turn an
     exception into others, or into none.

@@ -26,12 +26,12 @@ REDIRECTED_WIDTH = 200
 
 
 CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
-"""Characters that steer how text is shown, its direction among them; the name of a thing has none."""
+"""Control characters, including those of text direction; no name may contain them."""
 
 
 def visible(text: str) -> str:
-    """Replace what is no printable character and no line break by its code, such as \\x1b."""
-    return "".join(one if one.isprintable() or one == "\n" else repr(one)[1:-1] for one in text)
+    """Replace characters that cannot be printed, except line breaks, by their codes, such as \\x1b."""
+    return "".join(character if character.isprintable() or character == "\n" else repr(character)[1:-1] for character in text)
 
 
 class _VisibleConsole(Console):
@@ -52,7 +52,7 @@ console, errors = console_on(sys.stdout), console_on(sys.stderr)
 
 
 def print_line(line: str) -> None:
-    """Print a line as it is."""
+    """Print a line without interpreting markup."""
     console.print(escape(line))
 
 
@@ -98,7 +98,7 @@ Cell = str | float | Estimate | tuple[float | None, ...] | None
 
 @dataclass(frozen=True)
 class Row:
-    """A row of a table; a dim one holds what ours are compared with."""
+    """A row of a table; a dim one holds reference values."""
 
     cells: Sequence[Cell]
     dim: bool = False
@@ -111,13 +111,13 @@ class Table:
     Attributes
     ----------
     title
-        Above it; plain text.
+        Printed above the table; plain text.
     columns
         Their names, with units.
     rows
         From top to bottom.
     formats
-        How the numbers of each column are written, as `format` takes it; by default as they are.
+        Format specifications of each column's numbers, as `format` takes them; by default none.
     """
 
     title: str
@@ -131,7 +131,7 @@ class Table:
         return [cell_text(cell, form) for cell, form in zip(row.cells, formats, strict=True)]
 
     def as_json(self) -> dict[str, Any]:
-        """Give title, columns and rows as JSON; an interval without an end has null there."""
+        """Return title, columns and rows as JSON; an infinite end of an interval becomes null."""
         return {"title": self.title, "columns": list(self.columns), "rows": [[_plain(cell) for cell in row.cells] for row in self.rows]}
 
 
@@ -173,7 +173,7 @@ def table_lines(table: Table) -> list[str]:
 
 
 class Meter:
-    """Shows how far a piece of work is, `of` being what is counted; a context manager. Work of less than `after` seconds shows no bar."""
+    """Shows progress; a context manager. `of` names what is counted; work of less than `after` seconds shows no bar."""
 
     def __init__(self, console: Console, title: str, total: int, of: str, done: int = 0, after: float = 0.0) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"))
@@ -191,12 +191,12 @@ class Meter:
         self._bar.stop()
 
     def _show(self) -> None:
-        """Show the bar, if it is time; what is shown stays."""
+        """Show the bar from `after` seconds on."""
         if time.monotonic() >= self._shown_from:
             self._bar.start()
 
     def advance(self, note: str = "") -> None:
-        """Count one more; `note` says how it goes."""
+        """Count one more; `note` is shown beside the title."""
         self._show()
         note, task = f", {note}" if note else "", self._task
         self._bar.update(task.id, advance=1, description=escape(self._title + note))
@@ -207,5 +207,5 @@ class Meter:
 
 
 def _owns_terminal(console: Console) -> bool:
-    """Tell whether a console is a terminal that is not another process's: workers write on that of the command that started them."""
+    """Check whether a console is a terminal of this process: workers write to that of the command that started them."""
     return console.is_terminal and multiprocessing.parent_process() is None

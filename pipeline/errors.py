@@ -1,4 +1,4 @@
-"""Every error that a person can do something about; the message names the thing, its value, the limit and the way out.
+"""Errors that a user can fix; the message names the thing, its value, the limit and the remedy.
 
 Any other error is a fault of the project and keeps its traceback.
 """
@@ -14,7 +14,7 @@ class PipelineError(Exception):
 
 
 class InvalidInput(PipelineError, ValueError):
-    """Something given cannot be used: a mesh, an image, a pose, a manifest, a description file, a setting, an option.
+    """An input cannot be used: a mesh, an image, a pose, a manifest, a description file, a setting, an option.
 
     While an object is processed, it is that object's failure.
     """
@@ -32,15 +32,15 @@ class BugFound(PipelineError):
     """A stage raised an unexpected error: a fault of the project, reported with its traceback."""
 
 
-def meant(name: object, known: Collection[str]) -> str | None:
-    """Find the name that was probably meant, if one is alike."""
-    return next(iter(get_close_matches(str(name), known, n=1, cutoff=0.7)), None)
+def closest_name(name: object, names: Collection[str]) -> str | None:
+    """Find the name that is most similar to a misspelt one; None if none is similar."""
+    return next(iter(get_close_matches(str(name), names, n=1, cutoff=0.7)), None)
 
 
-def unknown(kind: str, name: object, known: Collection[str]) -> str:
-    """Say that there is no such thing, for example no such stage, which one was probably meant, and which there are."""
-    guess = meant(name, known)
-    return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(known)}"
+def unknown_name(kind: str, name: object, names: Collection[str]) -> str:
+    """Describe an unknown name of some kind, such as a stage: suggest the closest name, and list all of them."""
+    guess = closest_name(name, names)
+    return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(names)}"
 
 
 def first_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""What other installed packages bring: sensors, hands, stages and schemas, by the entry points of their metadata.
+"""Extensions from other installed packages: sensors, hands, stages and schemas, found by entry points in their metadata.
 
 Listing reads metadata alone. A package's code is imported when its stage or schema is used.
 """
@@ -45,31 +45,31 @@ def load(entry: EntryPoint, error_type: type[PipelineError], value: str | None =
     try:
         return EntryPoint(entry.name, value, entry.group).load()
     except Exception as error:  # whatever a module may raise
-        at = traceback.extract_tb(error.__traceback__)[-1]
+        frame = traceback.extract_tb(error.__traceback__)[-1]
         raise error_type(
             f"{entry.name} of package {package_of(entry)}: {value} cannot be imported: {type(error).__name__}: {error} "
-            f"({at.filename}, line {at.lineno}); mend it, or `pip uninstall {package_of(entry)}`"
+            f"({frame.filename}, line {frame.lineno}); fix it, or `pip uninstall {package_of(entry)}`"
         ) from error
 
 
 def check_unique(kind: str, name: str, packages: list[str]) -> None:
-    """Raise an InvalidInput that names the packages, if more than one brings what is called `name`."""
+    """Raise an `InvalidInput` that names the packages, if more than one provides this name."""
     if len(packages) > 1:
-        raise InvalidInput(f"{kind} {name} is brought by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
+        raise InvalidInput(f"{kind} {name} is provided by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
 
 
-def sibling(entry: EntryPoint, name: str) -> str | None:
+def sibling_module(entry: EntryPoint, name: str) -> str | None:
     """Name the module `name` beside the one that an entry point names, if there is one; its package is not imported."""
-    top, *inside = entry.module.split(".")[:-1] or [""]
+    top, *subpackages = entry.module.split(".")[:-1] or [""]
     spec = find_spec(top) if top.isidentifier() else None
     roots = spec.submodule_search_locations if spec else None
-    there = any(Path(root, *inside, f"{name}.py").is_file() for root in roots or ())
-    return ".".join([top, *inside, name]) if there else None
+    exists = any(Path(root, *subpackages, f"{name}.py").is_file() for root in roots or ())
+    return ".".join([top, *subpackages, name]) if exists else None
 
 
 def folder_files(entry: EntryPoint) -> list[Path]:
     """List the YAML files in the folder `PACKAGE.FOLDER` that an entry point names, without importing the package."""
-    top, *inside = entry.value.split(".")
+    top, *subpackages = entry.value.split(".")
     spec = find_spec(top) if top.isidentifier() else None
     roots = spec.submodule_search_locations if spec else None
-    return [file for root in roots or () for file in sorted(Path(root, *inside).glob("*.yaml"))]
+    return [file for root in roots or () for file in sorted(Path(root, *subpackages).glob("*.yaml"))]

@@ -24,13 +24,13 @@ class Array:
     description: str
     equation: str | None = None
     infinite: bool = False
-    """Whether +inf is a value here. NaN never is."""
+    """Whether +inf is a valid value. NaN never is."""
     optional: bool = False
     """Whether some settings leave the array out."""
 
     @property
     def is_coordinate(self) -> bool:
-        """Whether the array labels a dimension; what a stage does not give is taken from its inputs."""
+        """Whether the array labels a dimension; a label that a stage does not give is taken from its inputs."""
         return self in COORDINATES.values()
 
     @property
@@ -39,7 +39,7 @@ class Array:
         return self.dims[:1] == ("object",)
 
 
-CHOSEN = ("grasp", "viewpoint", "press")
+INDEXED_DIMS = ("grasp", "viewpoint", "press")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
 COMMON = {
@@ -53,7 +53,7 @@ COMMON = {
         "False where the object could not be processed: its rows are zeros, and `failures` in the attributes says why.",
     ),
 }
-"""What every artifact says of its objects."""
+"""Arrays that every artifact has."""
 
 
 class Artifact(BaseModel):
@@ -67,9 +67,9 @@ class Artifact(BaseModel):
 
     name: str
     stage: str = "STAGE"
-    """The stage that makes it: where nothing has been made, no record names the stage, and readers cannot import stages to ask them."""
+    """The stage that makes it: before it has been made, no record names the stage, and readers cannot import stages to ask them."""
     order: int = 100
-    """Its position among the artifacts; of a label that several have, the first one's is read, by readers that cannot import stages."""
+    """Its position among the artifacts; readers, which cannot import stages, read a label from the first artifact that has it."""
     version: int
     summary: str
     arrays: Annotated[dict[str, Array], AfterValidator(lambda arrays: {**COMMON, **arrays})]
@@ -91,7 +91,7 @@ COORDINATES = {
     "sensor": Array(("sensor",), "string", "1", "Name of the finger that wears the sensor.", optional=True),
     "joint": Array(("joint",), "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
-"""Labels of dimensions: a stage that gives none takes over those of its inputs."""
+"""Labels of dimensions: a stage that gives none copies those of its inputs."""
 
 
 def coordinates(*names: str) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""Every artifact by name, in the order in which they are made: those that the modules of this package declare, then those of plugins."""
+"""Every artifact by name, in the order in which they are made: first those of this package's modules, then those of plugins."""
 
 from collections import UserDict
 from importlib import import_module
@@ -7,23 +7,23 @@ from pkgutil import iter_modules
 
 import schemas
 from pipeline import plugins
-from pipeline.errors import StoreError, meant
+from pipeline.errors import StoreError, closest_name
 from schemas.base import Artifact
 
 
 class _Catalogue(UserDict[str, Artifact]):
-    """Artifacts by name; one that a plugin declares is imported when it is asked for."""
+    """Artifacts by name; one that a plugin declares is imported when it is first used."""
 
     data: dict[str, Artifact | EntryPoint]  # type: ignore[assignment]
 
     def __getitem__(self, name: str) -> Artifact:
-        found = self.data[name]
-        if isinstance(found, EntryPoint):
-            artifact = plugins.load(found, StoreError)
+        entry = self.data[name]
+        if isinstance(entry, EntryPoint):
+            artifact = plugins.load(entry, StoreError)
             if not isinstance(artifact, Artifact) or artifact.name != name:
-                raise StoreError(f"{found.value} of package {plugins.package_of(found)} is not an Artifact called {name}")
-            self.data[name] = found = artifact
-        return found
+                raise StoreError(f"{entry.value} of package {plugins.package_of(entry)} is not an Artifact called {name}")
+            self.data[name] = entry = artifact
+        return entry
 
 
 _modules = [import_module(f"schemas.{module.name}") for module in iter_modules(schemas.__path__) if module.name != "catalogue"]
@@ -35,10 +35,10 @@ for _entry in plugins.declared("schemas"):
 
 
 def artifact_of(array: str) -> Artifact:
-    """Find the first artifact that has an array of this name; a `KeyError` that lists all names where there is none."""
+    """Find the first artifact that has an array of this name; raise a `KeyError` that lists all names if there is none."""
     for artifact in ARTIFACTS.values():
         if array in artifact.arrays:
             return artifact
-    known = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
-    guess = meant(array, known)
-    raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(known)}")
+    names = sorted({name for artifact in ARTIFACTS.values() for name in artifact.arrays})
+    guess = closest_name(array, names)
+    raise KeyError(f"no artifact has an array {array}{f', did you mean {guess}?' if guess else ';'} there are {', '.join(names)}")

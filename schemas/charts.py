@@ -1,9 +1,9 @@
-"""What `fit-charts` writes: a touch chart for every sensor of every grasp."""
+"""Schema of `charts`, from `fit-charts`: a touch chart for every sensor of every grasp."""
 
 from schemas.base import Array, Artifact, coordinates
 
 STOP_RULES = ("no_touch", "threshold", "cap", "too_few_points", "collapsed")
-"""Why the fitting of a chart ended; `stop_rule` holds indices into this. A sensor that touched has too few points where the
+"""Reasons why the fitting of a chart ended; `stop_rule` holds indices into this. A sensor that touched has too few points where the
 U-Net sees none; a chart has collapsed when no face has an area any more."""
 
 FITTED = (1, 2)

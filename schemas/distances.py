@@ -1,4 +1,4 @@
-"""What `sample-distances` writes: how far points in space are from an object's surface, and on which side."""
+"""Schema of `distances`, from `sample-distances`: signed distances of points in space to an object's surface."""
 
 from schemas.base import Array, Artifact
 

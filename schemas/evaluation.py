@@ -1,4 +1,4 @@
-"""What evaluations write: Zarr groups in `tables.zarr`, first of all one long table of every figure."""
+"""Schema of evaluations: Zarr groups in `tables.zarr`, the first one a long table of every figure."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ Dims = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Group:
-    """Declare the arrays of one group; those called like a dimension are its coordinates."""
+    """The arrays of one group; those with the name of a dimension are its coordinates."""
 
     summary: str
     arrays: dict[str, Array]
@@ -41,7 +41,7 @@ QUALITY = {
     "normal_consistency": ("1", "Mean absolute cosine between normals of nearest points, both directions; 0.5 by chance."),
     "crossing": ("1", "Share of the vision charts' faces that cross another one."),
 }
-"""Unit and meaning of the figures of how reconstructions look with one grasp, the first one: what Chamfer distance does not see."""
+"""Unit and meaning of the figures of surface quality with one grasp, the first one: Chamfer distance does not measure it."""
 
 METRICS = {
     "mean_distance": ("m", "Mean nearest distance, the mean of both directions'."),

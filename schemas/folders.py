@@ -1,9 +1,9 @@
-"""Folders that dataset stages fill, beside the artifacts: where they lie, and the command that makes each."""
+"""Folders that dataset stages fill, beside the artifacts: their paths, and the command that makes each."""
 
 import re
 
 TREES = ("models", "sweeps", "scores")
-"""Folders that hold records of folders, and folders that do."""
+"""Folders that hold records of folders, at any depth."""
 
 RECORD = re.compile(r"evaluation(-single-image|-seed-\d+)?\.json")
 """Records of folders beside the artifacts."""
@@ -23,5 +23,5 @@ def maker_of(folder: str) -> str:
         return "the stage that makes it"
     seed, family, network = match.groups()
     stage = f"train-{family}"
-    stated = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
-    return f"`vt-pipeline run {stage}{''.join(stated)}`"
+    options = [f" --set {stage}.{what}={value}" for what, value in (("configuration", network), ("training_seed", seed)) if value]
+    return f"`vt-pipeline run {stage}{''.join(options)}`"

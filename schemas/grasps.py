@@ -1,4 +1,4 @@
-"""What `simulate-grasps` writes: poses of the hand and its sensors in the best grasps of every object, and how the others fared."""
+"""Schema of `grasps`, from `simulate-grasps`: poses of the hand and its sensors in the best grasps, and statistics of all attempts."""
 
 from schemas.base import Array, Artifact, coordinates
 
@@ -65,7 +65,7 @@ GRASPS = Artifact(
             "float32",
             "m2",
             "Area of the sensor plane over which the surface presses into the gel; 0 without a touch.",
-            optional=True,  # datasets have it that were made since grasps are judged by more than touches
+            optional=True,  # missing in datasets from before grasps were judged by more than touches
         ),
         "opposition": Array(
             ("object", "grasp"),

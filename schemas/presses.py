@@ -1,9 +1,9 @@
-"""What `simulate-presses` writes: what a sensor sees of shapes that are pressed into its gel without a hand."""
+"""Schema of `presses`, from `simulate-presses`: tactile images of shapes that are pressed into a gel without a hand."""
 
 from schemas.base import Array, Artifact
 
 PRESSED = ("patch", "ball", "ellipsoid", "cone", "cylinder", "prism", "pyramid", "post", "edge", "ring", "bumps", "stairs", "relief")
-"""What was pressed; `press_shape` holds indices into this. A patch is one of the object."""
+"""Pressed shapes; `press_shape` holds indices into this. A patch is one of the object."""
 
 PRESSES = Artifact(
     name="presses",

@@ -1,4 +1,4 @@
-"""What `read-renderings` keeps of the cited renderings: images of each object from several sides, and their cameras."""
+"""Schema of `renderings`, from `read-renderings`: the cited renderings of each object from several sides, and their cameras."""
 
 from schemas.base import Array, Artifact
 

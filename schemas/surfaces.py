@@ -1,4 +1,4 @@
-"""What `sample-surfaces` writes: the object's exterior surface as points, and the normalised mesh itself."""
+"""Schema of `surfaces`, from `sample-surfaces`: the object's exterior surface as points, and the normalised mesh."""
 
 from schemas.base import Array, Artifact
 
@@ -18,7 +18,7 @@ SURFACES = Artifact(
             "float64",
             "m / unit of the file; m",
             "object_to_world: how points of the source file, homogeneous, come into the world: turned upright, scaled, moved.",
-            optional=True,  # datasets have it that were made since single images are reconstructed
+            optional=True,  # missing in datasets from before single images were reconstructed
         ),
         "source_file": Array(
             ("object",),

@@ -1,4 +1,4 @@
-"""What `simulate-touch` writes: depth maps and tactile images of every sensor of every grasp."""
+"""Schema of `touch`, from `simulate-touch`: depth maps and tactile images of every sensor of every grasp."""
 
 from schemas.base import Array, Artifact, coordinates
 

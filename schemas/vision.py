@@ -1,4 +1,4 @@
-"""What `render-vision` writes: the object alone, the object in every grasp, and what each pixel shows."""
+"""Schema of `vision`, from `render-vision`: images of the object alone and in every grasp, and what each pixel shows."""
 
 from schemas.base import Array, Artifact, coordinates
 

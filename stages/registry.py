@@ -20,7 +20,7 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.engine.trade import Trade
-from pipeline.errors import InvalidInput, PipelineError, StageError, unknown
+from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_name
 from pipeline.formats.description_file import invalid_entries
 from schemas.catalogue import ARTIFACTS
 
@@ -64,7 +64,11 @@ DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touc
 """Stages that make a dataset."""
 TRADES = {
     **{name: f"{BUILT_IN[name].folder}.trade" for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].folder}.trade")},
-    **{name: module for name, entry in STAGES.items() if isinstance(entry, EntryPoint) and (module := plugins.sibling(entry, "trade"))},
+    **{
+        name: module
+        for name, entry in STAGES.items()
+        if isinstance(entry, EntryPoint) and (module := plugins.sibling_module(entry, "trade"))
+    },
 }
 """Modules in which stages declare what they trade between speed and accuracy: `trade` in their folder, or beside a plugin's stage."""
 TRADED = tuple(TRADES)
@@ -148,7 +152,7 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
-        raise InvalidInput(unknown("preset", preset, presets))
+        raise InvalidInput(unknown_name("preset", preset, presets))
     values = {**settings.presets.get(preset, {}), **presets[preset].get(stage, {})}
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
@@ -156,11 +160,11 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
         if not separator or not setting:
             raise InvalidInput(f"--set {assignment}: write STAGE.SETTING=VALUE")
         if owner and owner not in STAGES:
-            raise InvalidInput(f"--set {assignment}: {unknown('stage', owner, STAGES)}")
+            raise InvalidInput(f"--set {assignment}: {unknown_name('stage', owner, STAGES)}")
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
-            raise InvalidInput(f"--set {assignment}: {unknown('setting', setting, load_settings_type(owner).model_fields)}")
+            raise InvalidInput(f"--set {assignment}: {unknown_name('setting', setting, load_settings_type(owner).model_fields)}")
     try:
         return settings.model_validate(values)
     except ValidationError as error:

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
-from pipeline.store.storage import exists, files_below, names_in, place
+from pipeline.store.storage import exists, files_below, list_folder, place
 from stages.registry import GRASP_STAGES
 from tests.object_storage import BUCKET, SeaweedServer, make_bucket, moto_server, use
 from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
@@ -60,7 +60,7 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
 
 def _empty(data: str) -> int:
     """How many of three shards no object is in."""
-    return 3 - sum(name.endswith(".json") for name in names_in(place(data) / "surfaces"))
+    return 3 - sum(name.endswith(".json") for name in list_folder(place(data) / "surfaces"))
 
 
 def test_a_server_that_is_killed_and_started_again_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811

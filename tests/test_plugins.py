@@ -162,11 +162,11 @@ def test_broken_packages_are_named_and_other_commands_work(balls_run: tuple[Path
     assert [code for code, _ in said] == [1, 1, 0, 1, 0, 0, 0, 1, 0, 1, 1]
     words = [line for _, line in said]
     assert "fly of package vt-broken: vt_broken.stage:Fly cannot be imported: ModuleNotFoundError: No module named 'rotor'" in words[0]
-    assert "line 1); mend it, or `pip uninstall vt-broken`" in words[0]
-    assert "stage simulate-touch is brought by more than one package: vt-pipeline, vt-broken" in words[1]
+    assert "line 1); fix it, or `pip uninstall vt-broken`" in words[0]
+    assert "stage simulate-touch is provided by more than one package: vt-pipeline, vt-broken" in words[1]
     assert "package vt-broken names vt_broken.nowhere as its folder of hands, which has no YAML files" in words[3]
     assert "vt_broken.stage:Fly cannot be imported" in words[4]
     assert "evaluate-single-image" in words[4]
-    assert "sensor gel_16mm is brought by more than one package: vt-pipeline, vt-broken" in words[7]
+    assert "sensor gel_16mm is provided by more than one package: vt-pipeline, vt-broken" in words[7]
     for line in words[9:]:
         assert "vt_broken.schema:WING of package vt-broken is not an Artifact called wing" in line

@@ -22,7 +22,7 @@ from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
 from schemas.evaluation import GROUPS
@@ -36,7 +36,7 @@ def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
     for name, generate in PAGES.items():
         path = folder / name
-        write_at_once(path, regenerated(path.read_text(encoding="utf-8"), generate()).encode())
+        write_atomically(path, regenerated(path.read_text(encoding="utf-8"), generate()).encode())
 
 
 def regenerated(page: str, generated: str) -> str:

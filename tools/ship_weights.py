@@ -42,7 +42,7 @@ def ship(data: Path) -> ModelCard:
         if path.name != SENSORS:  # which has a command of its own
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     for name in (model_name(network), "models/unet"):
-        record, folder = directory.folder_record(name), directory.whole_folder(name)
+        record, folder = directory.folder_record(name), directory.verified_folder(name)
         destination = models / Path(name).relative_to("models")
         for file in directory.folder(name).files:
             (copied := destination.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +62,7 @@ def ship(data: Path) -> ModelCard:
         ),
         commit=sources,
         command=f"make weights; settings: {_settings(record_of_network.settings)}",
-        errors=_errors(DataDirectory(data).whole_folder(SHIPPED_SCORES), network),
+        errors=_errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network),
         not_for=NOT_FOR,
     )
     card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))

@@ -26,7 +26,7 @@ from pipeline.kernels.vision.camera import Camera, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.viewpoint import FARTHEST, FOCAL, SENSOR, Viewpoint
 from pipeline.rng import numpy_rng
-from pipeline.store.atomic import written_to
+from pipeline.store.atomic import atomic_writes
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import place
 from schemas.surfaces import SURFACES
@@ -58,7 +58,7 @@ def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
     if unknown := sorted({surfaces.row(name).category for name in names} - synsets.keys()):
         raise StageError(f"the manifest single-image has no class {unknown[0]}; it has {', '.join(synsets)}: add it there, with its synset")
     meter = Meter(errors, "write-renderings", len(names), "objects")
-    with written_to(folder) as fresh, Renderer(load_scene("supplement"), PIXELS) as renderer, meter:
+    with atomic_writes(folder) as fresh, Renderer(load_scene("supplement"), PIXELS) as renderer, meter:
         for name in names:
             category = surfaces.row(name).category
             inner = Path(synsets[category]) / name.removeprefix(f"{category}-")

@@ -13,8 +13,8 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import pluralise, print_line
 from pipeline.formats.description_file import read_description
-from pipeline.store.atomic import UNFINISHED, written_to
-from pipeline.store.storage import names_in, place
+from pipeline.store.atomic import UNFINISHED, atomic_writes
+from pipeline.store.storage import list_folder, place
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
@@ -68,7 +68,7 @@ def export(
 
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
-    existing = names_in(out)
+    existing = list_folder(out)
     blocked = out.is_file() and (to != "mesh" or out.suffix.lower() != ".glb")
     if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
@@ -84,7 +84,7 @@ def export(
     table_writers = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
     frames = None if to in grasp_writers else GraspFrames(place(data))
     write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(place(data)))
-    with written_to(out) as folder:
+    with atomic_writes(out) as folder:
         count = write(folder)
         if to == "parquet" and frames:
             facts = facts_of(place(data), frames)

@@ -189,7 +189,7 @@ def score(
 
     directory = DataDirectory(data)
     plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
-    results = directory.whole_folder(plan.units[0].name)
+    results = directory.verified_folder(plan.units[0].name)
     show_tables(console, evaluation_tables(results))
     print_line(f"{results / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
 
@@ -223,7 +223,7 @@ def report(
     if exists(directory.folder_record(SINGLE)):
         check_origins(directory, [SINGLE])
         trained = {"single-image": training_facts(directory, "models/single-image")}
-        show_tables(console, [*evaluation_tables(directory.whole_folder(SINGLE)), training_table(trained)])
+        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), training_table(trained)])
         if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
             return
     if evaluated or scored:

@@ -37,7 +37,7 @@ from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.shard import failures as failures_of
 from pipeline.engine.stage import DatasetStage, ObjectStage
-from pipeline.errors import meant, unknown
+from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place, on_disk
@@ -76,14 +76,14 @@ def run(
     """
     console.quiet = (together := process_group()) is not None and together.rank > 0  # only the first of several processes prints
     if stage not in STAGES:
-        fail(unknown("stage", stage, STAGES))
+        fail(unknown_name("stage", stage, STAGES))
     shared = make_request(
         load_stage(stage), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up
     )
     processes = make_executor(executor, workers, scheduler)
     request = replace(shared, shards=shards, executor=processes, strict=strict, retry=retry, check=check, only=object_id)
     if object_id is not None and object_id not in {item.object_id for item in request.objects}:
-        guess = meant(object_id, [item.object_id for item in request.objects])
+        guess = closest_name(object_id, [item.object_id for item in request.objects])
         fail(f"manifest {request.manifest} has no object {object_id}" + (f", did you mean {guess}?" if guess else ""))
     if isinstance(request.stage, DatasetStage) and (object_id is not None or shard is not None):
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
@@ -130,7 +130,7 @@ def run_plan(plan: Plan[Any]) -> None:
             print_line(line)
         result = run_together(plan, console)
         text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
-        without_input = sum(unit.failure is not None and not plan.is_own(unit.failure) for unit in plan.units)
+        without_input = sum(unit.failure is not None and not plan.failed_here(unit.failure) for unit in plan.units)
         note = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
         note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:

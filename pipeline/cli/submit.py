@@ -25,7 +25,7 @@ from pipeline.cluster import slurm
 from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.console import print_line
-from pipeline.errors import unknown
+from pipeline.errors import unknown_name
 from pipeline.store.directory import DataDirectory
 from stages.registry import STAGES, load_stage
 
@@ -54,7 +54,7 @@ def submit(
     Each object stage is an array with one task per shard, and each job waits for those whose outputs it reads.
     """
     if strange := [stage for stage in stages if stage not in STAGES]:
-        fail(unknown("stage", strange[0], STAGES))
+        fail(unknown_name("stage", strange[0], STAGES))
     requests = [
         make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up)
         for name in STAGES

@@ -21,7 +21,7 @@ from pipeline.cli.request import (
     make_request,
 )
 from pipeline.console import console, errors, pluralise, print_line, show_tables
-from pipeline.errors import unknown
+from pipeline.errors import unknown_name
 from stages.registry import DATASET, TRADED, load_stage
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
@@ -53,7 +53,7 @@ def tradeoff(
 
     stage_names = tuple(stages or DATASET)
     if strange := [name for name in stage_names if name not in TRADED]:
-        fail(unknown("trade", strange[0], TRADED))
+        fail(unknown_name("trade", strange[0], TRADED))
     if until not in (None, "evaluate"):
         fail(f"--until {until}: only evaluate ends a pipeline")
     if until and stages:

@@ -1,4 +1,4 @@
-"""Cluster files: the YAML descriptions of what one task is given on a Slurm cluster."""
+"""Cluster files: YAML descriptions of the resources of one task on a Slurm cluster."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from pipeline.formats.description_file import description_path, read_description
 
 
-def _is_text(value: Any) -> Any:
+def _require_text(value: Any) -> Any:
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         raise ValueError(f"YAML reads it as the number {value}; write it in quotes and with its unit, as '04:00:00' or '16G'")
     return value
 
 
-def _is_one_line(line: str) -> str:
+def _require_one_line(line: str) -> str:
     if not line.isprintable():
         raise ValueError(
-            f"{line!r} is no single line of printable text, as a job's script needs; take out control characters and line breaks"
+            f"{line!r} is not a single line of printable text, as a job's script needs; remove control characters and line breaks"
         )
     return line
 
 
-Line = Annotated[str, AfterValidator(_is_one_line)]
+Line = Annotated[str, AfterValidator(_require_one_line)]
 Word = Annotated[Line, Field(pattern=r"^[^\s,]+$")]
 Number = Annotated[int, Field(ge=1, le=10**6)]
 
 
 class Allocation(BaseModel):
-    """What one task is given: a partition, cores, memory and time, as `sbatch` takes them."""
+    """The resources of one task: a partition, cores, memory and time, as `sbatch` takes them."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     partition: Word
     cores: Number
-    memory: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^[1-9][0-9]*[KMGT]$")]
-    time: Annotated[str, BeforeValidator(_is_text), Field(pattern=r"^([0-9]+-)?[0-9]+(:[0-9]{2}){0,2}$")]
+    memory: Annotated[str, BeforeValidator(_require_text), Field(pattern=r"^[1-9][0-9]*[KMGT]$")]
+    time: Annotated[str, BeforeValidator(_require_text), Field(pattern=r"^([0-9]+-)?[0-9]+(:[0-9]{2}){0,2}$")]
 
 
 class GpuAllocation(Allocation):
@@ -52,15 +52,15 @@ class ClusterProfile(BaseModel):
     Attributes
     ----------
     cpu, gpu
-        What a task is given; `gpu` for what uses a GPU, where the cluster has some.
+        The resources of a task; `gpu` for stages that use a GPU, if the cluster has any.
     concurrent
-        How many tasks of one array may run at a time; None leaves it to the cluster.
+        Maximum number of tasks of one array that run at a time; None leaves it to the cluster.
     setup
         Shell lines that every task runs first.
     command
         How the nodes call vt-pipeline; None is the Python that submits, on a file system that the nodes share.
     account
-        What the time is charged to.
+        The account that is charged.
     options
         More options of `sbatch`.
     """
@@ -79,5 +79,5 @@ class ClusterProfile(BaseModel):
 
 
 def load_cluster(name: str | Path) -> ClusterProfile:
-    """Read a cluster by the name of a shipped file or by path; an `InvalidInput` names the file and what is wrong with it."""
+    """Read a cluster by the name of a shipped file or by path; raise an `InvalidInput` that names the file and the fault."""
     return read_description("cluster", description_path("cluster", name), ClusterProfile)

@@ -1,4 +1,4 @@
-"""Submit jobs to Slurm, and ask what has become of them: by `squeue`, by `sacct` where there is one, and by what the tasks left."""
+"""Submit jobs to Slurm, and find their states: from `squeue`, from `sacct` if there is one, and from files that tasks leave."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
 from pipeline.errors import StageError, StoreError, first_line
-from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Stored
 from pipeline.store.storage import Place, on_disk, read_bytes
@@ -25,11 +25,11 @@ State = Literal["pending", "running", "done", "failed", "unknown"]
 PENDING = {"PENDING", "REQUEUED", "REQUEUE_FED", "REQUEUE_HOLD", "SPECIAL_EXIT"}
 ENDED = {"BOOT_FAIL", "CANCELLED", "DEADLINE", "FAILED", "NODE_FAIL", "OUT_OF_MEMORY", "PREEMPTED", "REVOKED", "TIMEOUT"}
 SECONDS = 60
-"""How long a scheduler under load may take to answer."""
+"""Time limit for an answer of Slurm, which may be under load."""
 
 
 class SubmittedJob(Stored):
-    """A job that was submitted: its number, and how many tasks it has; None where it is no array."""
+    """A submitted job: its number, and how many tasks it has; None if it is no array."""
 
     stage: str
     output: str
@@ -39,23 +39,23 @@ class SubmittedJob(Stored):
 
     @property
     def task_names(self) -> list[str]:
-        """Every task as Slurm calls it: 12_0, 12_1, …; 12 where the job is no array."""
+        """The names of its tasks in Slurm: 12_0, 12_1, …; 12 if the job is no array."""
         return [self.number] if self.tasks is None else [f"{self.number}_{index}" for index in range(self.tasks)]
 
     def log(self, folder: Path, task: str) -> Path:
-        """Return the path of what a task printed."""
+        """Return the path of a task's log."""
         return folder / f"{self.name}-{task}.log"
 
 
 class _SubmittedJobs(Stored):
-    """The file that lists them, the last job per output."""
+    """The file that lists submitted jobs, the last one per output."""
 
     jobs: tuple[SubmittedJob, ...] = ()
 
 
 @dataclass(frozen=True)
 class TaskState:
-    """What has become of a task: `why` it waits, failed, or is not known; `log` is what it printed."""
+    """The state of a task: `why` it waits, failed or is unknown; `log` is the file of its output."""
 
     task: str
     state: State
@@ -65,18 +65,18 @@ class TaskState:
 
 @dataclass(frozen=True)
 class JobState:
-    """What has become of a job."""
+    """The states of a job's tasks."""
 
     job: SubmittedJob
     tasks: tuple[TaskState, ...]
 
     def counts(self) -> dict[State, int]:
-        """How many tasks are in each state, the states that none is in left out."""
+        """Count the tasks in each state; states without tasks are left out."""
         return dict(Counter(task.state for task in self.tasks))
 
 
 def slurm_folder(data: Place) -> Path:
-    """Where scripts, logs, exit statuses and the list of jobs lie: with the data, or in the current folder if that is in object storage."""
+    """Return the folder of scripts, logs, exit statuses and the list of jobs: with the data, or the current folder for object storage."""
     folder = DataDirectory(data).work("slurm")
     return on_disk(folder) or Path("slurm") / "-".join(part.strip("/") for part in data.parts)
 
@@ -87,25 +87,25 @@ def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob
     Raises
     ------
     StageError
-        There is no `sbatch` here, it refuses a job, or tasks that make the same have not ended.
+        There is no `sbatch` here, it refuses a job, or tasks that make the same output have not ended.
     """
     folder = submission.folder
     if not shutil.which("sbatch"):
         raise StageError("sbatch is not installed here; submit on a machine of the cluster, or print the scripts with --dry-run")
     scripts = {job.output: script_of(job, submission) for job in jobs}
-    with one_writer(folder / "lock", folder):
-        known = {job.output: job for job in submitted_jobs(folder)}
-        _refuse_unfinished(states_of(folder, [known[output] for output in scripts if output in known]))
+    with exclusive_lock(folder / "lock", folder):
+        jobs_by_output = {job.output: job for job in submitted_jobs(folder)}
+        _refuse_unfinished(states_of(folder, [jobs_by_output[output] for output in scripts if output in jobs_by_output]))
         ids: dict[str, str] = {}
         for job in jobs:
             path = folder / f"{job.name}.sh"
-            write_at_once(path, os.fsencode(scripts[job.output]))  # a path among its arguments may be no text
-            ids[job.output] = _sbatch(path, dependency(job, {one.output: one for one in jobs}, ids), list(ids.values()))
+            write_atomically(path, os.fsencode(scripts[job.output]))  # a path among its arguments may not be valid text
+            ids[job.output] = _sbatch(path, dependency(job, {other.output: other for other in jobs}, ids), list(ids.values()))
             tasks = submission.shards if job.is_array else None
-            made = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
-            known[job.output] = made
-            write_at_once(folder / "jobs.json", _SubmittedJobs(jobs=tuple(known.values())).model_dump_json(indent=1).encode())
-            yield made
+            submitted = SubmittedJob(stage=job.stage.name, output=job.output, name=job.name, number=ids[job.output], tasks=tasks)
+            jobs_by_output[job.output] = submitted
+            write_atomically(folder / "jobs.json", _SubmittedJobs(jobs=tuple(jobs_by_output.values())).model_dump_json(indent=1).encode())
+            yield submitted
 
 
 def _refuse_unfinished(states: Iterable[JobState]) -> None:
@@ -117,22 +117,22 @@ def _refuse_unfinished(states: Iterable[JobState]) -> None:
             )
 
 
-def _sbatch(script: Path, after: str | None, before: list[str]) -> str:
-    """Submit a script; returns the job's number."""
-    options = [f"--dependency={after}"] if after else []
-    done = _ask("sbatch", "--parsable", *options, str(script))
-    number = done.stdout.strip().partition(";")[0]
-    if done.returncode or not number.isdigit():
-        left = f"; `scancel {' '.join(before)}` ends what was submitted before it" if before else ""
+def _sbatch(script: Path, condition: str | None, earlier_ids: list[str]) -> str:
+    """Submit a script; return the job's number."""
+    options = [f"--dependency={condition}"] if condition else []
+    completed = _run_command("sbatch", "--parsable", *options, str(script))
+    number = completed.stdout.strip().partition(";")[0]
+    if completed.returncode or not number.isdigit():
+        remedy = f"; `scancel {' '.join(earlier_ids)}` ends what was submitted before it" if earlier_ids else ""
         raise StageError(
-            f"sbatch refuses {script}: {_complaint(done)}. Partition, memory, time and options are those of the "
-            f"cluster file (--cluster), the array has a task per shard{left}"
+            f"sbatch refuses {script}: {_error_line(completed)}. Partition, memory, time and options are those of the "
+            f"cluster file (--cluster), the array has a task per shard{remedy}"
         )
     return number
 
 
 def submitted_jobs(folder: Path) -> tuple[SubmittedJob, ...]:
-    """Read the list of jobs; a `StoreError` where it is damaged."""
+    """Read the list of jobs; raise a `StoreError` if it is damaged."""
     path = folder / "jobs.json"
     try:
         return _SubmittedJobs.model_validate_json(read_bytes(path)).jobs
@@ -143,20 +143,20 @@ def submitted_jobs(folder: Path) -> tuple[SubmittedJob, ...]:
 
 
 def states_of(folder: Path, jobs: Sequence[SubmittedJob]) -> list[JobState]:
-    """Ask what has become of every task of some jobs.
+    """Find the state of every task of some jobs.
 
-    Slurm forgets a job some minutes after it ended; then the exit status counts that the task left, or what accounting says.
+    Slurm forgets a job some minutes after its end; then the task's exit status counts, or Slurm's accounting.
     """
     if not jobs:
         return []
-    said, silent = _squeue(jobs)
-    forgotten = [job for job in jobs if any(task not in said for task in job.task_names)]
+    states, no_answer = _squeue(jobs)
+    forgotten = [job for job in jobs if any(task not in states for task in job.task_names)]
     accounts = _sacct(forgotten) if forgotten else {}
-    return [JobState(job, tuple(_state_of(folder, job, task, accounts | said, silent) for task in job.task_names)) for job in jobs]
+    return [JobState(job, tuple(_state_of(folder, job, task, accounts | states, no_answer) for task in job.task_names)) for job in jobs]
 
 
-def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[str, str]], silent: str) -> TaskState:
-    name, reason = said.get(task, ("", ""))
+def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> TaskState:
+    name, reason = states.get(task, ("", ""))
     reason = "" if reason == "None" else reason
     status = _exit_status(folder / f"{task}.exit")
     state: State = "failed"
@@ -170,15 +170,15 @@ def _state_of(folder: Path, job: SubmittedJob, task: str, said: dict[str, tuple[
         state, why = "done", ""
     elif status is not None:
         why = f"exit status {status}"
-    elif silent:
-        state, why = "unknown", silent
+    elif no_answer:
+        state, why = "unknown", no_answer
     else:
         why = "it was ended before it was finished" if job.log(folder, task).exists() else "it was cancelled before it began"
     return TaskState(task, state, why, job.log(folder, task))
 
 
 def _exit_status(path: Path) -> int | None:
-    """Read the exit status that a task left; None where it left none."""
+    """Read the exit status that a task left; None if it left none."""
     try:
         return int(read_bytes(path))
     except (OSError, ValueError):
@@ -186,30 +186,30 @@ def _exit_status(path: Path) -> int | None:
 
 
 def _squeue(jobs: Sequence[SubmittedJob]) -> tuple[dict[str, tuple[str, str]], str]:
-    """State and reason of every task that Slurm has not forgotten; and why it does not answer, where it does not."""
+    """Ask `squeue` for state and reason of every task that it has not forgotten; also return why it does not answer, if so."""
     numbers = ",".join(job.number for job in jobs)
-    done = _ask("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
-    if done.returncode and "Invalid job id" not in done.stderr:
-        return {}, f"squeue does not answer: {_complaint(done)}"
-    rows = (line.strip().split("|", 3) for line in done.stdout.splitlines() if line.count("|") >= 3)
+    completed = _run_command("squeue", "--noheader", "--array", "--states=all", f"--jobs={numbers}", "--format=%F|%K|%T|%r")
+    if completed.returncode and "Invalid job id" not in completed.stderr:
+        return {}, f"squeue does not answer: {_error_line(completed)}"
+    rows = (line.strip().split("|", 3) for line in completed.stdout.splitlines() if line.count("|") >= 3)
     return {number if index == "N/A" else f"{number}_{index}": (state, reason) for number, index, state, reason in rows}, ""
 
 
 def _sacct(jobs: Sequence[SubmittedJob]) -> dict[str, tuple[str, str]]:
-    """State of every task that accounting knows; none where there is no accounting."""
+    """Ask `sacct` for the state of every task that it knows; empty if there is no accounting."""
     numbers = ",".join(job.number for job in jobs)
-    done = _ask("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
-    rows = (line.strip().split("|", 1) for line in done.stdout.splitlines() if "|" in line and not done.returncode)
+    completed = _run_command("sacct", "--noheader", "--allocations", "--parsable2", f"--jobs={numbers}", "--format=JobID,State")
+    rows = (line.strip().split("|", 1) for line in completed.stdout.splitlines() if "|" in line and not completed.returncode)
     return {task: (state.split()[0], "") for task, state in rows if state}
 
 
-def _complaint(done: subprocess.CompletedProcess[str]) -> str:
-    """Return the first line of what a command reports of its failure."""
-    return next(iter((done.stderr or done.stdout).splitlines()), f"status {done.returncode}").rstrip(".")
+def _error_line(completed: subprocess.CompletedProcess[str]) -> str:
+    """Return the first line of a failed command's output."""
+    return next(iter((completed.stderr or completed.stdout).splitlines()), f"status {completed.returncode}").rstrip(".")
 
 
-def _ask(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run one of Slurm's commands; where it cannot be run, it has failed with the reason."""
+def _run_command(program: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run one of Slurm's commands; if it cannot be run, return a failure with the reason."""
     try:
         return subprocess.run([program, *arguments], capture_output=True, text=True, check=False, timeout=SECONDS)
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""What a submission to Slurm amounts to: a job per output, what each waits for, and its script, as text."""
+"""Plan a submission to Slurm: one job per output, its dependencies and its script."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pipeline.errors import InvalidInput
 
 @dataclass(frozen=True)
 class Job:
-    """One job: an array of a task per shard, or the single task of a dataset stage.
+    """A job: an array with one task per shard, or the single task of a dataset stage.
 
     Attributes
     ----------
     settings
-        Of the stage; with `assignments`, its own --set, they are what the stage runs with.
+        Settings that the stage runs with, including `assignments`, the job's own --set options.
     waits_for
         Outputs of other jobs that this one reads.
     """
@@ -43,15 +43,15 @@ class Job:
 
     @property
     def name(self) -> str:
-        """What Slurm and the files in `.work/slurm` call it."""
+        """The job's name in Slurm and in `.work/slurm`."""
         return "-".join([self.stage.name, *(assignment.partition("=")[2] for assignment in self.assignments)])
 
 
 @dataclass(frozen=True)
 class Submission:
-    """What all jobs of a submission share.
+    """The parameters that all jobs of a submission share.
 
-    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` takes scripts, logs and exit statuses.
+    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` holds scripts, logs and exit statuses.
     """
 
     profile: ClusterProfile
@@ -62,34 +62,34 @@ class Submission:
 
 
 def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
-    """Plan the jobs of some stages, given in the order of the pipeline, by what each reads and writes.
+    """Plan the jobs of stages, given in the order of the pipeline, from what each reads and writes.
 
     A stage whose folder is named by one of its settings gets a job per folder that the other stages read: one `train-gcn` per
     configuration that `evaluate` is asked for.
     """
-    asked = list(stages)
-    read = [model for stage, settings in asked for model in stage.models(settings)]
+    requested = list(stages)
+    models_read = [model for stage, settings in requested for model in stage.models(settings)]
     jobs = []
-    for stage, settings in asked:
-        variants = [job for folder in read if (job := _job_for(stage, settings, folder))]
+    for stage, settings in requested:
+        variants = [job for folder in models_read if (job := _job_for(stage, settings, folder))]
         jobs += variants or [Job(stage, settings)]
-    made = {job.output for job in jobs}
-    return [replace(job, waits_for=tuple(name for name in names_read(job.stage, job.settings) if name in made)) for job in jobs]
+    outputs = {job.output for job in jobs}
+    return [replace(job, waits_for=tuple(name for name in names_read(job.stage, job.settings) if name in outputs)) for job in jobs]
 
 
 def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
-    """Find the job in which a stage writes this folder, if necessary with another value of the setting that the folder is named by."""
-    own, value = stage.writes(settings), Path(folder).name
-    if own == folder:
+    """Find the job in which a stage writes this folder, if necessary with another value of the setting that names the folder."""
+    output, value = stage.writes(settings), Path(folder).name
+    if output == folder:
         return Job(stage, settings)
     for name, current in settings:
-        if current == Path(own).name and Path(own).parent == Path(folder).parent:
+        if current == Path(output).name and Path(output).parent == Path(folder).parent:
             return Job(stage, type(settings).model_validate(dict(settings) | {name: value}), (f"{stage.name}.{name}={value}",))
     return None
 
 
 def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:
-    """Say when a job may start, as `sbatch --dependency` takes it; None where it waits for nothing.
+    """Return a job's `--dependency` option of `sbatch`; None if it waits for no other job.
 
     A task of an array waits for the task of the same shard; whatever involves a dataset stage waits for whole jobs.
 
@@ -100,11 +100,11 @@ def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str
     jobs
         All jobs, by output.
     ids
-        The number that Slurm gave each of those it waits for, by output.
+        Slurm's numbers of the jobs that it waits for, by output.
     """
     shardwise = [ids[name] for name in job.waits_for if job.is_array and jobs[name].is_array]
-    whole = [ids[name] for name in job.waits_for if not (job.is_array and jobs[name].is_array)]
-    conditions = [":".join([kind, *found]) for kind, found in (("aftercorr", shardwise), ("afterok", whole)) if found]
+    whole_jobs = [ids[name] for name in job.waits_for if not (job.is_array and jobs[name].is_array)]
+    conditions = [":".join([kind, *job_ids]) for kind, job_ids in (("aftercorr", shardwise), ("afterok", whole_jobs)) if job_ids]
     return ",".join(conditions) or None
 
 
@@ -120,7 +120,7 @@ def script_of(job: Job, submission: Submission) -> str:
     for path in (folder, submission.start):
         if not str(path).isprintable():
             raise InvalidInput(f"{str(path)!r} has characters that a job's script cannot hold; rename the folder")
-    given = allocation_of(job, profile)
+    allocation = allocation_of(job, profile)
     pattern = str(folder).replace("%", "%%")
     limit = f"%{profile.concurrent}" if profile.concurrent else ""
     options = {
@@ -128,12 +128,12 @@ def script_of(job: Job, submission: Submission) -> str:
         "chdir": str(submission.start),
         "output": f"{pattern}/{job.name}-{'%A_%a' if job.is_array else '%j'}.log",
         "open-mode": "append",
-        "partition": given.partition,
+        "partition": allocation.partition,
         "ntasks": "1",
-        "cpus-per-task": str(given.cores),
-        "mem": given.memory,
-        "time": given.time,
-        **({"gres": f"gpu:{given.gpus}"} if isinstance(given, GpuAllocation) else {}),
+        "cpus-per-task": str(allocation.cores),
+        "mem": allocation.memory,
+        "time": allocation.time,
+        **({"gres": f"gpu:{allocation.gpus}"} if isinstance(allocation, GpuAllocation) else {}),
         **({"array": f"0-{submission.shards - 1}{limit}"} if job.is_array else {}),
         **({"account": profile.account} if profile.account else {}),
         "kill-on-invalid-dep": "yes",
@@ -150,7 +150,7 @@ def script_of(job: Job, submission: Submission) -> str:
             "(",
             "set -e",
             *profile.setup,
-            command_of(job, submission, given.cores),
+            command_of(job, submission, allocation.cores),
             ")",
             "status=$?",
             'echo "$status" > "$left"',
@@ -162,16 +162,16 @@ def script_of(job: Job, submission: Submission) -> str:
 
 def command_of(job: Job, submission: Submission, cores: int) -> str:
     """Write the command of a job as the shell takes it."""
-    called = submission.profile.command or shlex.join([sys.executable, "-m", "pipeline"])
-    own = [part for assignment in job.assignments for part in ("--set", assignment)]
-    arguments = ["run", job.stage.name, *submission.arguments, *own, "--workers", str(cores)]
+    program = submission.profile.command or shlex.join([sys.executable, "-m", "pipeline"])
+    assignments = [part for assignment in job.assignments for part in ("--set", assignment)]
+    arguments = ["run", job.stage.name, *submission.arguments, *assignments, "--workers", str(cores)]
     if not job.is_array:
-        return f"{called} {shlex.join(arguments)}"
-    return f'{called} {shlex.join([*arguments, "--shards", str(submission.shards)])} --shard "$SLURM_ARRAY_TASK_ID"'
+        return f"{program} {shlex.join(arguments)}"
+    return f'{program} {shlex.join([*arguments, "--shards", str(submission.shards)])} --shard "$SLURM_ARRAY_TASK_ID"'
 
 
 def allocation_of(job: Job, profile: ClusterProfile) -> Allocation:
-    """Say what a task is given: GPUs where its settings let it use one and the cluster has some."""
-    chosen = dict(job.settings)
-    uses_gpu = chosen.get("accelerator", chosen.get("device", "cpu")) != "cpu"
+    """Select the resources of a task: with GPUs if its settings use one and the cluster has any."""
+    settings = dict(job.settings)
+    uses_gpu = settings.get("accelerator", settings.get("device", "cpu")) != "cpu"
     return profile.gpu if uses_gpu and profile.gpu else profile.cpu

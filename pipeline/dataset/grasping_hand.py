@@ -1,4 +1,4 @@
-"""The hand that grasped, as stored attributes name it."""
+"""The hand and sensors of stored grasps, as artifacts' attributes name them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 
 def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
-    """Load the hand that grasped.
+    """Load the hand that made stored grasps.
 
     Parameters
     ----------
@@ -21,11 +21,11 @@ def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
 
     Notes
     -----
-    The file may have been moved since the grasps were made: `render-vision` took its path as a setting, and drew no other one.
+    The file may have been moved since the grasps were made: `render-vision` took its path as a setting, and drew only this hand.
     """
     return load_hand(attributes.get("vision", attributes["grasps"])["settings"]["hand"])
 
 
 def grasping_sensors(attributes: Mapping[str, Mapping[str, Any]]) -> tuple[Sensor, ...]:
-    """Load the sensors that the hand wore; parameters as for `grasping_hand`."""
+    """Load the sensors of that hand; parameters as for `grasping_hand`."""
     return load_worn_sensors(sensor_names(grasping_hand(attributes), attributes["grasps"]["settings"].get("sensor")))

@@ -10,7 +10,7 @@ import xarray
 from xarray.backends import BackendArray, BackendEntrypoint
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
-from pipeline.errors import StoreError, unknown
+from pipeline.errors import StoreError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, place, zarr_store
@@ -44,43 +44,45 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """
     if artifact not in ARTIFACTS:
-        raise StoreError(unknown("artifact", artifact, ARTIFACTS))
+        raise StoreError(unknown_name("artifact", artifact, ARTIFACTS))
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
-    first = collection.shards.index(collection.first)  # an error without shards
-    shards = [_opened(shard) for shard in collection.shards]
+    first_index = collection.shards.index(collection.first)  # an error without shards
+    shards = [_open_shard(shard) for shard in collection.shards]
     failures = [failure for shard in shards for failure in shard.attrs["failures"].items()]
-    shards[0].attrs["failures"] = dict(failures)  # the attributes of the first are the whole's
+    shards[0].attrs["failures"] = dict(failures)  # concatenation keeps the attributes of the first
     if collection.missing:
         shards[0].attrs["missing"] = list(collection.missing)
     if len(shards) == 1:
         return shards[0]
     lazy = [shard.map(_lazy, keep_attrs=True) for shard in shards]
-    sized = [one if shard.has_rows else _zeros(one, lazy[first]) for shard, one in zip(collection.shards, lazy, strict=True)]
-    whole: xarray.Dataset = xarray.concat(sized, "object", data_vars="minimal", coords="minimal", compat="override")
-    return whole.assign_coords({name: label.compute() for name, label in whole.coords.items()}).sortby("object")
+    sized = [
+        dataset if shard.has_rows else _zeros(dataset, lazy[first_index]) for shard, dataset in zip(collection.shards, lazy, strict=True)
+    ]
+    joined: xarray.Dataset = xarray.concat(sized, "object", data_vars="minimal", coords="minimal", compat="override")
+    return joined.assign_coords({name: label.compute() for name, label in joined.coords.items()}).sortby("object")
 
 
 def _lazy(array: xarray.DataArray) -> xarray.DataArray:
-    """Let an array be read by as many objects as lie in a chunk of it."""
+    """Make an array lazy: it is read in blocks of as many objects as share a chunk."""
     return array.chunk({"object": array.encoding["chunks"][0]} if "object" in array.dims else {})
 
 
-def _zeros(shard: xarray.Dataset, other: xarray.Dataset) -> xarray.Dataset:
-    """Give a shard in which every object failed the arrays of another one, of its sizes."""
+def _zeros(shard: xarray.Dataset, template: xarray.Dataset) -> xarray.Dataset:
+    """Add zeros to a shard in which every object failed, in the shapes of another shard's arrays."""
     rows = {"object": [0] * shard.sizes["object"]}
-    arrays = {str(name): array.variable for name, array in other.data_vars.items() if "object" in array.dims}
+    arrays = {str(name): array.variable for name, array in template.data_vars.items() if "object" in array.dims}
     zeros = {name: xarray.full_like(array.isel(rows), "" if array.dtype.kind in "OUT" else 0) for name, array in arrays.items()}
     return shard.drop_vars(zeros.keys(), errors="ignore").assign(zeros)
 
 
-def _opened(shard: Shard) -> xarray.Dataset:
+def _open_shard(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
         plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes a Shard
-        named: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
-        for name in named.coords:
-            named[name].load()
-    return named
+        labelled: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
+        for name in labelled.coords:
+            labelled[name].load()
+    return labelled
 
 
 class _ShardReader(BackendEntrypoint):
@@ -90,12 +92,15 @@ class _ShardReader(BackendEntrypoint):
         shard: Shard = filename_or_obj
         plain = xarray.open_zarr(zarr_store(shard.path), consolidated=False, chunks=None)
         stored = {str(name): array.variable for name, array in plain.data_vars.items()}
-        lazy = {name: (of.dims, LazilyIndexedArray(_Stored(shard, name)), of.attrs, of.encoding) for name, of in stored.items()}
+        lazy = {
+            name: (variable.dims, LazilyIndexedArray(_StoredArray(shard, name)), variable.attrs, variable.encoding)
+            for name, variable in stored.items()
+        }
         dataset: xarray.Dataset = plain.assign(lazy)
         return dataset
 
 
-class _Stored(BackendArray):
+class _StoredArray(BackendArray):
     """The values of an array of a shard."""
 
     def __init__(self, shard: Shard, name: str) -> None:

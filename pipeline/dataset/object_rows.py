@@ -19,17 +19,17 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
-from schemas.base import CHOSEN, Artifact
+from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
 
 CACHE_MEGABYTES = 256.0
-"""Of decoded arrays that are kept: a small dataset is read once, a large one streams through."""
+"""Size of the cache of decoded arrays: a small dataset is read once, a large one streams through."""
 
 POINTS = ("local_points", "local_count")
-"""Arrays that need not be stored: depth and sensor pose give them again, to the bit."""
+"""Arrays that need not be stored: they are computed from depth and sensor pose, equal to the bit."""
 
 DIFFERENCE = "difference"
-"""Not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
+"""An array that is not stored: the tactile image minus that of the untouched sensor, (grasp, sensor, row, col, rgb) int16, levels."""
 
 DERIVED = {**dict.fromkeys(POINTS, ("depth", "sensor_pose")), DIFFERENCE: ("tactile_image", "untouched")}
 """Arrays that are derived on reading, and the stored arrays that they need."""
@@ -56,14 +56,14 @@ class ObjectRows:
     Attributes
     ----------
     object_ids, categories
-        Of the objects, in order.
+        Of the objects, in id order.
     left_out
         Objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks.
 
     Raises
     ------
     StoreError
-        No such array; an artifact has not been made, or from something else than is there now; no usable object.
+        No such array; an artifact has not been made, or not from the current inputs; no usable object.
     """
 
     def __init__(
@@ -75,8 +75,8 @@ class ObjectRows:
                 f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
             )
         directory = DataDirectory(self.data)
-        self._owner = {name: _owner(name) for name in self._needed()}
-        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._owner.values()}
+        self._artifact_of = {name: _find_artifact(name) for name in self._needed()}
+        self._collections = {artifact.name: directory.collection(artifact) for artifact in self._artifact_of.values()}
         for collection in self._collections.values():
             self._refuse_unmade(collection)
         check_origins(directory, self._collections)
@@ -99,13 +99,13 @@ class ObjectRows:
         return len(self.object_ids)
 
     def _needed(self) -> list[str]:
-        """List the arrays to read: those asked for, and those that derived ones follow from."""
+        """List the arrays to read: the requested ones, and those that derived ones are computed from."""
         sources = (source for name in self.arrays for source in DERIVED.get(name, ()))
         return list(dict.fromkeys([*(name for name in self.arrays if name != DIFFERENCE), *sources]))
 
     def _refuse_unmade(self, collection: Collection) -> None:
         shard = collection.first
-        for name, artifact in self._owner.items():
+        for name, artifact in self._artifact_of.items():
             if artifact is collection.artifact and name not in DERIVED and not shard.has(name):
                 raise StoreError(f"{shard.path} has no {name}: it was made without; set the stage's setting for it and run again")
 
@@ -114,11 +114,11 @@ class ObjectRows:
         return self._collections[artifact].first.attributes
 
     def sensor(self) -> Sensor:
-        """Read the sensor of all tactile images; a `StoreError` if `touch` describes none, or the fingers wear different ones."""
+        """Read the sensor of all tactile images; raise a `StoreError` if `touch` describes none, or the fingers wear different ones."""
         return self._described(touch_sensor)
 
     def sensors(self) -> tuple[Sensor, ...]:
-        """Read the sensor of each finger; a `StoreError` if `touch` describes none."""
+        """Read the sensor of each finger; raise a `StoreError` if `touch` describes none."""
         return self._described(touch_sensors)
 
     def _described(self, read: Callable[[Mapping[str, Any]], Described]) -> Described:
@@ -131,9 +131,9 @@ class ObjectRows:
             raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
     def size(self, array: str, dim: str) -> int:
-        """How many entries an array has along one of its dimensions, in every object."""
-        position = self._owner[array].arrays[array].dims.index(dim)
-        return int(self._collections[self._owner[array].name].first.array(array).shape[position])
+        """Return the size of an array along one of its dimensions, the same in every object."""
+        position = self._artifact_of[array].arrays[array].dims.index(dim)
+        return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
     def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:
         """Read an object's part of an array; the array itself if it has no object dimension.
@@ -156,30 +156,30 @@ class ObjectRows:
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)
-        if array not in self._owner:
-            raise StoreError(f"array {array} was not opened, only {', '.join(self._owner)}; name it when the rows are opened")
-        artifact = self._owner[array]
+        if array not in self._artifact_of:
+            raise StoreError(f"array {array} was not opened, only {', '.join(self._artifact_of)}; name it when the rows are opened")
+        artifact = self._artifact_of[array]
         shard = self._collections[artifact.name].shard(object_id)
         if array in DERIVED and not shard.has(array):
             return self._derive(array, object_id, grasp)
         dims = artifact.arrays[array].dims
         if dims[0] != "object":
             return self._cache.get((array,), lambda: shard.read(array))
-        by_grasp = grasp is not None and len(dims) > 1 and dims[1] in CHOSEN
+        by_grasp = grasp is not None and len(dims) > 1 and dims[1] in INDEXED_DIMS
         part = tuple(camera if dim == "camera" and camera is not None else slice(None) for dim in dims[1:])
         stored, position = shard.array(array), shard.position[object_id]
-        asked = {"camera": camera, **dict.fromkeys(CHOSEN, grasp)}
+        indices = {"camera": camera, **dict.fromkeys(INDEXED_DIMS, grasp)}
         for dim, count in zip(dims, stored.shape, strict=True):
-            if (number := asked.get(dim)) is not None and not -count <= number < count:
+            if (number := indices.get(dim)) is not None and not -count <= number < count:
                 raise StoreError(f"{object_id} has no {dim} {number}; there are {count}, numbered from 0")
         chunks = stored.chunks
         if chunks[0] > 1:  # a chunk holds several objects
-            first = position - position % chunks[0]
-            rows = self._cache.get((array, shard.path, first), lambda: shard.read(array, slice(first, first + chunks[0])))
-            row = rows[(position - first, *part)]  # a text too is an array
+            chunk_start = position - position % chunks[0]
+            rows = self._cache.get((array, shard.path, chunk_start), lambda: shard.read(array, slice(chunk_start, chunk_start + chunks[0])))
+            row = rows[(position - chunk_start, *part)]  # a string becomes an array, too
         elif by_grasp and chunks[1] == 1 and grasp and (array, object_id, camera) not in self._cache:
             return self._cache.get((array, object_id, camera, grasp), lambda: shard.read(array, (position, grasp, *part[1:])))
-        else:  # so is that of grasp 0, with which a pass through an object begins: one call in place of one per grasp
+        else:  # also for grasp 0, the first in a pass through an object: one call in place of one per grasp
             row = self._cache.get((array, object_id, camera), lambda: shard.read(array, (position, *part)))
         return np.asarray(row[grasp] if by_grasp else row)
 
@@ -218,7 +218,7 @@ class _Cache:
         return array
 
 
-def _owner(array: str) -> Artifact:
+def _find_artifact(array: str) -> Artifact:
     try:
         return artifact_of(array)
     except KeyError as error:

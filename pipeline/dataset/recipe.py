@@ -1,6 +1,6 @@
-"""Recipes: a dataset as what makes it, with the digests that prove it.
+"""Recipes: everything that is needed to make a dataset again, with digests to verify it.
 
-A recipe is a YAML file of a few kilobytes, and of a line per object. It may come from a stranger: no name in it is a path outside the
+A recipe is a YAML file of a few kilobytes and one line per object. It may come from a stranger: no name in it may be a path outside the
 folders that its user gives.
 """
 
@@ -27,16 +27,16 @@ from pipeline.store.record import Name, Sha256, Text
 from pipeline.store.reshard import shard_of
 
 MAX_BYTES = 2**28
-"""Of a recipe: 200 bytes for each of a million objects, and some more."""
+"""Maximum size of a recipe: 200 bytes for each of a million objects, and some more."""
 
 MAX_NAME_BYTES = 255
-"""Of a path in a recipe: file systems take no longer name."""
+"""Maximum length of a path in a recipe: file systems accept no longer name."""
 
-SHORT = 16
+SHORT_DIGITS = 16
 """Hexadecimal digits of a row's digest in a recipe, which name a row that differs; the roots, of 64 digits, are the proof."""
 
 MAX_TEXTS, TEXT_SUFFIXES = 100, (".yaml", ".yml", ".urdf", ".xml", ".mtl")
-"""Text files that a recipe may hold, which `remake` writes: how many, and those that nothing runs."""
+"""Text files that a recipe may hold, which `remake` writes: their maximum number, and suffixes of files that nothing executes."""
 
 OBJECTS = "\nobjects: |\n"
 """The line between the head of a recipe and the lines of its objects."""
@@ -45,7 +45,7 @@ _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?
 
 
 class StageRecipe(BaseModel):
-    """What a stage made, of which settings, code and files.
+    """The output of a stage, and the settings, code and files that made it.
 
     Attributes
     ----------
@@ -74,14 +74,14 @@ class StageRecipe(BaseModel):
 
 
 class RecipeRow(NamedTuple):
-    """An object of a recipe: the hash of its source, and the digest of its row in the artifact of each stage, whole or its beginning."""
+    """An object of a recipe: the hash of its source, and the digest, or its beginning, of its row in the artifact of each stage."""
 
     source: str
     digests: tuple[str, ...]
 
 
 def _with_safe_paths(manifest: Manifest) -> Manifest:
-    """Refuse sources that name files elsewhere than below the folder that the user gives, or below the package that holds them."""
+    """Refuse sources that name files outside the folder that the user gives, or outside the package that holds them."""
     for source in manifest.sources:
         names: list[str | None] = []
         match source:
@@ -95,8 +95,8 @@ def _with_safe_paths(manifest: Manifest) -> Manifest:
                 raise ValueError(f"path {str(source.path)[:80]!r} of a source must be the name of a folder")
         for name in names:
             if name is not None and not _is_below(name):
-                said = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
-                raise ValueError(f"{said}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
+                problem = f"{name[:80]!r} of a {source.kind} source must be a path below its folder"
+                raise ValueError(f"{problem}, without .., ~ or a leading /, of at most {MAX_NAME_BYTES} bytes")
     return manifest
 
 
@@ -107,7 +107,7 @@ def _is_below(name: str) -> bool:
 
 
 def check_file_name(name: str) -> str:
-    """Refuse what is no path below the folder of a recipe's files, or is one of a hidden file."""
+    """Refuse a name that is no path below the folder of a recipe's files, or that of a hidden file."""
     if not _is_below(name) or "/." in f"/{name}" or CONTROLS.search(name):
         raise ValueError(f"{name[:80]!r} must be a path below the folder of the recipe's files, without hidden or odd names")
     return name
@@ -120,7 +120,7 @@ def _check_text_name(name: str) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes texts of several lines as they are, where YAML can."""
+    """Writes strings of several lines as literal blocks, where YAML can."""
 
 
 _Dumper.add_representer(
@@ -129,7 +129,7 @@ _Dumper.add_representer(
 
 
 class Recipe(BaseModel):
-    """A dataset as what makes it.
+    """Everything that is needed to make a dataset again.
 
     Attributes
     ----------
@@ -138,15 +138,15 @@ class Recipe(BaseModel):
     manifest
         The objects. A folder of meshes has no path here, or the name of its folder where there are several.
     preset
-        From which the settings began: a name for readers.
+        The preset that the settings began with: a name for readers.
     seed
         The root seed.
     shards
-        Into how many shards the objects were split; a remade dataset may have another number.
+        Number of shards that the objects were split into; a remade dataset may have another number.
     stages
         By name, in their order.
     versions
-        Of the libraries that results may depend on; of several, all, between commas.
+        Versions of the libraries that results may depend on; several are separated by commas.
     processors
         The kinds of processors that computed rows.
     texts
@@ -154,9 +154,9 @@ class Recipe(BaseModel):
     files
         The SHA-256 of the others that these name: meshes, pictures.
     files_url
-        Where these can be had.
+        Where these can be downloaded.
     checksums
-        The hash of every other entry, each stage being one.
+        The hash of every other entry; each stage counts as one.
     objects
         A line per object, in order of their ids: its id, source and rows (`rows`).
     """
@@ -187,22 +187,22 @@ class Recipe(BaseModel):
         return dict(self._parsed())
 
     def _parsed(self) -> Iterator[tuple[str, RecipeRow]]:
-        before = ""
+        previous = ""
         for number, line in enumerate(self.objects.splitlines(), 1):
             match = _LINE.fullmatch(line)
             digests = tuple(match[3].split()) if match else ()
             if not match or not OBJECT_ID.fullmatch(match[1]) or len(digests) != len(self.stages):
-                wanted = f"an id, its source's hash and {len(self.stages)} digests"
-                raise InvalidInput(f"line {number} of its objects, {line[:80]!r}, must have {wanted}")
-            if match[1] <= before:
-                raise InvalidInput(f"line {number} of its objects: {match[1]} follows {before}; they must be in order, each once")
-            before = match[1]
-            yield before, RecipeRow(match[2], digests)
-        if not before:
+                expected = f"an id, its source's hash and {len(self.stages)} digests"
+                raise InvalidInput(f"line {number} of its objects, {line[:80]!r}, must have {expected}")
+            if match[1] <= previous:
+                raise InvalidInput(f"line {number} of its objects: {match[1]} follows {previous}; they must be in order, each once")
+            previous = match[1]
+            yield previous, RecipeRow(match[2], digests)
+        if not previous:
             raise InvalidInput("it has no objects")
 
-    def parts(self) -> dict[str, str]:
-        """Compute the hashes for `checksums`."""
+    def entry_hashes(self) -> dict[str, str]:
+        """Compute the hash of every entry, for `checksums`."""
         content = self.model_dump(mode="json", exclude={"checksums"})
         stages = content.pop("stages")
         return {name: digest.of_json(value) for name, value in {**content, **stages}.items()}
@@ -211,7 +211,7 @@ class Recipe(BaseModel):
         """Write the recipe as YAML, with its checksums."""
         head = self.model_dump(mode="json", exclude={"objects", "checksums", "manifest"})
         manifest = self.manifest.model_dump(mode="json", exclude_none=True)
-        content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.parts()}
+        content = {"recipe": head.pop("recipe"), "manifest": manifest, **head, "checksums": self.entry_hashes()}
         entries = yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=140)
         lines = "".join(f"  {line}\n" for line in self.objects.splitlines())
         about = "# Makes a dataset of visuotactile grasps again and compares it: vt-pipeline remake THIS-FILE --data FOLDER"
@@ -239,21 +239,21 @@ def read_recipe(path: Path) -> Recipe:
             f"recipe {path} is of version {content['recipe']!r:.40}, this vt-pipeline reads 1; use the version that wrote it"
         )
     try:
-        found = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
-        found.rows  # noqa: B018 (an error where a line cannot be used)
-        changed = sorted({name for name, _ in found.parts().items() ^ found.checksums.items()})
+        recipe = Recipe.model_validate({**content, "objects": "".join(line.removeprefix("  ") for line in lines.splitlines(True))})
+        recipe.rows  # noqa: B018 (an error where a line cannot be used)
+        changed = sorted({name for name, _ in recipe.entry_hashes().items() ^ recipe.checksums.items()})
     except ValidationError as error:
         raise InvalidInput(f"recipe {path}: {invalid_entries(error, entry_names(Recipe))}. {entries_of(Recipe)}") from error
     except ValueError as error:
         raise InvalidInput(f"recipe {path}: {error}") from error
-    if wrong := [name for name, stage in found.stages.items() if len(stage.roots) != found.shards]:
-        raise InvalidInput(f"recipe {path}: {wrong[0]} has {len(found.stages[wrong[0]].roots)} roots, its shards are {found.shards}")
+    if wrong := [name for name, stage in recipe.stages.items() if len(stage.roots) != recipe.shards]:
+        raise InvalidInput(f"recipe {path}: {wrong[0]} has {len(recipe.stages[wrong[0]].roots)} roots, its shards are {recipe.shards}")
     if changed:
         raise InvalidInput(
             f"recipe {path}: its {', '.join(changed)} changed since it was written, by hand or on its way; get it again where it was "
             "published. For a dataset of your own, change a manifest and settings, make it, and write its recipe"
         )
-    return found
+    return recipe
 
 
 def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
@@ -271,9 +271,9 @@ def roots_of(rows: Mapping[str, tuple[str, str]], constants: str, shards: int) -
     constants
         The digest of the arrays without an object dimension.
     shards
-        Into how many the objects are split, whatever number they are stored in.
+        Number of shards to compute with, whatever number they are stored in.
     """
     members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
-    for name, (made, split) in rows.items():
-        members[shard_of(name, shards)].append((name, f"{made} {split}"))
+    for name, (row_digest, split) in rows.items():
+        members[shard_of(name, shards)].append((name, f"{row_digest} {split}"))
     return tuple(digest.of_rows(members[number], {"constants": constants}) for number in range(shards))

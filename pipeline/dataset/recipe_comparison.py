@@ -20,15 +20,15 @@ class Comparison:
     Attributes
     ----------
     compared
-        How many rows were looked at.
+        Number of rows compared.
     differing
         Objects by the first stage in which their row differs.
     following
-        How many rows of later stages differ too.
+        Number of rows of later stages that differ too.
     absent
         Objects without a row, by stage.
     remarks
-        What else differs, as sentences.
+        Other differences, as sentences.
     """
 
     compared: int = 0
@@ -51,7 +51,7 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
     recipe
         The recipe.
     directory
-        Remade, or published. Its records are read, no arrays: `validate` compares these with the records.
+        Remade or published data. Only its records are read: `validate` compares arrays with these.
     names
         The rows of these objects alone, without the roots; by default all.
 
@@ -60,48 +60,48 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
     StoreError
         A record cannot be read.
     """
-    found, seen = Comparison(), set[str]()
-    looked_at = recipe.rows.keys() if names is None else names
+    comparison, differing_before = Comparison(), set[str]()
+    selected = recipe.rows.keys() if names is None else names
     made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
-    for number, (stage, said) in enumerate(recipe.stages.items()):
+    for number, (stage, expected) in enumerate(recipe.stages.items()):
         if stage not in made_by:
             raise InvalidInput(f"no artifact here is made by {stage}, which the recipe has; use the version that wrote it")
         collection = directory.collection(made_by[stage])
-        there = {name: (collection.row(name).digest, collection.row(name).split) for name in collection}
-        present = [name for name in looked_at if name in there]
-        if len(present) < len(looked_at):
-            found.absent[stage] = [name for name in looked_at if name not in there]
+        stored = {name: (collection.row(name).digest, collection.row(name).split) for name in collection}
+        present = [name for name in selected if name in stored]
+        if len(present) < len(selected):
+            comparison.absent[stage] = [name for name in selected if name not in stored]
         if not present:
             continue
-        found.compared += len(present)
-        differing = [name for name in present if not there[name][0].startswith(recipe.rows[name].digests[number])]
+        comparison.compared += len(present)
+        differing = [name for name in present if not stored[name][0].startswith(recipe.rows[name].digests[number])]
         constants = collection.first.record.constants_digest
-        if constants != said.constants:
-            found.remarks.append(f"{stage}: the arrays that all objects share differ")
-        if names is None and len(present) == len(looked_at):
-            if extra := sorted(there.keys() - recipe.rows.keys()):
-                found.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
-            own_rows = {name: there[name] for name in recipe.rows}
-            mine = roots_of(own_rows, said.constants, recipe.shards)  # where constants differ, the remark above says so
-            agrees = [root == theirs for root, theirs in zip(mine, said.roots, strict=True)]
-            differing = _without_misprints(stage, differing, agrees, found)
-        if first := [name for name in differing if name not in seen]:
-            found.differing[stage] = first
-        found.following += len(differing) - len(first)
-        seen.update(differing)
-    return found
+        if constants != expected.constants:
+            comparison.remarks.append(f"{stage}: the arrays that all objects share differ")
+        if names is None and len(present) == len(selected):
+            if extra := sorted(stored.keys() - recipe.rows.keys()):
+                comparison.remarks.append(f"{stage}: {pluralise(len(extra))} not in the recipe ({abbreviate(extra)})")
+            rows = {name: stored[name] for name in recipe.rows}
+            roots = roots_of(rows, expected.constants, recipe.shards)  # where constants differ, the remark above says so
+            agrees = [root == expected_root for root, expected_root in zip(roots, expected.roots, strict=True)]
+            differing = _without_misprints(stage, differing, agrees, comparison)
+        if newly_differing := [name for name in differing if name not in differing_before]:
+            comparison.differing[stage] = newly_differing
+        comparison.following += len(differing) - len(newly_differing)
+        differing_before.update(differing)
+    return comparison
 
 
-def _without_misprints(stage: str, differing: list[str], agrees: list[bool], found: Comparison) -> list[str]:
-    """Hold the roots against the rows: where the root of a shard agrees, so do its rows, and a digest that differs is a misprint."""
+def _without_misprints(stage: str, differing: list[str], agrees: list[bool], comparison: Comparison) -> list[str]:
+    """Compare roots with rows: if the root of a shard agrees, so do its rows, and a digest that differs is an error in the recipe."""
     shards = len(agrees)
     if wrong := [name for name in differing if agrees[shard_of(name, shards)]]:
-        found.remarks.append(f"{stage}: the recipe's digests of {abbreviate(wrong)} are wrong, for the roots of their shards agree")
-    rest = [name for name in differing if not agrees[shard_of(name, shards)]]
-    explained = {shard_of(name, shards) for name in rest}
+        comparison.remarks.append(f"{stage}: the recipe's digests of {abbreviate(wrong)} are wrong, for the roots of their shards agree")
+    remaining = [name for name in differing if not agrees[shard_of(name, shards)]]
+    explained = {shard_of(name, shards) for name in remaining}
     if roots := [str(number) for number, agreed in enumerate(agrees) if not agreed and number not in explained]:
-        found.remarks.append(
+        comparison.remarks.append(
             f"{stage}: each row agrees, but not the root of shard {abbreviate(roots)}: a root, or the split of an object, is wrong in the "
             "recipe"
         )
-    return rest
+    return remaining

@@ -23,10 +23,10 @@ class StoredGrasp:
     hand_pose
         (4, 4) root link's frame in the world, m.
     pregrasp, joint_angles, squeeze
-        (J,) rad (m of a joint that slides): before the fingers close, as they rest, and what motors drive to. Where only the grasp is
-        stored, all three are that.
+        (J,) rad (m of a joint that slides): before the fingers close, as they rest, and what motors drive to. If only the grasp is
+        stored, all three are equal.
     contacts
-        Of each sensor, None where it does not touch.
+        One per sensor, None where it does not touch.
     """
 
     hand_pose: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Which stored touch charts show a surface."""
+"""Tell which stored touch charts show a surface."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from schemas.charts import FITTED
 
 
 def is_surface(stop_rule: np.ndarray) -> np.ndarray:
-    """Tell fitted charts, by their `stop_rule` (…), from undeformed squares: (…) bool."""
+    """Distinguish fitted charts from undeformed squares by their `stop_rule` (…): (…) bool."""
     return np.isin(stop_rule, FITTED)

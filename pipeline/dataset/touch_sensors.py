@@ -14,12 +14,12 @@ _SENSORS = TypeAdapter(Annotated[tuple[Sensor, ...], Field(min_length=1)])
 
 
 def touch_sensors(attributes: Mapping[str, Any]) -> tuple[Sensor, ...]:
-    """Read the sensor of each finger from the attributes of a `touch` group's root; a `ValidationError` if one is not described."""
+    """Read the sensor of each finger from the attributes of a `touch` group's root; raise a `ValidationError` if one is not described."""
     return _SENSORS.validate_python(attributes.get("sensors"))
 
 
 def touch_sensor(attributes: Mapping[str, Any]) -> Sensor:
-    """Read the sensor that all fingers wear; an `InvalidInput` if they wear different ones, otherwise as `touch_sensors`."""
+    """Read the sensor that all fingers wear; raise an `InvalidInput` if they wear different ones; other errors as `touch_sensors`."""
     first, *others = touch_sensors(attributes)
     if different := {sensor.name for sensor in others if sensor != first}:
         raise InvalidInput(

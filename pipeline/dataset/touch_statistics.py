@@ -15,12 +15,12 @@ from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
 PAPER = "Smith et al. 2020"
-"""How tables name the paper and its supplement."""
+"""The name of the paper and its supplement in tables."""
 PAPER_DIAGONAL = 0.5
-"""m to which the paper scales its objects."""
+"""Diagonal to which the paper scales its objects, m."""
 
 SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle": 53.6, "all": 62.7}
-"""Table 1: per cent of touches that succeed."""
+"""Percentage of touches that succeed, from Table 1."""
 
 
 HELD = ("contact_area", "opposition", "closure")
@@ -28,7 +28,7 @@ HELD = ("contact_area", "opposition", "closure")
 
 
 LISTS = ("touched", "tried", "held", "lifted", "directions", "diagonals")
-"""What a `Tally` has per object."""
+"""Fields of a `Tally` with an entry per object."""
 
 
 @dataclass
@@ -42,11 +42,11 @@ class Tally:
     held: list[np.ndarray] = field(default_factory=list)
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
     lifted: list[np.ndarray] = field(default_factory=list)
-    """(grasp,) bool of every object: which grasps hold it in the hold test; none where that was not asked for."""
+    """(grasp,) bool of every object: which grasps hold it in the hold test; empty without the test."""
     directions: list[np.ndarray] = field(default_factory=list)
-    """(grasp, 6) bool of every object: the same by the direction of gravity; none where only one was asked for."""
+    """(grasp, 6) bool of every object: the same by the direction of gravity; empty if only one was tested."""
     diagonals: list[float] = field(default_factory=list)
-    """Diagonal of every object's bounding box, m; none where there was no hold test."""
+    """Diagonal of every object's bounding box, m; empty without a hold test."""
 
     @classmethod
     def joined(cls, tallies: Iterable[Tally]) -> Tally:
@@ -58,15 +58,15 @@ class Tally:
         return joined
 
     def part(self, numbers: Iterable[int]) -> Tally:
-        """Take some of the objects."""
-        chosen, taken = list(numbers), Tally()
+        """Select objects by their numbers."""
+        indices, subset = list(numbers), Tally()
         for name in LISTS:
-            if own := getattr(self, name):
-                getattr(taken, name).extend(own[number] for number in chosen)
-        return taken
+            if values := getattr(self, name):
+                getattr(subset, name).extend(values[index] for index in indices)
+        return subset
 
     def row(self) -> tuple[int, int, int, float, float]:
-        """Objects, grasps, touches, and per cent of touches that succeed: of those kept, of all attempts."""
+        """Count objects, grasps and touches; give the percentages of touches that succeed: of those kept, of all attempts."""
         touched = np.concatenate(self.touched)
         return len(self.touched), len(touched), touched.size, 100 * touched.mean(), 100 * float(np.mean(self.tried))
 
@@ -95,7 +95,7 @@ def tally(data: Place) -> dict[str, Tally]:
 
 
 def has_paper_sizes(data: Place) -> bool:
-    """Tell whether every object was scaled to the paper's diagonal: figures in metres can be compared with the paper's only then."""
+    """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
     shard = first_shard(data, SURFACES)
     if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
         return False

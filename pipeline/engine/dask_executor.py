@@ -1,4 +1,4 @@
-"""Jobs on Dask: worker processes of this machine, or of any cluster that a scheduler's address leads to."""
+"""Process units with Dask: on worker processes of this machine, or of any cluster with a scheduler's address."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from pipeline.errors import StageError
 from pipeline.store.row_files import Result
 
 TRIES = 2
-"""A process that dies may have been killed from outside; the object is to blame when it dies again."""
+"""Attempts per object: a process that dies may have been killed from outside; if it dies again, the object has failed."""
 
 CONNECT_SECONDS = 10
-"""After which there is no scheduler at an address."""
+"""Time limit for connecting to a scheduler."""
 JOIN_SECONDS = 60
-"""After which no worker is going to join."""
-LOOK_SECONDS = 10
-"""Between two looks at which workers there are, while no object is finished."""
+"""Time limit for the first worker to join."""
+POLL_SECONDS = 10
+"""Interval between two counts of the workers, while no object is finished."""
 
 BUNDLE_SECONDS = 2.0
-"""What a worker is given at once takes about so long: a hundred times the way to it and back."""
+"""Target duration of a bundle of units: a hundred times the round trip to a worker."""
 
 
 class Dask(Executor):
-    """Worker processes, one object after the other each; they may come and go. Nothing is started before the first job.
+    """Worker processes that each process one object after the other; they may come and go. None is started before the first unit.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ class Dask(Executor):
         return max(1, len(self._connect().nthreads())) if self._scheduler else self._count
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Do jobs: each worker has a bundle at a time; after a crash its jobs are tried alone, to know which one is to blame."""
+        """Process units: each worker has one bundle at a time; after a crash its units are tried one by one, to find the faulty one."""
         client = self._connect()
-        # Each run opens sessions of its own: those of the last one know its inputs.
+        # Each run opens its own sessions: those of the previous run hold its inputs.
         packed = pickle.dumps((uuid.uuid4(), keys.code_hash(work.stage), work))
         self._open_sessions(client, packed, work.stage.name)
         limit, waiting, suspects = work.settings.object_seconds, deque(units), deque[Unit]()
@@ -70,13 +70,15 @@ class Dask(Executor):
             while (waiting or suspects) and len(running) < workers:
                 size = _bundle_size(done / max(seconds, 1e-3), len(waiting) / workers)
                 bundle = [suspects.popleft()] if suspects else [waiting.popleft() for _ in range(size)]
-                future = client.submit(dask_worker.do, packed, bundle, limit, key=f"{work.stage.name}-{uuid.uuid4()}", pure=False)
+                future = client.submit(
+                    dask_worker.process_units, packed, bundle, limit, key=f"{work.stage.name}-{uuid.uuid4()}", pure=False
+                )
                 running[future] = (bundle, time.monotonic())
             with client.as_current(), suppress(TimeoutError, CancelledError):
-                wait([*running], timeout=LOOK_SECONDS, return_when="FIRST_COMPLETED")
+                wait([*running], timeout=POLL_SECONDS, return_when="FIRST_COMPLETED")
             for future in [future for future in running if future.done()]:
                 bundle, began = running.pop(future)
-                if future.cancelled():  # the scheduler was started again, and knows of nothing
+                if future.cancelled():  # the scheduler was restarted, and has lost its tasks
                     waiting.extend(bundle)
                     continue
                 try:
@@ -90,14 +92,14 @@ class Dask(Executor):
                     if len(tries) < self._tries:
                         suspects.extend(bundle)
                         continue
-                    results = [record_crash(work, bundle[0], _why(max(tries), limit))]
+                    results = [record_crash(work, bundle[0], _crash_reason(max(tries), limit))]
                 done, seconds = done + len(results), seconds + sum(result.seconds for result in results)
                 yield from results
 
     def _connect(self) -> Client:
         """Connect to the scheduler, or start workers on this machine."""
         if self._client is None:
-            for library in ("distributed", "asyncio"):  # what they would say of workers that die, and of runs that are ended, is said here
+            for library in ("distributed", "asyncio"):  # dead workers and ended runs are reported here
                 logging.getLogger(library).setLevel(logging.CRITICAL)
             self._client = _client_of(self._scheduler) if self._scheduler else start_workers(self._count)
         return self._client
@@ -109,19 +111,19 @@ class Dask(Executor):
             while not (workers := client.nthreads()):
                 if time.monotonic() > deadline:
                     raise TimeoutError(f"none has joined for {JOIN_SECONDS} s")
-                if client.cluster is not None:  # what watches over a worker gives up where that dies as soon as it has joined
+                if client.cluster is not None:  # Dask's nanny gives up on a worker that dies as soon as it has joined
                     client.cluster.scale(self._count)
                 with suppress(TimeoutError):
-                    client.wait_for_workers(1, timeout=LOOK_SECONDS)
+                    client.wait_for_workers(1, timeout=POLL_SECONDS)
             return len(workers)
         except OSError as error:
             raise StageError(f"Dask's scheduler or its workers are gone ({error}); what is finished is kept, run again") from error
 
     def _open_sessions(self, client: Client, packed: bytes, stage: str) -> None:
-        """Open the stage's session, where it can be opened, in every worker; those that come later open theirs with their first job."""
+        """Open the stage's session in every worker; workers that join later open theirs with their first unit."""
         for _ in range(self._tries):
             with suppress(KilledWorker):
-                client.gather([client.submit(dask_worker.do, packed, [], 0.0, pure=False) for _ in range(self._workers(client))])
+                client.gather([client.submit(dask_worker.process_units, packed, [], 0.0, pure=False) for _ in range(self._workers(client))])
                 return
         raise StageError(
             f"{stage} cannot start: its process died each time while it opened (killed, or memory ran out?); "
@@ -131,7 +133,7 @@ class Dask(Executor):
     def close(self, *, at_once: bool) -> None:
         """End the workers that were started here; those of a scheduler go on.
 
-        They are killed once their sessions are closed: what an interpreter tidies up at its end takes half a second.
+        They are killed once their sessions are closed: an orderly exit of the interpreter takes half a second.
         """
         client, self._client = self._client, None
         if client is None:
@@ -150,7 +152,7 @@ def _client_of(scheduler: str) -> Client:
     try:
         client = Client(scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
         client.wait_for_workers(1, timeout=JOIN_SECONDS)
-    except TypeError as error:  # all that Dask says of a TLS address without certificates
+    except TypeError as error:  # Dask's error for a TLS address without certificates
         raise StageError(
             f"{scheduler} asks for certificates, and Dask's configuration names none ({error}); see docs/guide/speed-and-accuracy.md"
         ) from error
@@ -162,15 +164,15 @@ def _client_of(scheduler: str) -> Client:
 
 
 def _bundle_size(rate: float, share: float) -> int:
-    """How many jobs a worker is given at once, from how many it does per second, and its share of those that are left.
+    """Compute how many units a worker is sent at once, from its rate, units per second, and its share of the remaining units.
 
-    As many as take some seconds, so that waiting for the next ones does not count; fewer towards the end, so that all workers end together.
+    They take some seconds, so that waiting for the next ones does not matter; fewer towards the end, so that all workers end together.
     """
     return max(1, int(min(BUNDLE_SECONDS * rate, share / 2)))
 
 
-def _why(seconds: float, limit: float) -> str:
-    """Why an object's processes died, by the longest time that one of them lived."""
+def _crash_reason(seconds: float, limit: float) -> str:
+    """Explain why an object's processes died, from the longest time that one of them lived."""
     if seconds >= limit:
         return f"it took longer than object_seconds = {limit}; simplify the mesh, or raise it and run again with --retry"
     return f"its process died each time (a crash in a native library, or memory ran out); {MORE_MEMORY}"

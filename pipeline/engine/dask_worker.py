@@ -1,4 +1,4 @@
-"""What runs in a Dask worker: the session of one stage at a time, and one job after the other."""
+"""Code that runs in a Dask worker: the session of one stage at a time, and one unit after the other."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from pipeline.errors import StageError
 from pipeline.store.row_files import Result
 
 _opened: tuple[bytes, AbstractContextManager[object], Callable[[Unit], Result]] | None = None
-"""The run whose session is open in this process, with its work, pickled; the session; and what does its jobs."""
+"""The pickled work whose session is open in this process; the session; and its function that processes a unit."""
 
 
 class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
-    """Readies each worker, those that are started in place of others too."""
+    """Prepares each worker, including those that replace others."""
 
     def setup(self, worker: Worker) -> None:
         """Prepare a worker; Dask calls this in its main thread."""
@@ -31,12 +31,12 @@ class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
 
 
 def open_session(packed: bytes) -> Callable[[Unit], Result]:
-    """Open the session of a run's pickled work unless it is open; that of another run is closed.
+    """Open the session of a run's pickled work, unless it is open; close that of another run.
 
     Raises
     ------
     StageError
-        It cannot be opened, or this worker has other code than whoever sent the work.
+        It cannot be opened, or this worker has other code than the sender of the work.
     """
     global _opened
     if _opened is None or _opened[0] != packed:
@@ -51,7 +51,7 @@ def open_session(packed: bytes) -> Callable[[Unit], Result]:
 
 
 def close_session() -> None:
-    """Close what is open; in the thread that opened it, as OpenGL demands."""
+    """Close the open session, in the thread that opened it, as OpenGL demands."""
     global _opened
     if _opened is not None:
         context, _opened = _opened[1], None
@@ -59,13 +59,13 @@ def close_session() -> None:
 
 
 def end_session() -> None:
-    """Close what is open in a worker that is about to be killed, and the semaphores of its libraries: Python would warn that they leak."""
+    """Close the session of a worker that is about to be killed, and its libraries' semaphores: Python would warn that they leak."""
     close_session()
     util._exit_function()  # type: ignore[attr-defined]
 
 
-def do(packed: bytes, units: Sequence[Unit], seconds: float) -> list[Result]:
-    """Do jobs; the kernel ends this process when one of them has taken `seconds`, in whatever native code it may be."""
+def process_units(packed: bytes, units: Sequence[Unit], seconds: float) -> list[Result]:
+    """Process units; the kernel ends this process, even in native code, when one of them takes `seconds`."""
     process, results = open_session(packed), []
     try:
         for unit in units:

@@ -1,4 +1,4 @@
-"""Executors make the units of a plan. What they write depends neither on which executor it was, nor on the order."""
+"""Executors process the units of a plan. Their output depends neither on the executor nor on the order."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from pipeline.store.row_files import Result
 
 
 class Executor(ABC):
-    """Makes units somewhere; a context manager that gives back what it has opened."""
+    """Processes units; a context manager that releases its resources."""
 
     @property
     @abstractmethod
     def processes(self) -> int:
-        """How many objects are processed at a time."""
+        """The number of objects processed at a time."""
 
     @abstractmethod
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Make units, in whatever order they finish.
+        """Process units; yield results in the order in which they finish.
 
         Raises
         ------
@@ -30,8 +30,8 @@ class Executor(ABC):
             An input is damaged.
         """
 
-    def close(self, *, at_once: bool) -> None:  # noqa: B027 some have nothing to give back
-        """Give back what was opened; `at_once` does not wait for what is being processed."""
+    def close(self, *, at_once: bool) -> None:  # noqa: B027 some have nothing to release
+        """Release resources; `at_once` does not wait for units in progress."""
 
     def __enter__(self) -> Executor:
         return self
@@ -41,25 +41,25 @@ class Executor(ABC):
 
 
 class Serial(Executor):
-    """One unit after the other in this process, which a crash in a native library then ends; no unit is too slow for it."""
+    """Processes units one after the other in this process: a crash in a native library ends it, and there is no time limit."""
 
     processes = 1
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Make units in their order."""
+        """Process units in their order."""
         with session(work) as process:
             yield from map(process, units)
 
 
 class Deferred(Executor):
-    """Another executor, made on first use: importing its libraries takes a second, and there may be nothing to make."""
+    """Another executor, created on first use: importing its libraries takes a second, and there may be no units."""
 
     def __init__(self, make: Callable[[], Executor]) -> None:
         self._make = make
         self._executor: Executor | None = None
 
     @property
-    def _made(self) -> Executor:
+    def _delegate(self) -> Executor:
         if self._executor is None:
             self._executor = self._make()
         return self._executor
@@ -67,13 +67,13 @@ class Deferred(Executor):
     @property
     def processes(self) -> int:
         """Those of the other executor."""
-        return self._made.processes
+        return self._delegate.processes
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Let the other executor make the units."""
-        return self._made.run(work, units)
+        """Let the other executor process the units."""
+        return self._delegate.run(work, units)
 
     def close(self, *, at_once: bool) -> None:
-        """Give back what the other executor has opened, if it was made."""
+        """Release the other executor's resources, if it was created."""
         if self._executor is not None:
             self._executor.close(at_once=at_once)

@@ -22,10 +22,10 @@ from pipeline.store.local_copy import local_copy
 from pipeline.store.origins import check_origins
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord, read_record, serialise_with_checksum
-from pipeline.store.storage import files_below, names_in, remove
+from pipeline.store.storage import files_below, list_folder, remove
 
 _WORK = re.compile("[0-9a-f]{16}")
-"""Names of folders that are being filled; another one may be part of a longer name, as models/gcn/touch."""
+"""Names of work folders; another name may be part of a longer one, such as models/gcn/touch."""
 
 
 def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
@@ -34,7 +34,7 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     Raises
     ------
     StoreError
-        No object is in the stage's splits, or all of them failed; an input has not been made, or from something else than is there now.
+        No object is in the stage's splits, or all of them failed; an input has not been made, or not from the current inputs.
     """
     stage: DatasetStage = request.stage
     name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
@@ -65,37 +65,37 @@ def _objects(plan: Plan[FolderOutput]) -> list[str]:
 
 
 def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
-    """Refuse a manifest that has changed since the objects were made: what is learned from goes by the splits that are stored."""
-    splits, stated = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
+    """Refuse a manifest whose splits have changed since the objects were made: training selects objects by the stored splits."""
+    splits, manifest_splits = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
     for collection in plan.inputs:
         for object_id in collection:
-            if (stored := collection.row(object_id).split) in splits and stored != stated.get(object_id):
-                now = f"in split {stated[object_id]}" if object_id in stated else "not there"
+            if (stored := collection.row(object_id).split) in splits and stored != manifest_splits.get(object_id):
+                current = f"in split {manifest_splits[object_id]}" if object_id in manifest_splits else "not there"
                 raise StoreError(
-                    f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {now}; run "
+                    f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {current}; run "
                     f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it keeps what is made"
                 )
 
 
 def forecast_folder(plan: Plan[FolderOutput]) -> Forecast:
-    """Foresee a run from what the stage says."""
-    cost, done = plan.stage.cost(plan.settings, plan.total), plan.up_to_date()
-    return Forecast(0 if done else plan.total, plan.total, cost.seconds, cost.kilobytes, done)
+    """Estimate a run from the stage's own estimate."""
+    cost, up_to_date = plan.stage.cost(plan.settings, plan.total), plan.up_to_date()
+    return Forecast(0 if up_to_date else plan.total, plan.total, cost.seconds, cost.kilobytes, up_to_date)
 
 
 def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
-    began, place = time.perf_counter(), plan.output.work / plan.key[:16]
-    with local_copy(place, send=True) as work:
-        filled = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
-        record = _finished(plan, work, filled) or _fill(plan, work, filled, console)
-        for name in filter(is_hidden, files_below(work)):  # a checkpoint; from now on a killed run needs it no more
-            with suppress(OSError):  # one of the system's, which is in use
+    began, work_folder = time.perf_counter(), plan.output.work / plan.key[:16]
+    with local_copy(work_folder, send=True) as work:
+        record_path = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
+        record = _finished(plan, work, record_path) or _fill(plan, work, record_path, console)
+        for name in filter(is_hidden, files_below(work)):  # a checkpoint, which a killed run no longer needs
+            with suppress(OSError):  # a system file in use
                 remove(work / name)
         plan.output.commit(work, record)
-        filled.unlink()
-    for folder in {place.parent, work.parent}:  # what is no longer needed, and what runs with other settings left half done
-        for name in filter(_WORK.fullmatch, names_in(folder)):
+        record_path.unlink()
+    for folder in {work_folder.parent, work.parent}:  # this work, and unfinished work of runs with other settings
+        for name in filter(_WORK.fullmatch, list_folder(folder)):
             remove(folder / name)
     return Summary(plan.total, 0, time.perf_counter() - began)
 
@@ -110,7 +110,7 @@ def _job(plan: Plan[FolderOutput], work: Path, console: Console) -> DatasetJob:
     return DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console)
 
 
-def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) -> FolderRecord:
+def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Console) -> FolderRecord:
     began, (unit,) = time.perf_counter(), plan.units
     _verify_inputs(plan, console)
     facts = plan.stage.make(_job(plan, work, console))
@@ -122,12 +122,12 @@ def _fill(plan: Plan[FolderOutput], work: Path, filled: Path, console: Console) 
         seconds=round(time.perf_counter() - began, 2),
         files=hashes_of(work),
     )
-    filled.write_bytes(serialise_with_checksum(record))
+    record_path.write_bytes(serialise_with_checksum(record))
     return record
 
 
 def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
-    """Compare every row that is looked at with its digest, so that nothing is learned from what is damaged."""
+    """Compare every row that is read with its digest, so that nothing is learned from damaged data."""
     objects = _objects(plan)
     with Meter(console, f"{plan.stage.name} checks its inputs", len(objects) * len(plan.inputs), "rows") as meter:
         for collection in plan.inputs:
@@ -136,10 +136,10 @@ def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
                 meter.advance()
 
 
-def _finished(plan: Plan[FolderOutput], work: Path, filled: Path) -> FolderRecord | None:
+def _finished(plan: Plan[FolderOutput], work: Path, record_path: Path) -> FolderRecord | None:
     """Read the record of a run that was killed after it had filled the folder, or had moved it to its place too."""
     try:
-        record = read_record(filled, FolderRecord)
+        record = read_record(record_path, FolderRecord)
     except StoreError:
         return None
     if record.key != plan.key:

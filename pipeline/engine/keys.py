@@ -1,4 +1,4 @@
-"""Keys: what an output is a function of, as one hash of inputs, settings, code and seed."""
+"""Keys: one hash of the inputs, settings, code and seed that an output depends on."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from pipeline.store.storage import read_bytes
 OURS = ("pipeline", "stages", "schemas")
 
 NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.plugins", "pipeline.store")
-"""Layers that decide no result. Every other layer counts, and so does one that is new."""
+"""Layers that no result depends on. Every other layer counts, also a new one."""
 
 TOY_OBJECTS = "pipeline.toy_objects"
-"""Keys the objects it makes, and no others."""
+"""A layer that only the keys of its own objects depend on."""
 
 
 def code_hash(stage: object) -> str:
-    """Hash a stage's code: its folder, and whatever it imports of its own package and of the layers below that decide results."""
+    """Hash a stage's code: its folder, and whatever it imports of its own package and of the layers that results depend on."""
     return sources_hash(type(stage).__module__)
 
 
 @cache
 def sources_hash(module: str) -> str:
-    """Hash a module, ours or a plugin's, and what it imports of ours and of its own package, directly and by way of others.
+    """Hash a module, ours or a plugin's, and its direct and indirect imports of ours and of its own package.
 
     Raises
     ------
@@ -40,22 +40,22 @@ def sources_hash(module: str) -> str:
     spec = util.find_spec(module)
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    left_out = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
+    excluded = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     packages = frozenset({*OURS, module.partition(".")[0]})
-    found = {module: Path(spec.origin)}
-    waiting = list(_source(module, found[module])[1])
+    sources = {module: Path(spec.origin)}
+    waiting = list(_source(module, sources[module])[1])
     while waiting:
         name = waiting.pop()
         path = _file_of(name, packages)
-        if name in found or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in left_out):
+        if name in sources or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in excluded):
             continue
-        found[name] = path
+        sources[name] = path
         waiting += _source(name, path)[1]
-    for package in list(found):
+    for package in list(sources):
         while package := package.rpartition(".")[0]:  # it runs too; what it imports decides for others
-            if package not in found and (path := _file_of(package, packages)):
-                found[package] = path
-    return digest.of_json(sorted((name, _source(name, path)[0]) for name, path in found.items()))
+            if package not in sources and (path := _file_of(package, packages)):
+                sources[package] = path
+    return digest.of_json(sorted((name, _source(name, path)[0]) for name, path in sources.items()))
 
 
 def _source(module: str, path: Path) -> tuple[str, tuple[str, ...]]:
@@ -66,7 +66,7 @@ def _source(module: str, path: Path) -> tuple[str, tuple[str, ...]]:
 
 @cache
 def _parsed(package: str, path: Path, changed: int) -> tuple[str, tuple[str, ...]]:
-    """Hash a file as its syntax tree, in which comments and layout decide nothing; most stages share most files."""
+    """Hash a file as its syntax tree, in which comments and layout do not count; most stages share most files."""
     if path.suffix != ".py":  # compiled
         return hashlib.sha256(path.read_bytes()).hexdigest(), ()
     tree = ast.parse(path.read_bytes())
@@ -74,7 +74,7 @@ def _parsed(package: str, path: Path, changed: int) -> tuple[str, tuple[str, ...
 
 
 def syntax(node: object) -> str:
-    """Write a syntax tree the same way on every version of Python: `ast.dump` names fields that others lack where they are empty."""
+    """Write a syntax tree the same way on every version of Python: `ast.dump` names empty fields that other versions lack."""
     if isinstance(node, ast.AST):
         fields = (f" {name}={syntax(value)}" for name, value in ast.iter_fields(node) if value is not None and value != [])
         return f"({type(node).__name__}{''.join(fields)})"
@@ -95,7 +95,7 @@ def _imports(tree: ast.Module, package: str) -> Iterable[str]:
 
 @cache
 def _file_of(module: str, packages: frozenset[str]) -> Path | None:
-    """Find the source of a module of these packages; None for every other, and for names that are not modules."""
+    """Find the source of a module of these packages; None for other packages, and for names that are not modules."""
     if module.partition(".")[0] not in packages:
         return None
     try:
@@ -106,12 +106,12 @@ def _file_of(module: str, packages: frozenset[str]) -> Path | None:
 
 
 def assets_digest(paths: Iterable[Path]) -> str:
-    """Hash data files that a stage reads, in the order in which it names them: where they lie decides nothing."""
+    """Hash data files that a stage reads, in the order in which it names them; their paths do not count."""
     return digest.of_json([hashlib.sha256(read_bytes(path)).hexdigest() for path in paths])
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe what an object's source consists of: the content of its files, or the code that makes it.
+    """Describe an object's source for its key: by the content of its files, or the code that makes it.
 
     Raises
     ------

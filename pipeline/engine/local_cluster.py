@@ -1,4 +1,4 @@
-"""A scheduler and workers on this machine, which other users of it can neither reach nor read."""
+"""A Dask scheduler and workers on this machine, which its other users can neither reach nor read."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ from pipeline.errors import StageError
 from pipeline.store.temporary import private_folder
 
 LOCAL: dict[str, Any] = {
-    "distributed.scheduler.allowed-failures": 0,  # each death is told, with the time that its object had taken
+    "distributed.scheduler.allowed-failures": 0,  # each death is reported, with the time that its object had taken
     "distributed.scheduler.worker-ttl": None,  # native code may keep a worker silent for long; `object_seconds` limits it
-    "distributed.worker.profile.enabled": False,  # what it notes of a second takes 0.1 MB, and 1000 of them are kept
+    "distributed.worker.profile.enabled": False,  # the profile of a second takes 0.1 MB, and 1000 of them are kept
     "distributed.comm.timeouts.connect": "60s",
-    # Dask would have malloc give back each 64 kB that are free: arrays of a megabyte then cost a third of an object's time.
+    # Dask would have malloc return each free 64 kB to the system: arrays of a megabyte then cost a third of an object's time.
     "distributed.nanny.pre-spawn-environ": {"OMP_NUM_THREADS": 1, "OPENBLAS_NUM_THREADS": 1},
-    # Web pages ask nobody who they are. The servers start all the same; without pages they have nothing to show.
+    # Dask's web pages need no password. The servers start anyway, but without routes they serve nothing.
     "distributed.scheduler.http.routes": [],
     "distributed.worker.http.routes": [],
 }
@@ -36,14 +36,14 @@ LOOPBACK = "127.0.0.1:0"
 """Where the scheduler's web server listens: any free port, which other machines do not reach."""
 
 HINT = "run again, with fewer --workers where memory is short, or with --executor serial"
-"""What helps where workers of this machine do not start."""
+"""The remedy if workers of this machine do not start."""
 
 ANY_TIME = 0x200000
-"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: a certificate of one run does not depend on a clock that may be set meanwhile."""
+"""OpenSSL's X509_V_FLAG_NO_CHECK_TIME: a run's certificates do not depend on the clock, which may be set meanwhile."""
 
 
 class OneRunSecurity(Security):  # type: ignore[misc]  # which has no types
-    """Certificates of one run: the key is in the memory of its processes alone, and whoever lacks it can connect to none of them."""
+    """Certificates of one run: the key is only in the memory of its processes, and nobody can connect to them without it."""
 
     def get_connection_args(self, role: str) -> dict[str, Any]:
         """Return the options that a process connects with."""
@@ -60,7 +60,7 @@ def _at_any_time(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def start_workers(processes: int) -> Client:
-    """Start a scheduler in this process, and workers, and connect to them; once more where somebody kills one while it starts.
+    """Start a scheduler in this process, and workers, and connect to them; try once more if one is killed while it starts.
 
     Raises
     ------
@@ -78,11 +78,11 @@ def start_workers(processes: int) -> Client:
 
 
 def _start(processes: int) -> Client:
-    """Start them in another thread: this one hears Ctrl-C meanwhile, and kills what was started."""
-    before, interrupted, connecting = set(multiprocessing.active_children()), threading.Event(), threading.Lock()
+    """Start them in another thread, so that this one receives Ctrl-C, and kills what was started."""
+    existing, interrupted, connecting = set(multiprocessing.active_children()), threading.Event(), threading.Lock()
 
     def start() -> Client:
-        resource_tracker.ensure_running()  # in the thread that first needs it, it would let SIGINT through again
+        resource_tracker.ensure_running()  # started later in that thread, it would unblock SIGINT
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # workers inherit it: Ctrl-C is for this process, which ends them
         cluster = _cluster_of(processes)
         with connecting:
@@ -101,14 +101,14 @@ def _start(processes: int) -> Client:
             interrupted.set()
             while wait_for([starting], timeout=0.05).not_done:
                 if connecting.acquire(blocking=False):
-                    for child in set(multiprocessing.active_children()) - before:
+                    for child in set(multiprocessing.active_children()) - existing:
                         child.kill()
                     connecting.release()
             raise
 
 
 class _Cluster(LocalCluster):  # type: ignore[misc]
-    """A cluster in which a worker may be forgotten before the scheduler says that it has gone, which is an error in Dask's own."""
+    """A cluster that accepts the scheduler's message of a lost worker that it has already removed; in Dask's own it is an error."""
 
     def _update_worker_status(self, op: str, msg: object) -> None:
         with suppress(KeyError):
@@ -125,7 +125,7 @@ def _cluster_of(processes: int) -> LocalCluster:
             security=OneRunSecurity.temporary(),
             dashboard_address=LOOPBACK,
             scheduler_kwargs={"dashboard": False},
-            local_directory=folder,  # of workers that join later, too, as are these settings
+            local_directory=folder,  # these settings hold for workers that join later, too
             config=LOCAL,
             silence_logs=logging.CRITICAL,
         )
@@ -136,7 +136,7 @@ def end_workers(client: Client) -> None:
     cluster = client.cluster
     for worker in cluster.workers.values():
         worker.close_gracefully()  # else another is started in its place
-        with suppress(ProcessLookupError, TypeError):  # it is gone, or was not started yet
+        with suppress(ProcessLookupError, TypeError):  # it has ended, or was not started yet
             os.kill(worker.pid, signal.SIGKILL)
     for end in (client, cluster):
         with suppress(TimeoutError):  # on a busy machine: the work is done, and the workers are gone

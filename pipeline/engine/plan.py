@@ -1,4 +1,4 @@
-"""Plans: the units that a run of a stage makes of one output, a shard or a folder, worked out before anything is made."""
+"""Plans: the units of one output, a shard or a folder, determined before anything is computed."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
 
 @dataclass(frozen=True)
 class Request(Generic[S]):
-    """What is asked of a run.
+    """The parameters of a run.
 
     Attributes
     ----------
     shards
-        Into how many shards the objects are split; None takes the dataset's number, or 1.
+        Number of shards that the objects are split into; None takes the dataset's number, or 1.
     executor
         What processes objects.
     strict
@@ -41,11 +41,11 @@ class Request(Generic[S]):
     retry
         Try objects again that failed in this stage.
     check
-        Read what was published, and make again what is damaged.
+        Read the published output, and make damaged rows again.
     only
         Process this object alone.
     folder
-        The folder to fill, instead of a dataset stage's own.
+        The folder to fill, instead of a dataset stage's default.
     options
         Options that named the objects, for the record.
     """
@@ -69,9 +69,9 @@ class Request(Generic[S]):
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a run would do: make `missing` of `total` objects, in about that many seconds, and that many kilobytes of output.
+    """An estimate of a run: `missing` of `total` objects to process, the seconds it takes, and the kilobytes that it writes.
 
-    Where it is not `up_to_date` and no object is missing, a run publishes those that are made already, or removes a shard without objects.
+    If it is not `up_to_date` and no object is missing, a run publishes finished rows, or removes a shard without objects.
     """
 
     missing: int
@@ -83,9 +83,9 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Summary:
-    """Summarise a run: objects made, how many of them failed, and seconds for all.
+    """A summary of a run: the objects processed, how many of them failed, and the seconds for all.
 
-    The made rows are `held_back` where published rows of the shard have to be made again first.
+    The new rows are `held_back` if published rows of the shard must be made again first.
     """
 
     made: int = 0
@@ -95,7 +95,7 @@ class Summary:
 
 
 class Plan(Generic[Output]):
-    """What a run makes of one output. The data directory is read as it is now.
+    """The plan of one output, from the current state of the data directory.
 
     Attributes
     ----------
@@ -104,9 +104,9 @@ class Plan(Generic[Output]):
     path
         The path of the output, as messages name it.
     units
-        The objects' rows that a shard will consist of; or a folder, alone.
+        The objects' rows that a shard will consist of, or one folder.
     total
-        How many objects the output is made from; of a folder, those that have not failed.
+        Number of objects that the output is made from; of a folder, those that have not failed.
     missing
         The objects of the manifest that a shard will lack, because `only` asks for another one and they have not been made yet.
     """
@@ -114,7 +114,7 @@ class Plan(Generic[Output]):
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
         self.path: Place = output.path
-        self.models = {name: self.directory.whole_folder(name) for name in self.stage.models(self.settings)}
+        self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
         self.schema = list(schema)
@@ -123,22 +123,22 @@ class Plan(Generic[Output]):
         self.missing: tuple[str, ...] = ()
 
     def up_to_date(self) -> bool:
-        """Whether the output is there, complete, made under the same key, with no failure that is to be tried again."""
+        """Check that the output exists, is complete, has the current key, and holds no failure to retry."""
         if not self.units:
             return not exists(self.output.record_path)
         record = self.output.record
         if record is None or record.key != self.key:
             return False
-        if self.request.retry and isinstance(record, ShardRecord) and any(self.is_own(row.failure) for row in record.rows):
+        if self.request.retry and isinstance(record, ShardRecord) and any(self.failed_here(row.failure) for row in record.rows):
             return False
         return self.output.is_sound() if self.request.check else self.output.is_complete()
 
-    def is_own(self, failure: Failure | None) -> bool:
-        """Whether something failed in this stage."""
+    def failed_here(self, failure: Failure | None) -> bool:
+        """Check whether a failure arose in this stage."""
         return failure is not None and failure.stage == self.stage.name
 
-    def tries_again(self, unit: Unit) -> bool:
-        """Whether a unit is asked for again where it failed."""
+    def is_retried(self, unit: Unit) -> bool:
+        """Check whether a unit is processed again if it failed."""
         return self.request.retry and self.request.only in (None, unit.name)
 
     @cached_property
@@ -178,7 +178,7 @@ class Plan(Generic[Output]):
 
 @contextmanager
 def description_errors(stage: Stage) -> Iterator[None]:
-    """End the run where a hand, sensor or scene cannot be used, or is not that of the inputs: no object has failed."""
+    """Raise a `StageError` if a hand, sensor or scene cannot be used, or is not that of the inputs: no object has failed."""
     try:
         yield
     except InvalidInput as error:

@@ -1,4 +1,4 @@
-"""Run a stage: what is up to date is left alone, what is missing is made."""
+"""Run a stage: reuse what is up to date, make what is missing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.engine.plan import Forecast, Plan, Request, Summary
 from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
-from pipeline.store.atomic import one_writer
+from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.reshard import shard_of
@@ -22,52 +22,54 @@ from pipeline.store.storage import NO_ROOM, Place, is_machine_fault
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
-    """Plan a stage: one plan per shard, or the one of `shard` or of the one object; a dataset stage has one plan.
+    """Plan a stage: one plan per shard, or only that of `shard` or of the requested object; a dataset stage has one plan.
 
     Raises
     ------
     StoreError
-        The dataset is split into another number of shards, an input is missing or was made from something else, or the one object is in
-        another shard than `shard`.
+        The dataset is split into another number of shards, an input is missing or was made from other inputs, or the requested object is
+        in another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
         yield plan_folder(request)
         return
-    shards, numbers = _shards(request, shard)
+    shards, numbers = _selected_shards(request, shard)
     for number in numbers:
         yield plan_shard(request, number, shards)
 
 
-def _shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
-    """Say into how many shards the dataset is split, and which of them are asked for."""
+def _selected_shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
+    """Return the dataset's number of shards, and the numbers of the requested ones."""
     shards = DataDirectory(request.data).check_shard_count(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
-    own = None if request.only is None else shard_of(request.only, shards)
-    if None not in (shard, own) and shard != own:
-        raise StoreError(f"object {request.only} is in shard {own} of {shards}, shard {shard} was asked for; leave one of them out")
-    asked = own if shard is None else shard
-    return shards, range(shards) if asked is None else [asked]
+    object_shard = None if request.only is None else shard_of(request.only, shards)
+    if None not in (shard, object_shard) and shard != object_shard:
+        raise StoreError(
+            f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one of them out"
+        )
+    selected = object_shard if shard is None else shard
+    return shards, range(shards) if selected is None else [selected]
 
 
 def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
-    """Say of each output what a run would do; where an input has not been made yet, what the stage says of itself.
+    """Estimate a run, output by output; if an input has not been made yet, by the stage's own estimate.
 
     Raises
     ------
     StoreError
-        The dataset is split into another number of shards, or the one object is in another shard than `shard`.
+        The dataset is split into another number of shards, or the requested object is in another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
-        yield _foreseen(request, request.objects, lambda: plan_folder(request))
+        yield _forecast_output(request, request.objects, lambda: plan_folder(request))
         return
-    shards, numbers = _shards(request, shard)
+    shards, numbers = _selected_shards(request, shard)
     for number in numbers:
-        own = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
-        yield _foreseen(request, own, partial(plan_shard, request, number, shards))
+        items = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
+        yield _forecast_output(request, items, partial(plan_shard, request, number, shards))
 
 
-def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
+def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
     try:
         plan = make_plan()
         return plan.path, forecast_folder(plan) if isinstance(plan.output, FolderOutput) else forecast_shard(plan)
@@ -78,7 +80,7 @@ def _foreseen(request: Request[Any], objects: Sequence[Object], make_plan: Calla
 
 
 def run(plan: Plan[Any], console: Console) -> Summary:
-    """Make what a plan lacks; killed at any moment and run again, it continues where it stopped.
+    """Make what a plan lacks. A run that is killed at any moment continues where it stopped when it is run again.
 
     Raises
     ------
@@ -87,13 +89,13 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     StageError
         The stage cannot work here, or a hand, sensor or scene file cannot be used.
     StoreError
-        Another run is at it, other objects are in its place, an input is damaged, or what was made cannot be stored (a full disk).
+        Another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full disk).
     BugFound
-        Processing an object raised what no stage is meant to raise.
+        Processing an object raised an unexpected exception.
     """
     try:
-        with one_writer(plan.output.lock, plan.path):
-            plan.output.refresh()  # the run that held the lock before may have made it
+        with exclusive_lock(plan.output.lock, plan.path):
+            plan.output.refresh()  # the previous holder of the lock may have made it
             if plan.up_to_date():
                 return Summary()
             return make_folder(plan, console) if isinstance(plan.output, FolderOutput) else make_shard(plan, console)
@@ -106,7 +108,7 @@ def run(plan: Plan[Any], console: Console) -> Summary:
         if not is_machine_fault(error):
             raise
         if isinstance(error, OSError):
-            why = f"{error.strerror}; {'make room there' if error.errno in NO_ROOM else 'mend that'}"
+            why = f"{error.strerror}; {'make room there' if error.errno in NO_ROOM else 'fix that'}"
         else:
             why = f"{first_line(error)}; see that it is reachable"
         raise StoreError(f"{plan.path} cannot be written: {why}, then run again: what is finished is kept") from error

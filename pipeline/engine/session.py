@@ -26,7 +26,7 @@ MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retr
 
 @dataclass(frozen=True)
 class Work:
-    """What the processes of a run share; `models` are digests by name."""
+    """The parameters that the processes of a run share; `models` are digests by name."""
 
     stage: ObjectStage
     settings: ObjectSettings
@@ -34,13 +34,13 @@ class Work:
     models: Mapping[str, str]
 
     def rows(self) -> RowFiles:
-        """Where finished rows wait."""
+        """Return the row files that wait to be published."""
         return RowFiles(DataDirectory(self.data).work(self.stage.output.name), self.stage.output)
 
 
 @contextmanager
 def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
-    """Open what a stage keeps between objects; yields what processes a unit and saves its row, or why there is none.
+    """Open what a stage keeps between objects; yield a function that processes a unit and saves its row or failure.
 
     Raises
     ------
@@ -53,10 +53,10 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
     with ExitStack() as stack:
         try:
             collections = [directory.collection(artifact) for artifact in work.stage.inputs(work.settings)]
-            for name, wanted in work.models.items():
-                if directory.folder(name).digest() != wanted:
+            for name, expected in work.models.items():
+                if directory.folder(name).digest() != expected:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
-            models = {name: directory.whole_folder(name) for name in work.models}
+            models = {name: directory.verified_folder(name) for name in work.models}
             process = stack.enter_context(work.stage.session(work.settings, models))
         except Exception as error:
             raise _cannot_start(work.stage, error) from error
@@ -72,7 +72,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
                 failure = Failure(stage=work.stage.name, reason=str(error))
             except MemoryError:
                 failure = Failure(stage=work.stage.name, reason=f"memory ran out; {MORE_MEMORY}")
-            except Exception as error:  # a fault of ours: the other objects are processed all the same
+            except Exception as error:  # a bug in this project: the other objects are processed anyway
                 if is_machine_fault(error):
                     raise
                 return Result(name=unit.name, key=unit.key, seconds=time.perf_counter() - began, bug=traceback.format_exc())
@@ -83,13 +83,13 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
 
 
 def record_crash(work: Work, unit: Unit, reason: str) -> Result:
-    """Record that an object has no row because of what it does to the process that works on it."""
+    """Record the failure of an object that ends the process that works on it."""
     failure = Failure(stage=work.stage.name, reason=reason)
     return work.rows().save(Result(name=unit.name, key=unit.key, failure=failure), {}, unit.category)
 
 
 def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
-    """Explain libraries that are not installed as they should be, or a description file that cannot be used."""
+    """Describe why a session cannot be opened: a library is not properly installed, or a description file cannot be used."""
     if isinstance(error, PipelineError):
         return StageError(f"{stage.name} cannot start: {error}")
     where = (

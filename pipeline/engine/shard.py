@@ -32,12 +32,12 @@ from pipeline.store.storage import exists
 
 
 def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOutput]:
-    """Plan a shard that an object stage makes; with `only`, of this object and those that are published already.
+    """Plan a shard of an object stage; with `only`, of this object and those that are already published.
 
     Raises
     ------
     StoreError
-        An input has not been made, or was made from something else than what is there now.
+        An input has not been made, or was not made from the current inputs.
     """
     stage: ObjectStage = request.stage
     directory = DataDirectory(request.data)
@@ -46,9 +46,9 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
     items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
     plan.total = len(items)
     if request.only is not None:
-        there = {request.only, *(output.shard.position if output.shard else ())}
-        plan.missing = tuple(item.object_id for item in items if item.object_id not in there)
-        items = [item for item in items if item.object_id in there]
+        included = {request.only, *(output.shard.position if output.shard else ())}
+        plan.missing = tuple(item.object_id for item in items if item.object_id not in included)
+        items = [item for item in items if item.object_id in included]
     check_origins(directory, names_read(stage, plan.settings), {item.object_id for item in items})
     if items:  # a shard without objects reads nothing, whether or not its inputs have been made
         # the rows of a shard come from those of the same number
@@ -72,7 +72,7 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
             row = collection.row(item.object_id)
             inputs[collection.artifact.name] = row.digest
             failure = failure or row.failure
-        if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # of one that is missing the stage says so
+        if files := [path for path in plan.stage.files(item.source) if path.is_file()]:  # the stage reports a missing one
             origin = {**inputs, "files": keys.assets_digest(files)}
     else:
         try:
@@ -88,48 +88,48 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
 
 
 def finished(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
-    """Find what a unit has come to that waits to be published; None where that is not known yet."""
+    """Find the result of a unit that waits to be published; None if there is none yet."""
     if unit.failure:
         return Result(name=unit.name, key=unit.key, digest=row_digest({}, unit.failure, unit.category), failure=unit.failure)
     return plan.output.rows.find(unit.name, unit.key)
 
 
 def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit; None where there is none that was made under its key."""
+    """Find the published row of a unit; None if there is none with its key."""
     shard = plan.output.shard
     row = shard.row(unit.name) if shard and unit.name in shard.position else None
     return row if row is not None and row.key == unit.key else None
 
 
 def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit, unless it failed and is tried again."""
+    """Find the published row of a unit, unless it failed and is retried."""
     row = published(plan, unit)
-    return None if row is not None and plan.is_own(row.failure) and plan.tries_again(unit) else row
+    return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit) else row
 
 
-def missing(plan: Plan[ShardOutput]) -> list[Unit]:
-    """List the units that are asked for and whose row is neither published under its key nor waiting to be, or is tried again."""
-    asked = (unit for unit in plan.units if plan.request.only in (None, unit.name))
-    return [unit for unit in asked if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
+def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
+    """List the requested units without a row, published or waiting to be, under their key, and those to retry."""
+    requested = (unit for unit in plan.units if plan.request.only in (None, unit.name))
+    return [unit for unit in requested if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
 
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
-    """Check whether a result waits to be published, other than a failure that is tried again."""
-    return result is not None and (unit.failure is not None or result.failure is None or not plan.tries_again(unit))
+    """Check whether a result waits to be published, and is no failure to retry."""
+    return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit))
 
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
-    """List the objects that failed in this stage as it is now, published or not, with their reasons."""
+    """List the objects that failed under this stage's current key, published or not, with their reasons."""
     failed: dict[str, Failure] = {}
     for unit in plan.units:
         state = finished(plan, unit) or published(plan, unit)
-        if state and state.failure and plan.is_own(state.failure):
+        if state and state.failure and plan.failed_here(state.failure):
             failed[unit.name] = state.failure
     return failed
 
 
-def published_before(plan: Plan[ShardOutput]) -> Collection:
-    """All shards of the artifact; none where one is damaged or of another version, and is to be made again."""
+def published_collection(plan: Plan[ShardOutput]) -> Collection:
+    """Open all shards of the artifact; none if one is damaged or of another version, and must be made again."""
     try:
         return plan.directory.collection(plan.output.artifact)
     except StoreError:
@@ -137,42 +137,42 @@ def published_before(plan: Plan[ShardOutput]) -> Collection:
 
 
 def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
-    """Foresee a run from the seconds that objects took here before, else from what the stage says."""
-    typical, done = plan.stage.cost(plan.settings), plan.up_to_date()
-    number = 0 if done else len(missing(plan))
-    same = [shard for shard in published_before(plan).shards if shard.record.settings == plan.settings.results()]
+    """Estimate a run from the seconds that objects took before, else from the stage's own estimate."""
+    cost, up_to_date = plan.stage.cost(plan.settings), plan.up_to_date()
+    number = 0 if up_to_date else len(pending_units(plan))
+    same = [shard for shard in published_collection(plan).shards if shard.record.settings == plan.settings.results()]
     seconds = [row.seconds for shard in same for row in shard.record.rows]
-    mean = sum(seconds) / len(seconds) if seconds else typical.seconds
-    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * typical.kilobytes, done)
+    mean = sum(seconds) / len(seconds) if seconds else cost.seconds
+    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * cost.kilobytes, up_to_date)
 
 
-# ---- making it
+# ---- processing and publishing
 
 
 def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
-    """Process what is missing, then publish.
+    """Process pending units, then publish.
 
-    With `only`, nothing is published where readers would lose a row: one that has to be made again first, or that cannot be read. A shard
-    that has no objects any more is withdrawn.
+    With `only`, nothing is published if readers would lose a row that must be made again first, or that cannot be read. A shard without
+    objects is withdrawn.
     """
     plan.directory.set_shard_count(plan.output.shards)
     _check_same_manifest(plan)
-    if not plan.units:  # the objects that it had are gone
+    if not plan.units:  # all its objects are gone
         withdraw(plan.output.record_path)
         return Summary()
     results: dict[str, Result] = {}
     for unit in plan.units:
-        if result := _kept(plan, unit):
+        if result := _reuse(plan, unit):
             _check_strictness(plan, result)
             results[unit.name] = result
-    asked = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
+    pending = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
     began = time.perf_counter()
-    made = failed = 0
-    for result in _process(plan, asked, console):
+    processed = failed = 0
+    for result in _process(plan, pending, console):
         results[result.name] = result
-        made += 1
+        processed += 1
         failed += result.failure is not None
-    summary = Summary(made, failed, time.perf_counter() - began)
+    summary = Summary(processed, failed, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
     _publish(plan, [results[unit.name] for unit in plan.units])
@@ -180,32 +180,32 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
 
 
 def _loses_rows(plan: Plan[ShardOutput], results: Mapping[str, Result]) -> bool:
-    """Whether readers would lose a published row if these were published."""
+    """Check whether readers would lose a published row if these results were published."""
     if plan.output.shard is None:
         return exists(plan.output.record_path)
     return not plan.output.shard.position.keys() <= results.keys()
 
 
 def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
-    """Refuse to overwrite other objects: two folders of meshes go by one name, or a manifest was forgotten."""
+    """Refuse to overwrite other objects: two folders of meshes may have one name, or a manifest may be forgotten."""
     request, record = plan.request, plan.output.record
     if record is not None and record.manifest != request.manifest:
-        asked = {unit.name for unit in plan.units}
-        if lost := [row.object_id for row in record.rows if row.object_id not in asked]:
+        planned = {unit.name for unit in plan.units}
+        if lost := [row.object_id for row in record.rows if row.object_id not in planned]:
             raise StoreError(
                 f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
                 f"({abbreviate(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
             )
-    there = published_before(plan)
-    if len(there) and not any(item.object_id in there for item in request.objects):
+    existing = published_collection(plan)
+    if len(existing) and not any(item.object_id in existing for item in request.objects):
         raise StoreError(
-            f"{plan.path.parent} holds other objects ({abbreviate(list(there))}), and none of manifest "
+            f"{plan.path.parent} holds other objects ({abbreviate(list(existing))}), and none of manifest "
             f"{request.manifest}; name another --data (make: DATA=), or delete it"
         )
 
 
-def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
-    """Find what need not be made again: a row that waits, or the published one; one that is damaged is made again."""
+def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
+    """Find a row to reuse: one that waits, or the published one, unless it is damaged."""
     result = finished(plan, unit)
     if result and not _is_settled(plan, unit, result):
         plan.output.rows.discard(unit.name, unit.key)
@@ -214,13 +214,13 @@ def _kept(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
     if result or row is None or shard is None:
         return result
     with suppress(StoreError):
-        kept = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=shard.record.processor_of(row), failure=row.failure)
-        return plan.output.rows.save(kept, shard.view(unit.name).verify(), unit.category)
+        reused = Result(name=unit.name, key=unit.key, seconds=row.seconds, processor=shard.record.processor_of(row), failure=row.failure)
+        return plan.output.rows.save(reused, shard.view(unit.name).verify(), unit.category)
     return None
 
 
 def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> Iterator[Result]:
-    """Process units; a bug in one of them is raised at the end, when the others are done."""
+    """Process units; raise a bug in one of them at the end, when the others are done."""
     work, bugs = Work(plan.stage, cast(ObjectSettings, plan.settings), plan.request.data, plan.model_digests), []
     with Meter(console, plan.stage.name, len(units), "objects") as meter:
         for result in plan.request.executor.run(work, units) if units else ():
@@ -277,7 +277,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         metadata={},
     )
     output.commit(record, [result.shapes for result in results], lambda number: output.rows.chunks(results[number]), constants, attributes)
-    try:  # where the objects were split otherwise meanwhile, nobody finds this shard; its rows are kept for the next run
+    try:  # if the data were resharded meanwhile, nobody finds this shard; its rows are kept for the next run
         plan.directory.check_shard_count(output.shards)
     except StoreError:
         withdraw(output.record_path)
@@ -286,7 +286,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
 
 
 def _labels(plan: Plan[ShardOutput]) -> Row:
-    """Read the labels of dimensions that the inputs have too, from their shards of the same number: others may not be made again yet."""
+    """Read the labels of dimensions from the inputs' shards of the same number: others may be out of date."""
     labels: Row = {}
     for collection in plan.inputs:
         shard = collection.shard(plan.units[0].name)

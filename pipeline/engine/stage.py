@@ -1,4 +1,4 @@
-"""What a stage is: two base classes, and what passes between a stage and the engine."""
+"""Base classes of stages, and the types that pass between a stage and the engine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from schemas.base import Artifact
 
 @dataclass(frozen=True)
 class Cost:
-    """What an object (or, in a dataset stage, all of it) typically takes on one core: for `--dry-run`."""
+    """The typical cost of an object (in a dataset stage, of all objects) on one core, for `--dry-run`."""
 
     seconds: float
     kilobytes: float
@@ -33,7 +33,7 @@ Inputs = Mapping[str, RowView]
 
 
 class Stage(ABC):
-    """What all stages have in common. A stage derives from `ObjectStage` or `DatasetStage`."""
+    """The base class of all stages. A stage derives from `ObjectStage` or `DatasetStage`."""
 
     name: ClassVar[str]
     summary: ClassVar[str]
@@ -57,7 +57,7 @@ class Stage(ABC):
 
     @abstractmethod
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
-        """Of these objects, how many are looked at, and what that takes altogether on one core."""
+        """Count the objects of these that are read, and estimate their total cost on one core."""
 
 
 def names_read(stage: Stage, settings: Any) -> list[str]:
@@ -71,26 +71,26 @@ class ObjectStage(Stage):
     output: ClassVar[Artifact]
 
     def resolve_settings(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> Any:
-        """Fill in settings that follow the inputs where they are null, by what the inputs' roots say; by default there are none."""
+        """Fill in null settings that follow the inputs, from the attributes of the inputs' roots; by default there are none."""
         return settings
 
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Refuse inputs, by what their roots say, that these settings do not fit: an `InvalidInput` says how to make them fit."""
+        """Refuse inputs whose roots' attributes do not fit these settings: an `InvalidInput` says how to make them fit."""
 
     def notes(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
         """Report how a run reads the manifest's objects; by default nothing."""
         return ()
 
     def warnings(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
-        """Report, before objects are made, which of them do not fit the settings, given by name with their inputs; by default nothing."""
+        """Report, before a run, which of these objects (name and inputs) do not fit the settings; by default nothing."""
         return ()
 
     def remarks(self, settings: Any, shard: Shard) -> Iterable[str]:
-        """Report on a shard that was made; by default nothing."""
+        """Report on a finished shard; by default nothing."""
         return ()
 
     def files(self, source: Mapping[str, Any]) -> list[Path]:
-        """Files of an object's source that are read beside the inputs' rows; their content belongs to the key. By default none."""
+        """List the files of an object's source that are read beside the inputs' rows; their content belongs to the key. By default none."""
         return []
 
     def constants(self, settings: Any) -> Row:
@@ -107,16 +107,16 @@ class ObjectStage(Stage):
 
     @abstractmethod
     def cost(self, settings: Any) -> Cost:
-        """Estimate what an object takes."""
+        """Estimate the cost of an object."""
 
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
-        """Add up the estimates of all of them."""
-        each = self.cost(settings)
-        return len(items), Cost(each.seconds * len(items), each.kilobytes * len(items))
+        """Add up the cost of all objects."""
+        cost = self.cost(settings)
+        return len(items), Cost(cost.seconds * len(items), cost.kilobytes * len(items))
 
     @abstractmethod
     def session(self, settings: Any, models: Mapping[str, Path]) -> AbstractContextManager[Callable[[Unit, Inputs], Row]]:
-        """Open what a worker keeps between objects (a renderer, a physics client); yields `process(unit, inputs) -> row`.
+        """Open what a worker keeps between objects (a renderer, a physics client); yield `process(unit, inputs) -> row`.
 
         An `InvalidInput` that `process` raises is the object's failure; any other exception is a fault of the stage.
         """
@@ -124,10 +124,10 @@ class ObjectStage(Stage):
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """What a dataset stage is told: what to read, and the folder to fill.
+    """The job of a dataset stage: what to read, and the folder to fill.
 
-    `folder` may hold what a killed run left there: continuing it is the stage's affair. Hidden files in it are kept until it is
-    finished, then removed. What is random is keyed by `seed` and names, as `numpy_rng` takes them.
+    `folder` may hold files of a killed run, which the stage may continue. Hidden files in it are kept until it is finished, then removed.
+    Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.
     """
 
     data: Place
@@ -139,7 +139,7 @@ class DatasetJob:
 
 
 class DatasetStage(Stage):
-    """A stage that looks at the whole dataset at once and fills one folder: a trained model, an evaluation.
+    """A stage that reads the whole dataset and fills one folder: a trained model, an evaluation.
     `trains` says whether it is a training.
     """
 
@@ -147,7 +147,7 @@ class DatasetStage(Stage):
 
     @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:
-        """Name the splits whose objects are looked at; the others change nothing."""
+        """Name the splits whose objects are read; the others change nothing."""
 
     def grid(self, settings: Any) -> Mapping[str, Sequence[Any]]:
         """Return the supplement's grid of hyperparameters, by setting; by default there is none."""
@@ -155,13 +155,13 @@ class DatasetStage(Stage):
 
     @abstractmethod
     def cost(self, settings: Any, objects: int) -> Cost:
-        """Estimate what it takes altogether with that number of objects in its splits."""
+        """Estimate the total cost with this number of objects in its splits."""
 
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
-        """Count those of its splits, and estimate what they take."""
+        """Count the objects of its splits, and estimate their cost."""
         number = sum(item.split in self.splits(settings) for item in items)
         return number, self.cost(settings, number)
 
     @abstractmethod
     def make(self, job: DatasetJob) -> dict[str, Any]:
-        """Fill the job's folder; returns facts for its record (hardware, the best loss), as JSON."""
+        """Fill the job's folder; return facts for its record (hardware, the best loss), as JSON."""

@@ -1,4 +1,4 @@
-"""What a stage trades between speed and accuracy, as it declares beside its settings."""
+"""Trade-offs between speed and accuracy, which a stage declares beside its settings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 Changes = Mapping[str, Any]
-"""Settings of a stage that differ from those a user has, by name."""
+"""Settings of a stage that differ from the user's, by name."""
 
 
 @dataclass(frozen=True)
@@ -20,16 +20,16 @@ class Trade:
     metric, unit
         What the error is, and its unit: "mm", "um" (micrometres), "%" or another.
     candidates
-        Settings to measure, beside the user's own and those of the presets. Few and good: each takes time.
+        Settings to measure, beside the user's own and those of the presets. Each takes time: choose few.
     errors
-        (data, reference) -> error by object, `unit`: compares what a candidate made with what the reference made; both are data
+        (data, reference) -> error by object, `unit`: compares the output of a candidate with that of the reference; both are data
         directories, the same one where there is no reference.
     reference
         The finest settings, which the others are compared with; None where the truth is known or nothing is compared.
     trials
-        data -> of how many things per object the error is a share; None where it is none.
+        data -> the number of trials per object of which the error is a share; None if it is no share.
     evaluated_by
-        A stage to run on what the stage made before errors can be read.
+        A stage to run on the output before errors can be read.
     """
 
     metric: str

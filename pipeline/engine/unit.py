@@ -1,4 +1,4 @@
-"""Units: the things that a run makes."""
+"""Units of work: objects' rows and folders."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.store.record import Failure
 
 @dataclass(frozen=True)
 class Unit:
-    """One thing to make: an object's row, or a folder.
+    """A unit of work: an object's row, or a folder.
 
     Attributes
     ----------
@@ -23,13 +23,13 @@ class Unit:
     key
         The hash of everything that it depends on.
     inputs
-        The digests of what it is made from, by artifact.
+        The digests of its inputs, by artifact.
     seed
         The root seed.
     category, split, source
-        Of an object: what the manifest says of it.
+        Of an object, as in the manifest.
     failure
-        Why there will be no row: an input failed, or its file cannot be read.
+        The reason why it cannot be processed: an input failed, or its file cannot be read.
     """
 
     name: str
@@ -42,5 +42,5 @@ class Unit:
     failure: Failure | None = None
 
     def rng(self, *identity: str | int) -> np.random.Generator:
-        """Make a generator for this object and the given names (stage, attempt, …)."""
+        """Make a random generator for this object and the given names (stage, attempt, …)."""
         return numpy_rng(self.seed, self.name, *identity)

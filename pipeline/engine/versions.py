@@ -1,4 +1,4 @@
-"""What results depend on beside settings and code, as every output records it: versions of libraries, and the processor."""
+"""Versions of libraries and properties of the processor, which results depend on and every output records."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 
 LIBRARIES = ("vt-pipeline", "numpy", "scipy", "torch", "trimesh", "embreex", "libigl", "numba", "pyrender-maintained", "zarr")
 PHYSICS = ("pybullet", "pybullet-arm64")
-"""Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give the same bits."""
+"""Packages of PyBullet: its own has no wheels beyond Python 3.11. Both give identical results."""
 
 
 def library_versions() -> dict[str, str]:
-    """Name and version of every library that results depend on."""
+    """Look up the version of every library that results depend on."""
     versions = {name: importlib.metadata.version(name) for name in LIBRARIES}
     for name in PHYSICS:
         with suppress(importlib.metadata.PackageNotFoundError):

@@ -25,7 +25,7 @@ from pipeline.formats.mesh_companions import MAX_BYTES, Companions
 from pipeline.formats.sensor_file import sensor_files, sensor_names
 from pipeline.formats.urdf import parse_urdf
 from pipeline.formats.urdf_shapes import mesh_path
-from pipeline.store.atomic import refuse_links, write_at_once
+from pipeline.store.atomic import refuse_links, write_atomically
 
 DESCRIBED: Mapping[str, Kind] = {"hand": "hand", "sensor": "sensor", "sensors": "sensor", "scene": "scene"}
 """Settings that name description files, and the kind of each."""
@@ -125,7 +125,7 @@ def place_files(recipe: Recipe, folder: Path) -> None:
     for name, text in recipe.texts.items():
         if not os.path.lexists(folder / name):
             try:
-                write_at_once(folder / name, text.encode())
+                write_atomically(folder / name, text.encode())
             except OSError as error:
                 raise InvalidInput(f"{folder / name} cannot be written ({error.strerror}); name another folder: --descriptions") from error
     for name in digests:

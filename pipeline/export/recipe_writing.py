@@ -10,7 +10,7 @@ from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.objects import fingerprint
 from pipeline.console import abbreviate
-from pipeline.dataset.recipe import SHORT, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
+from pipeline.dataset.recipe import SHORT_DIGITS, Recipe, RecipeRow, StageRecipe, object_lines, roots_of
 from pipeline.engine import keys
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans
@@ -42,9 +42,9 @@ def source_hash(source: Mapping[str, Any]) -> str:
         A file cannot be read or used.
     """
     if "file" not in source:
-        return f"~{digest.of_json(keys.source_key(dict(source)))[:SHORT]}"
+        return f"~{digest.of_json(keys.source_key(dict(source)))[:SHORT_DIGITS]}"
     content = fingerprint(dict(source))["file"]
-    return f"{content['sha256']}" + (f"+{digest.of_json(content['companions'])[:SHORT]}" if content["companions"] else "")
+    return f"{content['sha256']}" + (f"+{digest.of_json(content['companions'])[:SHORT_DIGITS]}" if content["companions"] else "")
 
 
 def recipe_of(
@@ -91,7 +91,7 @@ def recipe_of(
     texts, files = read_files(description_files)
     collections = list(by_stage.values())
     records = [shard.record for collection in collections for shard in collection.shards]
-    digits = 64 if full_digests else SHORT
+    digits = 64 if full_digests else SHORT_DIGITS
     rows = [
         (item.object_id, RecipeRow(_readable_hash(item), tuple(c.row(item.object_id).digest[:digits] for c in collections)))
         for item in items

@@ -20,7 +20,7 @@ from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import ObjectStage
 from pipeline.engine.versions import PHYSICS, library_versions
-from pipeline.errors import InvalidInput, unknown
+from pipeline.errors import InvalidInput, unknown_name
 from pipeline.export.own_files import DESCRIBED, place_files
 from pipeline.export.recipe_writing import Folders, source_hash
 from pipeline.formats.description_file import invalid_entries, shipped_files
@@ -103,7 +103,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
 def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
     """Validate the settings of a stage, whose description files are shipped ones or the recipe's."""
     if name not in DATASET:
-        raise InvalidInput(f"the recipe: {unknown('stage', name, DATASET)}")
+        raise InvalidInput(f"the recipe: {unknown_name('stage', name, DATASET)}")
     recorded, stage = recipe.stages[name], load_stage(name)
     values: dict[str, Any] = dict(recorded.settings)
     for setting in DESCRIBED.keys() & values.keys():
@@ -135,14 +135,14 @@ def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
 
 
 def _described(recipe: Recipe, stage: str, setting: str, value: JsonValue, descriptions: Path | None) -> JsonValue:
-    shipped, files = (
-        shipped_files(DESCRIBED[setting]),
-        [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))],
-    )
+    shipped = shipped_files(DESCRIBED[setting])
+    files = [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))]
     if value is None or (isinstance(value, str) and value in shipped):
         return value
     if descriptions is None or value not in files:
-        raise InvalidInput(f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown(DESCRIBED[setting], value, [*shipped, *files])}")
+        raise InvalidInput(
+            f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown_name(DESCRIBED[setting], value, [*shipped, *files])}"
+        )
     return str((descriptions / str(value)).absolute())
 
 

@@ -20,7 +20,7 @@ from pipeline.kernels.touch.contact import local_points
 from pipeline.reports.contact_sheet_page import finger_colors
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.report_source import ReportSource
-from pipeline.store.atomic import errors_that_name
+from pipeline.store.atomic import name_in_errors
 from pipeline.store.storage import Place, temporary
 
 POINT = 2e-4
@@ -69,7 +69,7 @@ def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | Non
         recorder.record(object_id, rows, selected)
         return selected
     save.parent.mkdir(parents=True, exist_ok=True)
-    with errors_that_name(save), temporary(save) as beside:
+    with name_in_errors(save), temporary(save) as beside:
         recording.save(beside)
         recorder.record(object_id, rows, selected)
         beside.replace(save)

@@ -9,7 +9,7 @@ from pipeline.console import Meter, abbreviate, errors
 from pipeline.errors import InvalidInput
 from pipeline.reports.grasp_scene import GraspScenes
 from pipeline.reports.report_source import ReportSource
-from pipeline.store.atomic import write_at_once, written_to
+from pipeline.store.atomic import atomic_writes, write_atomically
 
 
 def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
@@ -47,9 +47,9 @@ def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int
         return scenes.glb(scenes.scene(source.rows(name)))
 
     if one_file:
-        write_at_once(out, glb(object_ids[0]))
+        write_atomically(out, glb(object_ids[0]))
         return 1
-    with written_to(out) as folder, Meter(errors, "export", len(object_ids), "objects") as meter:
+    with atomic_writes(out) as folder, Meter(errors, "export", len(object_ids), "objects") as meter:
         for name in object_ids:
             (folder / f"{name}.glb").write_bytes(glb(name))
             meter.advance()

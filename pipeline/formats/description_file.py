@@ -15,14 +15,14 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from pipeline import plugins
-from pipeline.errors import InvalidInput, meant
+from pipeline.errors import InvalidInput, closest_name
 from pipeline.formats.file_content import read_file
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
 
 UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float|bool")
-"""Part of a place in pydantic's errors that is no entry: the type tried, where an entry may have several."""
+"""Part of a location in pydantic's errors that is no entry but the type tried, where an entry may have several."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40
 """Limits of a description file: a larger one would take minutes to read."""
 
@@ -36,11 +36,11 @@ def _files_by_name(kind: Kind) -> dict[str, list[tuple[Path, str]]]:
     """List the files of each name, this package's first, with the packages that they come with."""
     package = Path(str(resources.files("pipeline")))
     folder = package.parent / "data_manifests" if kind == "manifest" else package / "assets" / f"{kind}s"
-    found = {file.stem: [(file, "vt-pipeline")] for file in sorted(folder.glob("*.yaml"))}
+    files = {file.stem: [(file, "vt-pipeline")] for file in sorted(folder.glob("*.yaml"))}
     for entry in plugins.declared(f"{kind}s"):
         for file in plugins.folder_files(entry):
-            found.setdefault(file.stem, []).append((file, plugins.package_of(entry)))
-    return found
+            files.setdefault(file.stem, []).append((file, plugins.package_of(entry)))
+    return files
 
 
 def description_path(kind: Kind, name: str | Path) -> Path:
@@ -58,7 +58,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     InvalidInput
         There is no such file, and the message lists the shipped ones; or several packages have one of this name.
     TypeError
-        It is neither.
+        `name` is neither.
     """
     if not isinstance(name, str | Path):
         raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
@@ -67,22 +67,22 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):
-        guess = meant(name, shipped) or _file_like(path) or meant(path.name, shipped)
+        guess = closest_name(name, shipped) or _similar_file(path) or closest_name(path.name, shipped)
         hint = f", did you mean {guess}?" if guess else ";"
         empty = [
             f"; package {plugins.package_of(entry)} names {entry.value} as its folder of {kind}s, which has no YAML files"
             for entry in plugins.declared(f"{kind}s")
             if not plugins.folder_files(entry)
         ]
-        ways = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
-        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {ways}")
+        remedy = f"built in are {', '.join(shipped)}, or give the path of a YAML file{''.join(empty)}"
+        raise InvalidInput(f"there is no {kind} {str(name)!r}{hint} {remedy}")
     return path
 
 
-def _file_like(path: Path) -> Path | None:
-    """Find a YAML file beside a path that is called much like it."""
-    beside = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
-    return beside.get(meant(path.name, beside) or "")
+def _similar_file(path: Path) -> Path | None:
+    """Find a YAML file beside a path with a similar name."""
+    neighbours = {file.name: file for file in islice(path.parent.glob("*.y*ml"), 1000)} if path.parent.is_dir() else {}
+    return neighbours.get(closest_name(path.name, neighbours) or "")
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
@@ -112,7 +112,7 @@ def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
 
 
 def entries_of(model: type[BaseModel]) -> str:
-    """List a model's entries in a sentence."""
+    """Write a sentence that lists a model's entries."""
     return "Its entries are " + ", ".join(field.alias or name for name, field in model.model_fields.items() if not field.exclude)
 
 
@@ -128,7 +128,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML without aliases, which a few hundred bytes of can stand for gigabytes, and without tags such as `!!float`.
+    """Parse YAML without aliases, a few hundred bytes of which may expand to gigabytes, and without tags such as `!!float`.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def parse_yaml(text: str) -> Any:
 
 
 class _UniqueEntries(yaml.CSafeLoader):
-    """Refuses an entry that is there twice, of which YAML's readers keep the last."""
+    """Refuses duplicate entries, of which YAML's readers keep the last."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         counts = Counter((key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode))
@@ -160,7 +160,7 @@ class _UniqueEntries(yaml.CSafeLoader):
 
 
 def texts_in(content: Any) -> Iterator[str]:
-    """Yield every text in the content of a YAML file: the names of other files are among them."""
+    """Yield every string in the content of a YAML file; the names of other files are among them."""
     if isinstance(content, str):
         yield content
     elif isinstance(content, dict | list):
@@ -169,24 +169,24 @@ def texts_in(content: Any) -> Iterator[str]:
 
 
 def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
-    """Name every entry that cannot be used, with the reason and a short value; of `names`, all entries, the one that was meant."""
-    found: list[Any] = error.errors()
-    places = [item["loc"] for item in found]
-    guesses = {  # an entry of another part of the file is not what was meant
-        item["loc"]: meant(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in found if item["type"] == "extra_forbidden"
+    """Name every unusable entry, with the reason and a short value; suggest the closest one of `names`, all entries."""
+    details: list[Any] = error.errors()
+    places = [item["loc"] for item in details]
+    guesses = {  # the same name in another part of the file is no suggestion
+        item["loc"]: closest_name(item["loc"][-1], set(names) - {item["loc"][-1]}) for item in details if item["type"] == "extra_forbidden"
     }
     misspelt = {(*place[:-1], name) for place, name in guesses.items()}
-    choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in found if item["type"] == "literal_error"}
-    guesses |= {item["loc"]: meant(item["input"], choices[item["loc"]]) for item in found if item["loc"] in choices}
-    lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has a complaint for each
-    for item in found:
+    choices = {item["loc"]: re.findall("'([^']*)'", item["ctx"]["expected"]) for item in details if item["type"] == "literal_error"}
+    guesses |= {item["loc"]: closest_name(item["input"], choices[item["loc"]]) for item in details if item["loc"] in choices}
+    lines: dict[str, list[str]] = {}  # by entry: one that may be of several types has an error for each
+    for item in details:
         place = item["loc"]
         inside = any(other[: len(place)] == place and other != place for other in places)
-        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from what another complaint names
+        if place in misspelt or (item["type"] == "too_short" and inside):  # both follow from another error
             continue
         if item["type"] == "union_tag_not_found":
             place = (*place, item["ctx"]["discriminator"].strip("'"))
-        value = "" if item["type"] == "value_error" else _shown(item["input"])  # ours say what they want
+        value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # our own messages state the value
         name = ".".join(str(part) for part in place if not UNION_MEMBER.fullmatch(str(part)))
         lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
     return "; ".join(
@@ -194,8 +194,8 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
     )
 
 
-def _shown(value: object) -> str:
-    """Quote a number, a text or nothing, if it is short."""
+def _quoted_value(value: object) -> str:
+    """Quote a number, a string or null, if it is short."""
     if value is None:
         return " (it is null)"
     short = len(value) <= 60 if isinstance(value, str) else abs(value) < 10**60 if isinstance(value, int) else isinstance(value, float)
@@ -205,7 +205,7 @@ def _shown(value: object) -> str:
 def entry_names(model: type[BaseModel]) -> set[str]:
     """List the names of all entries of a model and of the models in it."""
     schema = model.model_json_schema()
-    return {name for one in (schema, *schema.get("$defs", {}).values()) for name in one.get("properties", {})}
+    return {name for part in (schema, *schema.get("$defs", {}).values()) for name in part.get("properties", {})}
 
 
 def _describe(kind: str, name: str, message: str, guess: str | None, value: str) -> str:
@@ -215,6 +215,6 @@ def _describe(kind: str, name: str, message: str, guess: str | None, value: str)
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"
-    wanted = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
-    message = wanted.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
+    expected = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
+    message = expected.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
     return f"{name}: {message}" if name else message

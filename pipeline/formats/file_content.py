@@ -1,4 +1,4 @@
-"""The content of files that a user or a stranger gives."""
+"""Read files that come from a user or a stranger."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf"
 
 
 def regular_stat(path: Path | str) -> os.stat_result:
-    """Find size and times of a regular file, and refuse what is none: a pipe may never say anything, a device never end.
+    """Find size and times of a regular file, and refuse others: a pipe may block for ever, a device may never end.
 
-    Whatever opens a file that a user or a stranger may have given asks here first, whether it opens it itself or has a library do so.
+    Call this before a file that comes from a user or a stranger is opened, here or by a library.
 
     Raises
     ------
     OSError
-        There is no such file; an `IsADirectoryError` where a folder is in its place, or a pipe, a device or a link to itself, which are
-        as little use to a reader.
+        There is no such file; an `IsADirectoryError` for a folder, a pipe, a device or a link to itself.
     """
     try:
-        found = os.stat(path)
-        regular = stat.S_ISREG(found.st_mode)
+        status = os.stat(path)
+        regular = stat.S_ISREG(status.st_mode)
     except OSError as error:
         if error.errno != errno.ELOOP:
             raise
@@ -35,27 +34,27 @@ def regular_stat(path: Path | str) -> os.stat_result:
         raise FileNotFoundError(errno.ENOENT, f"no file has such a name: {error}", str(path)) from error
     if not regular:
         raise IsADirectoryError(errno.EISDIR, "it is not a regular file", str(path))
-    return found
+    return status
 
 
-def read_file(path: Path, most: int) -> bytes:
+def read_file(path: Path, max_bytes: int) -> bytes:
     """Read a file.
 
     Parameters
     ----------
     path
         A regular file.
-    most
-        Bytes that it may have.
+    max_bytes
+        Maximum size.
 
     Raises
     ------
     InvalidInput
-        The file cannot be read, is no regular one, or is larger.
+        The file cannot be read, is not regular, or is larger.
     """
     try:
-        if (size := regular_stat(path).st_size) > most:
-            raise InvalidInput(f"{path} has {size} bytes; {most} are the most that are read")
+        if (size := regular_stat(path).st_size) > max_bytes:
+            raise InvalidInput(f"{path} has {size} bytes; {max_bytes} are the most that are read")
         return path.read_bytes()
     except OSError as error:
         raise InvalidInput(f"{path} cannot be read ({error.strerror}); give the path of a file that can") from error

@@ -1,4 +1,4 @@
-"""The unit and the up-axis that a mesh file states, or its format's specification for it."""
+"""Read the unit and the up-axis that a mesh file or its format's specification states."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pathlib import Path
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 """Metres per unit, by its sign."""
 
-HEAD = 65_536
+HEAD_BYTES = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
 
-LISTED = 2**20
-"""Bytes that the list of a 3MF file's members may have: 10,000 of them."""
+MAX_LISTING = 2**20
+"""Bytes that are read at a time of the list of a 3MF file's members: 10,000 of them."""
 
 MODEL = "3D/3dmodel.model"
 """The part of a 3MF file that holds its meshes."""
@@ -39,7 +39,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
     its mesh reports the error.
     """
     with suppress(Exception):  # zipfile raises whatever its parsing trips over
-        match file.suffix.lower() if file.is_file() else "":  # a pipe may never say anything
+        match file.suffix.lower() if file.is_file() else "":  # a pipe may block for ever
             case ".gltf" | ".glb":
                 return 1.0, "y"
             case ".dae":
@@ -51,7 +51,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        head = stream.read(HEAD)
+        head = stream.read(HEAD_BYTES)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
     return _positive(unit) if unit else None, axis[1].decode().lower() if axis else "y"
@@ -59,23 +59,23 @@ def _collada(file: Path) -> tuple[float | None, str]:
 
 def _threemf(file: Path) -> float | None:
     with _Head(file) as content, zipfile.ZipFile(content) as archive:
-        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # of others, a little may be gigabytes
+        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others may expand to gigabytes
             return None
         with archive.open(MODEL) as stream:
-            unit = _attribute(stream.read(HEAD), rb"model", rb"unit")
+            unit = _attribute(stream.read(HEAD_BYTES), rb"model", rb"unit")
     return THREEMF.get(unit) if unit else 1e-3
 
 
 class _Head(io.FileIO):
-    """A file of which little is read at a time: a ZIP file may list millions of members."""
+    """A file that is read in small parts: a ZIP file may list millions of members."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """Read some bytes, `LISTED` at most."""
-        return super().read(LISTED if size is None or size < 0 else min(size, LISTED)) or b""
+        """Read at most `MAX_LISTING` bytes."""
+        return super().read(MAX_LISTING if size is None or size < 0 else min(size, MAX_LISTING)) or b""
 
 
 def _attribute(text: bytes, tag: bytes, name: bytes) -> bytes | None:
-    """Find an attribute of the first element with a tag; in two steps, each of which takes time by the length of the text."""
+    """Find an attribute of the first element with a tag; in two steps, each in time linear in the text's length."""
     element = re.search(rb"<" + tag + rb"\b([^>]*)", text)
     value = element and re.search(rb"\b" + name + rb"\s*=\s*[\"']([^\"']*)", element[1])
     return value[1] if value else None

@@ -28,7 +28,7 @@ def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
     libraries
         `.sh3f` files: zip archives of one folder per model, and of a list with each model's name, category, licence and creator.
     folder
-        Where to.
+        The folder to write into.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def unpack(libraries: Sequence[Path], folder: Path) -> tuple[int, list[str]]:
     Raises
     ------
     InvalidInput
-        A library is no such archive.
+        A file is no such library.
     """
     folder.mkdir(parents=True, exist_ok=True)
     models: list[dict[str, str]] = []
@@ -97,7 +97,7 @@ def _unescaped(value: str) -> str:
 
 
 def main() -> None:
-    """Unpack the libraries of the command line, and say what was left out."""
+    """Unpack the libraries that the command line names, and print what was left out."""
     if len(sys.argv) < 3:
         raise SystemExit("usage: python -m pipeline.formats.furniture_library FOLDER LIBRARY.sh3f...")
     folder, *libraries = map(Path, sys.argv[1:])

@@ -27,7 +27,7 @@ from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
-"""Names an array's entry, and files of exports."""
+"""A name of an array's entry, and of exported files."""
 Value = TypeVar("Value")
 
 
@@ -36,7 +36,7 @@ class _Entry(BaseModel):
 
 
 class _SensorMount(_Entry):
-    """Where a sensor sits: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
+    """The mount of a sensor: fixed to the rigid surface of a link, its gel in front. All in the link's frame."""
 
     link: str = Field(description="Link of the URDF; one that the finger's joints move.")
     origin: Vector = Field(description="Middle of the sensor plane, the base of the gel, on the link's surface, m.")
@@ -49,7 +49,7 @@ class _SensorMount(_Entry):
 class _FingerEntry(_Entry):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
-    name: Label = Field(description="Of the finger, in messages, and of its sensor.")
+    name: Label = Field(description="Name of the finger in messages, and of its sensor.")
     joints: list[str] = Field(min_length=1, description="Joints of the URDF that move it, and no other finger.")
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
@@ -72,11 +72,11 @@ class _PalmEntry(_Entry):
 
 
 class HandFile(_Entry):
-    """A robot hand: a URDF, and what that does not say. Lengths are metres."""
+    """A robot hand: a URDF, and what it does not state. Lengths are metres."""
 
-    name: str = Field(description="Of the hand, recorded in grasps.")
+    name: str = Field(description="Name of the hand, recorded in grasps.")
     urdf: str = Field(description="Path of the URDF, from the hand file.")
-    sensor: str | None = Field(None, description="What fingers wear: a shipped sensor, or a path from the hand file.")
+    sensor: str | None = Field(None, description="The sensor that fingers wear: a shipped one, or a path from the hand file.")
     palm: _PalmEntry = Field(description="Where the hand is placed over an object.")
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
     frozen: dict[str, Coordinate] = Field({}, description="Angles, rad (m), of moving joints that no finger uses.")
@@ -87,8 +87,8 @@ class HandFile(_Entry):
         {},
         description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
     )
-    torque: float = Field(0.7, gt=0, le=1e6, description="Of the motors at most, N m (N where a joint slides).")
-    friction: float = Field(0.5, ge=0, le=100, description="Of the hand's surfaces.")
+    torque: float = Field(0.7, gt=0, le=1e6, description="Maximum torque of the motors, N m (N for a joint that slides).")
+    friction: float = Field(0.5, ge=0, le=100, description="Friction coefficient of the hand's surfaces.")
 
 
 def load_hand(name: str | Path) -> Hand:
@@ -105,22 +105,22 @@ def load_hand(name: str | Path) -> Hand:
         A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
     """
     path = description_path("hand", name).resolve()
-    if path in _last:
-        digests, hand = _last[path]
+    if path in _cached:
+        digests, hand = _cached[path]
         if digests == _digests(hand):
             return hand
     hand = _read(path)
-    _last.clear()
-    _last[path] = _digests(hand), hand
+    _cached.clear()
+    _cached[path] = _digests(hand), hand
     return hand
 
 
-_last: dict[Path, tuple[list[str] | None, Hand]] = {}
-"""The hand that this process loaded last, with the digests of its files: a stage asks for it several times, and meshes may be large."""
+_cached: dict[Path, tuple[list[str] | None, Hand]] = {}
+"""The hand that this process loaded last, with the digests of its files: a stage loads it several times, and meshes may be large."""
 
 
 def _digests(hand: Hand) -> list[str] | None:
-    """Hash the files of a hand; None where one is gone."""
+    """Hash the files of a hand; None if one is missing."""
     try:
         return [hashlib.sha256(file.read_bytes()).hexdigest() for file in hand.files]
     except OSError:
@@ -133,7 +133,7 @@ def _read(path: Path) -> Hand:
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
     try:
-        return _without_resting_contacts(_assemble(file, path, urdf), file.allowed_contacts)
+        return _with_allowed_contacts(_assemble(file, path, urdf), file.allowed_contacts)
     except InvalidInput as error:
         raise InvalidInput(f"hand file {path} with {urdf.name}: {error}") from error
 
@@ -166,50 +166,52 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
 
 
 def _check_entries(file: HandFile, numbers: Mapping[str, int], joints: Sequence[Joint], path: Path) -> None:
-    """Look at every entry by itself, so that all faults are reported at once."""
+    """Check every entry by itself, so that all faults are reported together."""
     names = [*file.convex_parts, *(link for pair in file.allowed_contacts for link in pair)]
-    worn = [(entry.name, entry.mounts) for entry in file.fingers]
-    looks: list[Callable[[], object]] = [
+    finger_mounts = [(entry.name, entry.mounts) for entry in file.fingers]
+    checks: list[Callable[[], object]] = [
         lambda: joint_roles(joints, [joint for finger in file.fingers for joint in finger.joints], file.frozen),
         lambda: _unit(file.palm.facing, "palm: facing"),
         *(partial(_find, "link", name, numbers) for name in names),
-        *(partial(_mounts, owner, [one], numbers, file, path) for owner, ones in (*worn, ("palm", file.palm.sensors)) for one in ones),
+        *(
+            partial(_mounts, owner, [mount], numbers, file, path)
+            for owner, mounts in (*finger_mounts, ("palm", file.palm.sensors))
+            for mount in mounts
+        ),
     ]
     faults = []
-    for look in looks:
+    for check in checks:
         try:
-            look()
+            check()
         except InvalidInput as error:
             faults.append(str(error))
     if faults:
         raise InvalidInput("; ".join(faults))
 
 
-def _without_resting_contacts(hand: Hand, stated: Iterable[tuple[str, str]]) -> Hand:
-    """Allow the contacts that the hand file states, and those of neighbours that overlap at rest."""
+def _with_allowed_contacts(hand: Hand, stated_pairs: Iterable[tuple[str, str]]) -> Hand:
+    """Set the allowed contacts: those that the hand file states, and those of neighbours that overlap at rest."""
     numbers = {link.name: i for i, link in enumerate(hand.links)}
-    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated]
-    named = frozenset((min(pair), max(pair)) for pair in pairs)
-    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | named)
+    pairs = [(_find("link", one, numbers), _find("link", other, numbers)) for one, other in stated_pairs]
+    allowed = frozenset((min(pair), max(pair)) for pair in pairs)
+    return replace(hand, allowed_contacts=overlapping_neighbours(hand, collision_boxes(hand)) | allowed)
 
 
 def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path: Path) -> tuple[tuple[Finger, ...], tuple[Mount, ...]]:
     """Assemble the fingers, those that share a motor as one, and the sensors: finger by finger, those on the palm last."""
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
-    entry_of |= {roles.joints[one.link - 1].name: one.entry for one in roles.followers}
-    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves the fingers
+    entry_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
+    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves them
     for entry in file.fingers:
-        own = {entry_of[joint] for joint in entry.joints}
-        known = next(
-            (first for first, others in groups.items() if own & {entry_of[name] for one in others for name in one.joints}), min(own)
-        )
-        groups.setdefault(known, []).append(entry)
+        indices = {entry_of[joint] for joint in entry.joints}
+        shared = (first for first, members in groups.items() if indices & {entry_of[name] for member in members for name in member.joints})
+        groups.setdefault(next(shared, min(indices)), []).append(entry)
     fingers, mounts = [], list[Mount]()
     for entries in groups.values():
         joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
         moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
-        first = len(mounts)
+        first_mount = len(mounts)
         for entry in entries:
             for mount in _mounts(entry.name, entry.mounts, numbers, file, path):
                 if mount.link not in moved:
@@ -217,20 +219,20 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
                     raise InvalidInput(f"sensor link {link!r} is not moved by the joints of finger {entry.name!r}")
                 mounts.append(mount)
         name = "+".join(entry.name for entry in entries)
-        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first, len(mounts)))))
+        fingers.append(Finger(name, tuple(joints), tuple(moved), tuple(range(first_mount, len(mounts)))))
     for mount in _mounts("palm", file.palm.sensors, numbers, file, path):
         if mover := next((finger.name for finger in fingers if mount.link in finger.links), None):
             raise InvalidInput(f"palm: finger {mover!r} moves the link of sensor {mount.name!r}; list the sensor under that finger")
         mounts.append(mount)
     if not mounts:
         raise InvalidInput("no finger has a sensor, nor has the palm; give one a sensor")
-    if twice := [mount.name for mount in mounts if [one.name for one in mounts].count(mount.name) > 1]:
+    if twice := [mount.name for mount in mounts if [other.name for other in mounts].count(mount.name) > 1]:
         raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
     return tuple(fingers), tuple(mounts)
 
 
 def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: HandFile, path: Path) -> list[Mount]:
-    found = []
+    mounts = []
     for number, entry in enumerate(entries):
         name = entry.name or (owner if len(entries) == 1 else f"{owner}-{number + 1}")
         sensor = entry.file or file.sensor
@@ -238,8 +240,8 @@ def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, i
             raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
         if sensor not in shipped_files("sensor"):
             sensor = str(path.parent / os.path.expanduser(sensor))
-        found.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
-    return found
+        mounts.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
+    return mounts
 
 
 def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
@@ -252,10 +254,10 @@ def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
     return pose
 
 
-def _find(kind: str, name: str, known: Mapping[str, Value]) -> Value:
-    if name not in known:
-        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(known))}")
-    return known[name]
+def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
+    if name not in values:
+        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(values))}")
+    return values[name]
 
 
 def _unit(vector: Vector, what: str) -> NDArray[np.float64]:

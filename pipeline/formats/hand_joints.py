@@ -1,4 +1,4 @@
-"""Which joints of a hand move on their own, which follow another one, and which are frozen."""
+"""Find which joints of a hand move on their own, which follow another one, and which are frozen."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
         if name not in moving:
             raise InvalidInput(f"there is no moving joint {name!r}; there are {', '.join(sorted(moving))}")
     if twice := sorted({name for name in used if used.count(name) > 1 or name in frozen}):
-        raise InvalidInput(f"every moving joint must belong to one finger, or be frozen, but not so {', '.join(twice)}")
+        raise InvalidInput(f"every moving joint must belong to one finger, or be frozen; this is not so for {', '.join(twice)}")
     leaders = {name: _leader(joint, moving, frozen) for name, joint in moving.items() if joint.mimic is not None and name not in frozen}
     angles = dict(frozen) | {
         name: mimic.multiplier * frozen[mimic.joint] + mimic.offset for name, mimic in leaders.items() if mimic.joint in frozen
@@ -67,7 +67,7 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
 
 
 def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) -> Mimic:
-    """Find what a joint follows in the end: the joint that it mimics may mimic another one, unless it is frozen."""
+    """Find the joint that a joint follows at the end of a chain of mimics, which a frozen joint ends."""
     mimic, passed = joint.mimic, {joint.name}
     assert mimic is not None
     while (leader := moving.get(mimic.joint)) is not None and leader.mimic is not None and leader.name not in frozen:
@@ -91,7 +91,7 @@ def _freeze(joint: Joint, angle: float) -> Joint:
 
 
 def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:
-    """List the links that some joints move, and all that hang from those, base to tip."""
+    """List the links that these joints move, and their descendants, base to tip."""
     moved: set[int] = set()
     for joint in joints:  # parents first
         if joint.name in names or joint.parent in moved:

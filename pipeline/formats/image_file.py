@@ -18,13 +18,13 @@ from pipeline.formats.file_content import read_file
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """Pillow would open others too, some by starting a program."""
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-"""Of their files."""
+"""Suffixes of their files."""
 MAX_BYTES, MAX_PIXELS = 2**28, 2**25
-"""Of a file, and of the image in it: 33 megapixels take 100 MB."""
+"""Limits of a file, and of the image in it: 33 megapixels take 100 MB."""
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
-    """Select the files that are called as images are, sorted, without one."""
+    """Select the files with the suffix of an image, sorted, except `leave_out`."""
     return sorted(file for file in files if file.suffix.lower() in SUFFIXES and file.resolve() != leave_out.resolve())
 
 
@@ -38,31 +38,31 @@ def read_image(path: Path) -> NDArray[np.uint8]:
         per colour.
     """
     remedy = "8-bit RGB, without transparency"
-    pixels: NDArray[np.uint8] = _opened(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
+    pixels: NDArray[np.uint8] = _read_pixels(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
     return pixels
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
     """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`."""
     modes = ("1", "L", "P", "I;16", "RGB")
-    levels = _opened(path, modes, "colours", "8-bit grey, 0 outside", _levels)
+    levels = _read_pixels(path, modes, "colours", "8-bit grey, 0 outside", _levels)
     return np.asarray(levels.any(axis=2) if levels.ndim == 3 else levels != 0)
 
 
 def _levels(image: Image.Image) -> NDArray[Any]:
-    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: numbers of colours, of which any may be black
+    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: indices of a palette, in which any colour may be black
 
 
 def read_depth(path: Path) -> NDArray[Any]:
     """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
-    numbers = read_array(path) if path.suffix.lower() == ".npy" else _opened(path, ("I;16",), "depths", "16-bit grey", np.asarray)
+    numbers = read_array(path) if path.suffix.lower() == ".npy" else _read_pixels(path, ("I;16",), "depths", "16-bit grey", np.asarray)
     if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
         raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
     return np.asarray(numbers)
 
 
-def _opened(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
-    """Open an image in one of Pillow's modes, and convert it."""
+def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, convert: Callable[[Image.Image], Any]) -> Any:
+    """Open an image that has one of these Pillow modes, and convert it."""
     content = read_file(path, MAX_BYTES)
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:

@@ -1,6 +1,6 @@
 """The files that a mesh file names: an OBJ's materials and their textures, a glTF's buffers and images, a PLY's texture.
 
-They are what a mesh's key covers, and all that its reader may open.
+The key of a mesh covers them, and its reader may open no others.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from pipeline.formats.file_content import regular_stat
 from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
-"""Size of a mesh file, and of the files that it names together."""
+"""Maximum size of a mesh file, and of all files that it names together."""
 
 MAX_NAMES = 1000
-"""File names in a mesh file."""
+"""Maximum number of file names in a mesh file."""
 
 MAX_ENTRIES = 1_000_000
-"""Commas and opening brackets of a glTF's JSON: each may become a hundred bytes."""
+"""Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
 
-MAX_FOREIGN = 2**25
-"""Bytes of a JSON that is not ASCII: as text, a single character beyond it makes all others four times as large."""
+MAX_NON_ASCII = 2**25
+"""Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 
 
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are there; a symbolic link is where it leads. `missing` lists the names of the others.
+    Only regular files below the root are included; a symbolic link counts as its target. `missing` lists the names of the others.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ class Companions(Mapping[str, bytes]):
         self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
-        seen = set[str]()
-        for name in self._names(file, self.content):  # one after the other: a file of names only would fill the memory with them
-            if name in seen:
+        names = set[str]()
+        for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
+            if name in names:
                 continue
-            seen.add(name)
-            if len(seen) > MAX_NAMES:
+            names.add(name)
+            if len(names) > MAX_NAMES:
                 raise InvalidInput(f"{file.name} names more than {MAX_NAMES} files; merge its materials")
             if path := self._find(name):
                 self.paths[name] = path
@@ -98,14 +98,14 @@ class Companions(Mapping[str, bytes]):
             case ".dae":
                 yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", content))
             case ".ply":
-                yield from _after(b"texturefile", content.partition(b"end_header")[0])
+                yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
                 line = content.partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
                 library = _decode(line)
                 yield library
                 if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
                     check_file(path)
-                    yield from _after(b"map_kd", path.read_bytes())
+                    yield from _names_after(b"map_kd", path.read_bytes())
 
     def _find(self, name: str) -> Path | None:
         """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
@@ -148,8 +148,10 @@ def _read_gltf(file: Path) -> dict[str, Any]:
         content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
     if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
         raise InvalidInput(f"{file.name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
-    if len(content) > MAX_FOREIGN and not content.isascii():
-        raise InvalidInput(f"{file.name} has {len(content)} bytes of JSON, {MAX_FOREIGN} are the most unless all is ASCII; write it as GLB")
+    if len(content) > MAX_NON_ASCII and not content.isascii():
+        raise InvalidInput(
+            f"{file.name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB"
+        )
     try:
         tree = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -171,11 +173,11 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def _after(word: bytes, content: bytes) -> Iterator[str]:
-    """List what follows a word (lower case) on the lines that have it."""
+def _names_after(word: bytes, content: bytes) -> Iterator[str]:
+    """List the names that follow a word (lower case) in lines that contain it."""
     for line in BytesIO(content.replace(b"\r", b"\n")):
-        if (at := line.lower().find(word)) >= 0:
-            yield _decode(line[at + len(word) :])
+        if (start := line.lower().find(word)) >= 0:
+            yield _decode(line[start + len(word) :])
 
 
 def _decode(name: bytes) -> str:

@@ -16,7 +16,7 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_companions import Companions
-from pipeline.formats.mesh_reader import read_apart
+from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -30,13 +30,13 @@ GREY = (178, 178, 178, 255)
 """The colour of faces without a material, as 3D Warehouse's default material."""
 
 MAX_FACES = 2_000_000
-"""Faces of a mesh file, and a third of the vertices. More would take gigabytes, whatever `max_faces` allows."""
+"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
-"""Formats that textures have. Pillow would read others too, some with the help of other programs."""
+"""Accepted formats of textures. Pillow would read others too, some by starting other programs."""
 
 MAX_PIXELS = 2**26
-"""Pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
+"""Maximum number of pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -56,16 +56,16 @@ def load_mesh(file: Path, root: Path | None = None) -> Mesh:
     InvalidInput
         The file is missing or empty, is not what its suffix says, holds no triangle mesh, or takes too much memory or time.
     """
-    return read_apart(file, root or file.parent)
+    return read_in_subprocess(file, root or file.parent)
 
 
 def parse_mesh(file: Path, root: Path) -> Mesh:
-    """Read a mesh file in this process, whatever it takes; otherwise as `load_mesh`.
+    """Read a mesh file in this process, without limits; otherwise like `load_mesh`.
 
     Raises
     ------
     InvalidInput
-        As of `load_mesh`.
+        As for `load_mesh`.
     MemoryError
         It takes more memory than there is.
     """
@@ -78,7 +78,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
         raise
-    except ModuleNotFoundError as error:  # what trimesh asks for to guess the encoding of bytes that are no text
+    except ModuleNotFoundError as error:  # trimesh needs a package to guess the encoding of bytes that are no text
         raise InvalidInput(
             f"{file.name} cannot be read as {file.suffix[1:].upper()}: it is neither whole nor text; is it cut off? Export it again"
         ) from error
@@ -92,7 +92,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
-    """Read the parts of a file, without materials where they are damaged: that does not make the shape unusable."""
+    """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
     try:
         return _read(file, companions)
     except (InvalidInput, MemoryError):
@@ -122,7 +122,7 @@ class _Textures:
         InvalidInput
             The textures so far and this one have too many pixels.
         ValueError, OSError
-            It is of no format that textures have, or damaged.
+            Its format is not accepted, or it is damaged.
         """
         digest = self._digests.setdefault(id(image), _digest(image))
         if digest not in self._decoded:
@@ -140,7 +140,7 @@ def _digest(image: Image.Image) -> str:
 
 
 def _read(file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
-    """Read the parts of a file, each at its place."""
+    """Read the parts of a file, each in its pose."""
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions}
     scene: Any = trimesh.load_scene(file, **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
@@ -154,7 +154,7 @@ def _read(file: Path, companions: Companions, skip_materials: bool = False) -> l
 
 
 def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
-    """Copy the triangles of a part to their place."""
+    """Copy the triangles of a part, transformed by its pose."""
     part = part.copy(include_visual=False)
     if np.ndim(part.vertices) != 2 or part.vertices.shape[1] != 3:
         raise ValueError(f"vertices have shape {np.shape(part.vertices)}, not (n, 3)")
@@ -165,7 +165,7 @@ def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
 
 
 def _join(meshes: list[Mesh]) -> Mesh:
-    """Join meshes to one, each keeping its look."""
+    """Join meshes into one; each part keeps its look."""
     looks = [mesh.look for mesh in meshes]
     textures = list({id(texture): texture for look in looks for texture in look.textures}.values())
     numbers = {id(texture): number for number, texture in enumerate(textures)}
@@ -211,8 +211,8 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
-            stated = np.asarray(visual.uv, np.float64)[:, :2]
-            uv[:] = np.where(np.abs(stated) < MAX_UV, stated, 0)  # NaN too
+            coordinates = np.asarray(visual.uv, np.float64)[:, :2]
+            uv[:] = np.where(np.abs(coordinates) < MAX_UV, coordinates, 0)  # NaN too
     elif visual.kind == "vertex":
         colors[0] = 255
     elif visual.kind == "face":
@@ -229,17 +229,17 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
 
 def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
-    stated = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
-    if stated is None or len(stated) != count:
+    stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
+    if stored is None or len(stored) != count:
         return None
-    colors = np.array(trimesh.visual.color.to_rgba(stated), np.uint8)
+    colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
     if linear:
         colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
     return colors
 
 
 def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
-    """Read base colour (4,) and texture (h, w, 4), sRGB, of one of trimesh's materials, whichever of its kinds it is."""
+    """Read base colour (4,) and texture (h, w, 4), sRGB, of any of trimesh's kinds of materials."""
     color = np.full(4, 255, np.uint8)
     if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
         if material.baseColorFactor is not None:

@@ -1,7 +1,7 @@
-"""The process that reads mesh files: each in a fork of it, which the kernel stops at a limit of memory and of time.
+"""Read mesh files in a separate process: each in a fork of it, which the kernel stops at a limit of memory and of time.
 
-A file of three kilobytes may stand for gigabytes, or for years. A limit set in this process would hit its other threads, and what it had
-freed before would count; an exception stops no native code. A fork of a process that does nothing else begins the same for every file.
+A file of three kilobytes may take gigabytes, or years. A limit set in this process would apply to its other threads, and to memory that it
+had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BYTES = 5 * 2**28
 SECONDS = 60
 """Processor time that reading a file may take: a million faces take 7 s at most."""
 
-WAY_OUT = "decimate the mesh, name each part once, or write it as binary PLY"
+REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = """
 import collada, lxml.builder, PIL.Image
 from pipeline.formats.mesh_file import parse_mesh
@@ -40,15 +40,15 @@ from pipeline.formats.mesh_reader import serve
 PIL.Image.init()
 serve(parse_mesh)
 """
-"""What the process runs; what reading would import is there before a limit holds."""
+"""The program of the process; it imports what readers need before a limit applies."""
 
 _lock = threading.Lock()
 _readers: dict[int, subprocess.Popen[bytes]] = {}
 """The reader of each process that has one, by its number: a fork of it starts its own."""
 
 
-def read_apart(file: Path, root: Path) -> Mesh:
-    """Read a mesh file in a process of its own.
+def read_in_subprocess(file: Path, root: Path) -> Mesh:
+    """Read a mesh file in a separate process.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def read_apart(file: Path, root: Path) -> Mesh:
     InvalidInput
         The file cannot be used, takes more than `BYTES` or `SECONDS`, or ends the process that reads it.
     StageError
-        No such process can be started.
+        The process cannot be started.
     """
     with _lock:
         reader = _readers.get(os.getpid())
@@ -72,7 +72,7 @@ def read_apart(file: Path, root: Path) -> Mesh:
         reader = reader or _readers.setdefault(os.getpid(), _start())
         try:
             answer = _ask(reader, file, root)
-        except BaseException:  # half of an answer may be left
+        except BaseException:  # part of an answer may be unread
             end_reader()
             raise
     if isinstance(answer, Mesh):
@@ -81,7 +81,7 @@ def read_apart(file: Path, root: Path) -> Mesh:
 
 
 def end_reader() -> None:
-    """End the reader of this process, at whatever it is."""
+    """End the reader of this process, even while it reads."""
     if reader := _readers.pop(os.getpid(), None):
         if reader.poll() is None:
             os.killpg(reader.pid, signal.SIGKILL)  # with the fork that reads a file
@@ -89,7 +89,7 @@ def end_reader() -> None:
 
 
 def serve(read: Callable[[Path, Path], Mesh]) -> None:
-    """Read the files that standard input names; ends when there are no more, or with the status of a fork that failed."""
+    """Read the files that standard input names; end when there are no more, or with the status of a fork that failed."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     for line in sys.stdin.buffer:
@@ -101,11 +101,11 @@ def serve(read: Callable[[Path, Path], Mesh]) -> None:
 
 
 def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]) -> None:
-    """Write a mesh or an error in words, and end this process."""
+    """Write a mesh or an error message, and end this process."""
     try:
         for kind, limit in {**limits, resource.RLIMIT_CORE: 0}.items():
             soft, hard = resource.getrlimit(kind)
-            resource.setrlimit(kind, (min([limit, *(stated for stated in (soft, hard) if stated != resource.RLIM_INFINITY)]), hard))
+            resource.setrlimit(kind, (min([limit, *(current for current in (soft, hard) if current != resource.RLIM_INFINITY)]), hard))
         try:
             arrays, head = _arrays(read())
         except InvalidInput as error:
@@ -128,19 +128,19 @@ def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]
 
 
 def _start() -> subprocess.Popen[bytes]:
-    """Start a reader, one thread that finds the same modules; it ends when this process does."""
-    found = [str(Path(__file__).parents[2]), *(folder for folder in sys.path if folder)]
+    """Start a reader with one thread that finds the same modules; it ends when this process does."""
+    module_folders = [str(Path(__file__).parents[2]), *(folder for folder in sys.path if folder)]
     return subprocess.Popen(
         [sys.executable, "-P", "-W", "ignore", "-c", START],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(found), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
-        start_new_session=True,  # Ctrl-C is for whoever asks
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(module_folders), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+        start_new_session=True,  # Ctrl-C is for this process
     )
 
 
 def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | str:
-    """Ask for a mesh; a text says why there is none."""
+    """Request a mesh; return an error message if there is none."""
     if reader.stdin is None or reader.stdout is None:
         raise ValueError("a reader without pipes")
     try:
@@ -154,17 +154,17 @@ def _ask(reader: subprocess.Popen[bytes], file: Path, root: Path) -> Mesh | str:
             return head["error"] if "error" in head else _mesh(head, reader.stdout)
     except (BrokenPipeError, EOFError):
         pass
-    return _ended(file.name, reader.wait())
+    return _failure_reason(file.name, reader.wait())
 
 
-def _ended(name: str, status: int) -> str:
-    """Say why a file could not be read, from the status that its reader ended with."""
+def _failure_reason(name: str, status: int) -> str:
+    """Explain why a file could not be read, from its reader's exit status."""
     if status == errno.ENOMEM:
-        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {WAY_OUT}"
+        return f"{name} needs more than {BYTES / 1e9:.1f} GB of memory to read; {REMEDY}"
     if status == 128 + signal.SIGXCPU:
-        return f"{name} takes more than {SECONDS} s of processor time to read; {WAY_OUT}"
+        return f"{name} takes more than {SECONDS} s of processor time to read; {REMEDY}"
     if status == 128 + signal.SIGKILL:
-        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {WAY_OUT}, or use fewer workers"
+        return f"{name} was being read when the kernel ended its reader, as it does when memory is short; {REMEDY}, or use fewer workers"
     if status > 128:
         return f"{name} ends the process that reads it ({signal.Signals(status - 128).name}); write it with another program"
     raise StageError(f"the process that reads mesh files ended with status {status}; what it printed says why")
@@ -180,14 +180,14 @@ def _arrays(mesh: Mesh) -> tuple[list[NDArray[Any]], dict[str, object]]:
 
 
 def _mesh(head: dict[str, list[tuple[str, list[int]]]], stream: IO[bytes]) -> Mesh:
-    """Read the arrays of a mesh, as they were described."""
+    """Read the arrays of a mesh from their description."""
     arrays = [np.empty(shape, dtype) for dtype, shape in head["arrays"]]
     for array in arrays:
         if stream.readinto(content := _bytes(array)) != len(content):  # type: ignore[attr-defined]
             raise EOFError
-    vertices, faces, uv, face_material, base_color, material_texture, *others = arrays
-    colors = others.pop(0) if head["colors"] else None
-    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(others), colors))
+    vertices, faces, uv, face_material, base_color, material_texture, *textures = arrays
+    colors = textures.pop(0) if head["colors"] else None
+    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(textures), colors))
 
 
 def _bytes(array: NDArray[Any]) -> memoryview:

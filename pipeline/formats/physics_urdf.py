@@ -1,4 +1,4 @@
-"""The URDF that physics loads: a hand as its file describes it, without what a physics engine trips over."""
+"""Write the URDF that physics engines load: a hand as its file describes it, without what they cannot read."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from pipeline.formats.urdf import mass_of, parse_urdf
 from pipeline.kernels.hand.model import Hand, Joint, Link
 
 DENSITY = 1000.0
-"""kg/m³ of the boxes around a link's collision shapes, from which the mass of a link without one is estimated."""
+"""kg/m³ of the boxes around a link's collision shapes, to estimate the mass of a link without one."""
 
-LEAST_MASS = 1e-3
-"""kg, of a link without a mass and without collision shapes."""
+MIN_MASS = 1e-3
+"""Mass of a link without a mass and without collision shapes, kg."""
 
 
 def write_physics_urdf(hand: Hand, folder: Path) -> Path:
-    """Write what physics needs of a hand's URDF into a folder.
+    """Write the parts of a hand's URDF that physics needs into a folder.
 
     Parameters
     ----------
     hand
-        Its links alone are written: what lies above the palm is left out, frozen joints are fixed.
+        Only its links are written: those above the palm are left out, frozen joints are fixed.
     folder
-        Existing; the file and the convex meshes beside it are put there.
+        An existing folder for the file and its convex meshes.
 
     Returns
     -------
-    The URDF. Visuals and what has a prefix are gone, every mesh that collides is a convex OBJ, every link has a mass, and a joint that
-    follows another one is as free as that one. All else is as in the hand's own file, to the letter.
+    The URDF. Visuals and names with a prefix are removed, every collision mesh is a convex OBJ, every link has a mass, and a joint that
+    follows another one is as free as that one. Everything else is copied from the hand's file unchanged.
     """
     links, joints = {link.name: link for link in hand.links}, {joint.name: joint for joint in hand.joints}
     robot = Element("robot", name=hand.name)
@@ -54,39 +54,39 @@ def links_without_mass(hand: Hand) -> list[str]:
 
 
 def _without_prefixes(element: Element) -> Element:
-    """Copy an element without tags and attributes such as `drake:…`: whose prefix is not declared is no XML to those who read it next."""
-    kept = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
-    kept.text, kept.tail = element.text, element.tail
-    kept.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
-    return kept
+    """Copy an element without tags and attributes such as `drake:…`: XML parsers refuse a prefix that is not declared."""
+    copy = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
+    copy.text, copy.tail = element.text, element.tail
+    copy.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
+    return copy
 
 
 def _link(element: Element, link: Link, stem: Path) -> Element:
-    kept = _without_prefixes(element)
-    for visual in kept.findall("visual"):
-        kept.remove(visual)
+    copy = _without_prefixes(element)
+    for visual in copy.findall("visual"):
+        copy.remove(visual)
     if any(shape.kind == "mesh" for shape in link.collisions):
-        for collision in kept.findall("collision"):
+        for collision in copy.findall("collision"):
             if collision.find("geometry/mesh") is not None:
-                kept.remove(collision)
+                copy.remove(collision)
         for number, shape in enumerate(link.collisions):
             if shape.kind == "mesh":
                 path = stem.with_name(f"{stem.name}-{number}.obj")
                 trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
-                SubElement(SubElement(SubElement(kept, "collision"), "geometry"), "mesh", filename=str(path))
+                SubElement(SubElement(SubElement(copy, "collision"), "geometry"), "mesh", filename=str(path))
     if not mass_of(element):
-        for inertial in kept.findall("inertial"):
-            kept.remove(inertial)
-        kept.append(_estimated_inertial(link))
-    return kept
+        for inertial in copy.findall("inertial"):
+            copy.remove(inertial)
+        copy.append(_estimated_inertial(link))
+    return copy
 
 
 def _estimated_inertial(link: Link) -> Element:
-    """Mass and inertia of a box of water around the collision shapes."""
+    """Estimate mass and inertia as those of a box of water around the collision shapes."""
     corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y, z = high - low
-    mass = max(DENSITY * float(x * y * z), LEAST_MASS)
+    mass = max(DENSITY * float(x * y * z), MIN_MASS)
     moments = {"ixx": y * y + z * z, "iyy": x * x + z * z, "izz": x * x + y * y}
     inertial = Element("inertial")
     SubElement(inertial, "origin", xyz=_text((low + high) / 2))
@@ -97,25 +97,25 @@ def _estimated_inertial(link: Link) -> Element:
 
 
 def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
-    kept = _without_prefixes(element)
-    for mimic in kept.findall("mimic"):
-        kept.remove(mimic)
+    copy = _without_prefixes(element)
+    for mimic in copy.findall("mimic"):
+        copy.remove(mimic)
     if joint.name in hand.frozen:
-        kept.set("type", "fixed")
-        for origin in kept.findall("origin"):
-            kept.remove(origin)
-        add_origin(kept, joint.origin)
+        copy.set("type", "fixed")
+        for origin in copy.findall("origin"):
+            copy.remove(origin)
+        add_origin(copy, joint.origin)
     for follower in hand.followers:
         if follower.link == joint.child:
             ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
-            for limit in kept.findall("limit"):
-                limit.set("lower", repr(min(ends) - 0.1))  # its leader's limits bind it: two that disagree would tear at it
+            for limit in copy.findall("limit"):
+                limit.set("lower", repr(min(ends) - 0.1))  # its leader's limits bind it, and its own must not conflict with them
                 limit.set("upper", repr(max(ends) + 0.1))
-    return kept
+    return copy
 
 
 def add_origin(element: Element, pose: np.ndarray) -> None:
-    """Add the pose (4, 4) of an element's own frame; of several triples of angles for a pitch of 90° any will do."""
+    """Add the pose (4, 4) of an element's frame; at a pitch of 90°, any of the equivalent triples of angles."""
     angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True)
     SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
 

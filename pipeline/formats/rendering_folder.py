@@ -20,7 +20,7 @@ VIEWS, PIXELS = 24, 137
 
 METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
 MAX_BYTES = 2**20
-"""Of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
+"""Maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
 
 
 def rendering_files(folder: Path) -> list[Path]:
@@ -73,16 +73,16 @@ def _read_metadata(path: Path) -> list[Viewpoint]:
 def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
     where = f"{path}, line {number}: {line.strip()[:80]!r}"
     try:
-        found = Viewpoint(*map(float, line.split()))
+        viewpoint = Viewpoint(*map(float, line.split()))
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{where} is not azimuth, elevation, in-plane rotation, distance ratio and field of view") from error
-    if not all(map(math.isfinite, vars(found).values())) or found.distance <= 0:
+    if not all(map(math.isfinite, vars(viewpoint).values())) or viewpoint.distance <= 0:
         raise InvalidInput(f"{where} has a value that is not finite, or a distance ratio that is not above 0")
-    if abs(found.elevation) > 90:
-        raise InvalidInput(f"{where} has an elevation of {found.elevation:g} degrees; it must be from -90 to 90")
-    if found.in_plane != 0:
-        raise InvalidInput(f"{where} has an in-plane rotation of {found.in_plane:g}; it must be 0, as in all the cited renderings")
-    return found
+    if abs(viewpoint.elevation) > 90:
+        raise InvalidInput(f"{where} has an elevation of {viewpoint.elevation:g} degrees; it must be from -90 to 90")
+    if viewpoint.in_plane != 0:
+        raise InvalidInput(f"{where} has an in-plane rotation of {viewpoint.in_plane:g}; it must be 0, as in all the cited renderings")
+    return viewpoint
 
 
 def _read_image(path: Path) -> NDArray[np.uint8]:
@@ -95,7 +95,7 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
             return np.array(image)
     except InvalidInput:
         raise
-    except UnidentifiedImageError as error:  # its text names a place in memory, another in each run
+    except UnidentifiedImageError as error:  # its message has a memory address, which differs in each run
         raise InvalidInput(f"{path} is no PNG file; download the model's renderings again") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
@@ -107,7 +107,7 @@ def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequen
     Parameters
     ----------
     folder
-        Made if missing.
+        The folder; created if missing.
     images
         (24, 137, 137, 4) uint8, RGBA.
     viewpoints

@@ -1,6 +1,6 @@
 """Scene files: the YAML descriptions of cameras, lamp, constant light and background.
 
-A file of its own: code that reads other descriptions does not depend on cameras, so their keys do not either.
+A separate module, so that code that reads other descriptions, and its keys, do not depend on cameras.
 """
 
 from __future__ import annotations
@@ -12,5 +12,5 @@ from pipeline.kernels.vision.scene import Scene
 
 
 def load_scene(name: str | Path) -> Scene:
-    """Read a scene by the name of a shipped scene or by path; an `InvalidInput` names the file and what is wrong with it."""
+    """Read a scene by the name of a shipped scene or by path; raise an `InvalidInput` that names the file and the fault."""
     return read_description("scene", description_path("scene", name), Scene)

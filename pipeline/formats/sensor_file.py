@@ -31,7 +31,7 @@ def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Se
     Raises
     ------
     InvalidInput
-        The file cannot be used, and the message names it and what is wrong with it; or it cannot have these pixels.
+        The file cannot be used, or cannot have these pixels; the message names the file and the fault.
     """
     sensor = _read_sensor(name)
     if shape is None:
@@ -56,7 +56,7 @@ def _read_sensor(name: str | Path) -> Sensor:
 
 
 def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
-    """Return the bytes of a photograph, or those of a PNG of its image where its EXIF data turn it: kernels take pixels as they are."""
+    """Return the bytes of a photograph, or of a PNG of its image if its EXIF data rotate it: kernels ignore EXIF data."""
     if np.array_equal(np.asarray(Image.open(io.BytesIO(content)).convert("RGB")), image):
         return content
     with io.BytesIO() as file:
@@ -65,15 +65,15 @@ def _upright(content: bytes, image: NDArray[np.uint8]) -> bytes:
 
 
 def photograph_file(path: Path, sensor: Sensor) -> Path | None:
-    """Find the photograph that a sensor file names as its background; None where it names none."""
-    named = sensor.calibrated.background if sensor.calibrated else None
-    return path.parent / named if isinstance(named, str) else None
+    """Find the photograph that a sensor file names as its background; None if it names none."""
+    background = sensor.calibrated.background if sensor.calibrated else None
+    return path.parent / background if isinstance(background, str) else None
 
 
 def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
     """Name the sensor at each mount, the hand file's, or `override` on all: a shipped one, or an absolute path."""
-    chosen = [override or mount.sensor for mount in hand.sensors]
-    return tuple(name if (path := Path(name).expanduser()).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in chosen)
+    names = [override or mount.sensor for mount in hand.sensors]
+    return tuple(name if (path := Path(name).expanduser()).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in names)
 
 
 def sensor_files(names: Sequence[str]) -> list[Path]:
@@ -96,21 +96,21 @@ def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
 
     Returns
     -------
-    As many sensors.
+    One sensor per name.
 
     Raises
     ------
     InvalidInput
         One cannot be read, or their images differ in rows or columns: one array holds those of all fingers; or some have an elastic gel.
     """
-    known = {name: load_sensor(name) for name in dict.fromkeys(names)}
-    if len({sensor.shape for sensor in known.values()}) > 1:
-        listed = ", ".join(f"{name} has {sensor.rows} x {sensor.cols}" for name, sensor in known.items())
+    sensors = {name: load_sensor(name) for name in dict.fromkeys(names)}
+    if len({sensor.shape for sensor in sensors.values()}) > 1:
+        listed = ", ".join(f"{name} has {sensor.rows} x {sensor.cols}" for name, sensor in sensors.items())
         raise InvalidInput(f"the sensors of one hand need the same rows and columns of pixels, but {listed}; change them in copies")
-    if len({sensor.gel is None for sensor in known.values()}) > 1:
-        soft, hard = (", ".join(name for name, sensor in known.items() if (sensor.gel is None) == rigid) for rigid in (False, True))
+    if len({sensor.gel is None for sensor in sensors.values()}) > 1:
+        soft, hard = (", ".join(name for name, sensor in sensors.items() if (sensor.gel is None) == rigid) for rigid in (False, True))
         raise InvalidInput(
             f"an elastic gel gives pressure and force, which {soft} would have and {hard} not; "
             "give all sensors of the hand a `gel`, or none"
         )
-    return tuple(map(known.__getitem__, names))
+    return tuple(map(sensors.__getitem__, names))

@@ -19,16 +19,16 @@ from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
 from pipeline.formats.mesh_file import MAX_FACES, load_mesh
-from pipeline.formats.urdf_shapes import Color, named_color, numbers_of, origin_of, shape_of
+from pipeline.formats.urdf_shapes import Color, material_color, numbers_of, origin_of, shape_of
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
 MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
-"""What a URDF file may have: bytes; links, joints and shapes."""
+"""Limits of a URDF file: its size; its number of links, joints and shapes."""
 BAR_AFTER = 1.0
-"""Seconds of reading meshes after which a bar shows how far it is."""
+"""Seconds of reading meshes after which a progress bar is shown."""
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
@@ -39,7 +39,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     path
         The file; mesh files are relative to it, or to a package (`package://`) around it.
     root
-        Read only this link and what hangs from it; by default, the whole tree.
+        Read only this link and its descendants; by default, the whole tree.
 
     Returns
     -------
@@ -55,15 +55,15 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     """
     try:
         robot = parse_urdf(path)
-        kept = _below(robot, root)
+        link_names = _below(robot, root)
         materials = _materials(robot)
-        elements = [element for element in robot.findall("link") if _name(element) in kept]
+        elements = [element for element in robot.findall("link") if _name(element) in link_names]
         files = {mesh.get("filename") for element in elements for mesh in element.iter("mesh")}
         with Meter(errors, f"{path.name}: reading meshes", len(files), "files", after=BAR_AFTER) as meter:
             read = _reader(meter)
             links = tuple(_link(element, path.parent, materials, read) for element in elements)
         numbers = {link.name: i for i, link in enumerate(links)}
-        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end(joint, "parent") in kept]
+        joints = [_joint(joint, numbers) for joint in robot.findall("joint") if root is None or _end_link(joint, "parent") in link_names]
         return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
@@ -74,12 +74,12 @@ def _materials(robot: Element) -> dict[str, Color]:
     colors: dict[str, Color] = {}
     for material in (*robot.findall("material"), *robot.iter("material")):
         if material.find("color") is not None and (name := material.get("name")):
-            colors.setdefault(name, named_color(material, {}))
+            colors.setdefault(name, material_color(material, {}))
     return colors
 
 
 def parse_urdf(path: Path) -> Element:
-    """Parse a URDF file; an `InvalidInput` says why it is none."""
+    """Parse a URDF file; raise an `InvalidInput` if it is none."""
     try:
         regular_stat(path)
         content = path.read_bytes()
@@ -100,7 +100,7 @@ def _parse_xml(content: bytes) -> Element:
 
 
 def _check_size(content: bytes) -> None:
-    """Refuse what no hand has and what would take minutes or gigabytes to read."""
+    """Refuse content that no hand has, and that would take minutes or gigabytes to read."""
     if len(content) > MAX_BYTES:
         raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
     if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
@@ -110,28 +110,28 @@ def _check_size(content: bytes) -> None:
 
 
 def _below(robot: Element, root: str | None) -> Collection[str]:
-    """List the names of a link and all that hang from it, of all links where none is given."""
+    """List the names of a link and its descendants; of all links if none is given."""
     names = [_name(link) for link in robot.findall("link")]
     if root is None:
         return names
     if root not in names:
         raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
-    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in robot.findall("joint")]
-    below, found = [root], {root}
+    ends = [(_end_link(joint, "parent"), _end_link(joint, "child")) for joint in robot.findall("joint")]
+    below, reached = [root], {root}
     for link in below:  # grows as we go
-        new = [child for parent, child in ends if parent == link and child not in found]
-        below += new
-        found.update(new)
-    return found
+        children = [child for parent, child in ends if parent == link and child not in reached]
+        below += children
+        reached.update(children)
+    return reached
 
 
-def _end(joint: Element, role: str) -> str:
+def _end_link(joint: Element, role: str) -> str:
     end = joint.find(role)
     return end.get("link", "") if end is not None else ""
 
 
 def _reader(meter: Meter) -> Callable[[Path, Path], Mesh]:
-    """Read each mesh file once, and no more faces than a hand may have."""
+    """Make a function that reads each mesh file once, and refuses more faces than a hand may have."""
     faces = 0
 
     @cache
@@ -153,7 +153,7 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
-    mass_of(element)  # which physics needs later, without the file's name at hand
+    mass_of(element)  # checked here, where errors name the file; physics needs it later
     return Link(_name(element), shapes("visual"), shapes("collision"))
 
 
@@ -171,7 +171,7 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
         raise InvalidInput(f"joint {name} is of type {kind!r}; supported are {', '.join((*MOVING, 'fixed'))}")
     ends = []
     for role in ("parent", "child"):
-        link = _end(element, role)
+        link = _end_link(element, role)
         if link not in numbers:
             raise InvalidInput(f"joint {name} has {role} link {link!r}, which is not among the file's links")
         ends.append(numbers[link])
@@ -209,8 +209,8 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
     if len(order) != len(links):
         names = ", ".join(links[i].name for i in roots)
         raise InvalidInput(f"{len(links)} links with {len(joints)} joints are not a tree with one root (roots: {names})")
-    new = {old: i for i, old in enumerate(order)}
-    renumbered = tuple(replace(joint, parent=new[joint.parent], child=new[joint.child]) for joint in sequence)
+    new_index = {old: i for i, old in enumerate(order)}
+    renumbered = tuple(replace(joint, parent=new_index[joint.parent], child=new_index[joint.child]) for joint in sequence)
     return tuple(links[i] for i in order), renumbered
 
 

@@ -22,12 +22,12 @@ from pipeline.kernels.hand.model import Shape
 
 Color = tuple[int, int, int]
 MAX_NUMBER = 1e6
-"""Metres or radians that a number may be."""
+"""Maximum of a number, metres or radians."""
 
 MAX_LEVELS = 20
-"""Folders around a URDF in which a package is looked for."""
+"""Number of folders around a URDF in which a package is searched for."""
 
-WAY_IN = "copy it there, or put an empty package.xml into the folder that holds both"
+REMEDY = "copy it there, or put an empty package.xml into the folder that holds both"
 
 GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
@@ -41,7 +41,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
     element
         Of the URDF.
     folder
-        That of the URDF, which mesh files are looked for from.
+        The URDF's folder, to which the paths of mesh files are relative.
     materials
         sRGB colours by the names of the URDF's materials.
     read
@@ -53,10 +53,10 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         It has no geometry, or one that cannot be used.
     """
     material = element.find("material")
-    origin, color = origin_of(element), named_color(material, materials)
+    origin, color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
         body: Any
-        beside: tuple[Path, ...] = ()
+        companions: tuple[Path, ...] = ()
         path, scale = None, (1.0, 1.0, 1.0)
         if part.tag == "box":
             size = _sizes(part, size=3)
@@ -69,7 +69,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
-            body, beside = read(path, package), tuple(Companions(path, package).paths.values())
+            body, companions = read(path, package), tuple(Companions(path, package).paths.values())
             unit, _ = stated_units(path)  # COLLADA's counts, as in ROS; its up-axis does not
             size = scale = tuple((numbers_of(part, "scale", scale) * (unit or 1)).tolist())
         else:
@@ -77,7 +77,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
         plain = Look.plain(len(vertices), len(faces), color)
         look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
-        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, beside)
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions)
     raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
 
 
@@ -85,31 +85,31 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     """Find a mesh file by the name that a URDF gives it, in the URDF's package, and the folder of its package.
 
     That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
-    `package://PACKAGE/REST` is looked for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
+    `package://PACKAGE/REST` is searched for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
     `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
 
     Raises
     ------
     InvalidInput
-        The file lies outside, or a package's file is not there; the message says where it was looked for.
+        The file lies outside, or a package's file is missing; the message names the folders that were searched.
     """
     folder = folder.resolve()
-    around = list(islice((folder, *folder.parents), MAX_LEVELS))
-    root = next((place for place in around if _is_package(place)), folder.parent)
+    ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
+    root = next((place for place in ancestors if _is_package(place)), folder.parent)
     scheme, _, rest = name.rpartition("://")
     if scheme not in ("package", "model"):
         path = folder / name.removeprefix("file://")
         if _is_below(path, root):
             return path, root
-        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {WAY_IN}")
+        raise InvalidInput(f"{name!r} lies outside {root}, the package of the URDF; {REMEDY}")
     package, _, inner = rest.partition("/")
-    places = [(place / rest, place / package if _is_package(place / package) else root) for place in around]
-    there = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in around if inner)) if path.is_file()]
-    for path, limit in there:
+    places = [(place / rest, place / package if _is_package(place / package) else root) for place in ancestors]
+    existing = [(path, limit) for path, limit in (*places, *((place / inner, root) for place in ancestors if inner)) if path.is_file()]
+    for path, limit in existing:
         if _is_below(path, limit):
             return path, limit
-    if there:
-        raise InvalidInput(f"{name} is {there[0][0]}, outside {root}, the package of the URDF; {WAY_IN}")
+    if existing:
+        raise InvalidInput(f"{name} is {existing[0][0]}, outside {root}, the package of the URDF; {REMEDY}")
     raise InvalidInput(f"{name} is in no folder around {folder}; put package {package!r} beside the URDF, or write paths relative to it")
 
 
@@ -118,20 +118,20 @@ def _is_package(folder: Path) -> bool:
 
 
 def _is_below(path: Path, root: Path) -> bool:
-    """Whether a path leads below a folder, links followed."""
+    """Check whether a path leads below a folder, after following links."""
     try:
         return path.resolve().is_relative_to(root.resolve())
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, a link to itself
         raise InvalidInput(f"{str(path)!r} is not the path of a file ({error}); give that of a mesh file") from error
 
 
-def named_color(material: Element | None, known: Mapping[str, Color]) -> Color:
+def material_color(material: Element | None, materials: Mapping[str, Color]) -> Color:
     """Read the sRGB colour of a material, by its own element or by name."""
     if material is None:
         return GREY
     color = material.find("color")
     if color is None:
-        return known.get(material.get("name", ""), GREY)
+        return materials.get(material.get("name", ""), GREY)
     red, green, blue, _ = (round(255 * part) for part in np.clip(numbers_of(color, "rgba", (0.7, 0.7, 0.7, 1.0)), 0, 1).tolist())
     return red, green, blue
 
@@ -174,7 +174,7 @@ def origin_of(element: Element) -> NDArray[np.float64]:
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:
-    """Read the positive numbers of some attributes, given how many each holds."""
+    """Read the positive numbers of attributes, given the count of each."""
     sizes: list[float] = []
     for key, count in counts.items():
         numbers = numbers_of(element, key, (0.0,) * count)

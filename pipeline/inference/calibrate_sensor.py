@@ -21,7 +21,7 @@ from pipeline.kernels.touch.calibrated_shading import calibrated_change
 from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
 from pipeline.kernels.touch.optics import Calibration
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 
 SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
 
@@ -163,11 +163,11 @@ def write_sensor(result: CalibrationResult, path: Path, untouched_path: Path, *,
     if background_degree is None:
         photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
         if photograph.resolve() != untouched_path.resolve():  # a previous run may have written it
-            write_at_once(photograph, untouched_path.read_bytes())
+            write_atomically(photograph, untouched_path.read_bytes())
         background: Any = photograph.name
     else:
         background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]
     described = sensor.model_dump(mode="json", exclude_none=True, exclude={"lights", "diffuse", "calibrated"})
     optics = {**calibration.model_dump(mode="json"), "background": background}
     text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)
-    write_at_once(path, ("".join(f"# {line}\n" for line in note.splitlines()) + text).encode())
+    write_atomically(path, ("".join(f"# {line}\n" for line in note.splitlines()) + text).encode())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 
 SUFFIXES = (".obj", ".ply", ".glb")
 
@@ -119,4 +119,4 @@ def _write(path: Path, parts: Parts, metres_per_unit: float) -> None:
     for name, mesh in parts:
         scene.add_geometry(mesh, node_name=name, geom_name=name, transform=node if suffix == ".glb" else None)
     content = scene.export(file_type=suffix[1:])
-    write_at_once(path, content.encode() if isinstance(content, str) else content)
+    write_atomically(path, content.encode() if isinstance(content, str) else content)

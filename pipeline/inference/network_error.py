@@ -50,7 +50,7 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         return None
     try:
         check_origins(directory, [evaluated])
-        figures = read_figures(directory.whole_folder(evaluated))
+        figures = read_figures(directory.verified_folder(evaluated))
     except StoreError:
         return None  # out of date: `evaluate` says why
     baseline_name = retrieved_by(reader.model.image, reader.model.touch)

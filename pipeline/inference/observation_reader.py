@@ -28,7 +28,7 @@ from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, names_in
+from pipeline.store.storage import Place, list_folder
 from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
 
@@ -116,11 +116,11 @@ class ObservationReader:
     def unet(self) -> TouchModel:
         """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
         name, label = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
-        if f"{name}.json" not in names_in(self.models):
+        if f"{name}.json" not in list_folder(self.models):
             raise StageError(
                 f"{self.models} has no {label}, which makes points of tactile images; name the models of a data directory with one"
             )
-        return load_touch_model(DataDirectory(self.models).whole_folder(name), self.device)
+        return load_touch_model(DataDirectory(self.models).verified_folder(name), self.device)
 
     def _charts(
         self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_]

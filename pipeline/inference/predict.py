@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.console import Meter, errors, pluralise
-from pipeline.errors import InvalidInput, StageError, meant
+from pipeline.errors import InvalidInput, StageError, closest_name
 from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
@@ -29,7 +29,7 @@ from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place, names_in
+from pipeline.store.storage import Place, list_folder
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
@@ -259,12 +259,12 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
     if configuration not in trained:
         networks = sorted({network_of(name) for name in trained})
         available = f"its models are {', '.join(networks)}" if networks else "there are none at all"
-        guess = meant(configuration, trained) or ("models" in names_in(models) and models / "models")
+        guess = closest_name(configuration, trained) or ("models" in list_folder(models) and models / "models")
         train = f"{'choose one of these, or ' if networks else ''}train it with train-gcn, train-implicit, …"
         advice = f"did you mean {guess}?" if guess else train
         seed = f"seed-{training_seed}" if training_seed else ""
         raise StageError(f"{models / seed} has no model {configuration}: {available}; {advice}")
-    return load_reconstructor(configuration, DataDirectory(trained[configuration]).whole_folder(network_of(configuration)), device)
+    return load_reconstructor(configuration, DataDirectory(trained[configuration]).verified_folder(network_of(configuration)), device)
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:

@@ -21,7 +21,7 @@ from pipeline.kernels.touch.sensor import Sensor, masked_points
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
 
 ZARR = "touches.zarr"
@@ -153,9 +153,9 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
         files.append(folder / f"{name}-{label}.png")
         with io.BytesIO() as content:
             Image.fromarray(pixels).save(content, "PNG")
-            write_at_once(files[-1], content.getvalue(), durable=False)
+            write_atomically(files[-1], content.getvalue(), durable=False)
     files.append(folder / f"{name}.ply")
-    write_at_once(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
+    write_atomically(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
     group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
     arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
         "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),

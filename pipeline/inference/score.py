@@ -115,7 +115,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
 def _settings(directory: DataDirectory) -> dict[str, Any]:
     """Choose the measuring settings: those of the networks' evaluation if there is one."""
     if exists(directory.folder_record(evaluation_name())):
-        settings = read_root(directory.whole_folder(evaluation_name()))["settings"]
+        settings = read_root(directory.verified_folder(evaluation_name()))["settings"]
         measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
     else:
         points = directory.collection(SURFACES).first.array("points").shape[1]
@@ -128,7 +128,7 @@ def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, cons
     surfaces = directory.collection(SURFACES)
     record, seed = surfaces.first.record, surfaces.first.record.seed
     if exists(directory.folder_record(evaluation_name())):
-        seed = read_root(directory.whole_folder(evaluation_name()))["seed"]
+        seed = read_root(directory.verified_folder(evaluation_name()))["seed"]
     request = Request(
         stage=stage,
         settings=settings,

@@ -11,7 +11,7 @@ from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, Netw
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.store.storage import Place, names_in
+from pipeline.store.storage import Place, list_folder
 
 FAMILIES: Mapping[str, type[Reconstructor]] = {
     "gcn": DeformationReconstructor,
@@ -85,5 +85,5 @@ def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
     """Find the trained networks: by configuration, the folder below `models` that holds its record."""
     names = (*EVERY_CONFIGURATION, *ROWS)
     folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in names}
-    records = {folder: set(names_in(folder)) for folder in set(folders.values())}
+    records = {folder: set(list_folder(folder)) for folder in set(folders.values())}
     return {name: folder for name, folder in folders.items() if f"{network_of(name)}.json" in records[folder]}

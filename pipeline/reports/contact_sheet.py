@@ -26,7 +26,7 @@ from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_col
 from pipeline.reports.report_pages import WrittenFiles
 from pipeline.reports.second_view import EXAGGERATED, GraspView, Squeeze, gel_squares, second_view, squeeze_view, touch_patch
 from pipeline.store import digest
-from pipeline.store.atomic import written_to
+from pipeline.store.atomic import atomic_writes
 from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, changed_files
@@ -61,7 +61,7 @@ def contact_sheets(data: Place, max_objects: int) -> list[Place]:
     key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)
     if drawn is None or not drawn.is_up_to_date(key, changed_files(data, drawn.files)):
-        with written_to(data) as folder:
+        with atomic_writes(data) as folder:
             _draw(collections, object_ids, folder / "contact-sheet.png")
             sheets = Sheets(key=key, files=hashes_of(folder))
             (folder / DRAWN).write_text(sheets.model_dump_json())

@@ -38,7 +38,7 @@ from pipeline.reports.results_summary import GIVEN, summarise
 from pipeline.reports.touch_tables import supplement_touches, touch_tables, touches_per_grasp
 from pipeline.reports.trade_pictures import report_trades
 from pipeline.store import digest
-from pipeline.store.atomic import written_to
+from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
 from pipeline.store.storage import Place, exists, remove
@@ -73,7 +73,7 @@ def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
         before = read_pages(report)
     except StoreError:  # there is none, or it is damaged
         before = Pages()
-    with written_to(report) as folder:
+    with atomic_writes(report) as folder:
         (folder / "objects").mkdir()
         (folder / "figures").mkdir()
         for name in COPIED:
@@ -207,14 +207,14 @@ def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
     curves = []
     for name, place in models.items():
         file = f"figures/learning-{name}.svg"
-        draw_curves(*training_losses(directory.whole_folder(place)), folder / file)
+        draw_curves(*training_losses(directory.verified_folder(place)), folder / file)
         curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
     return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
 
 
 def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
     """Summarise the results, and draw the error by what networks are given."""
-    evaluated, scored = ([source.directory.whole_folder(name) for name in names] for names in (source.evaluated, source.scored))
+    evaluated, scored = ([source.directory.verified_folder(name) for name in names] for names in (source.evaluated, source.scored))
     folders = [*evaluated[:1], *scored]
     if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
         return None

@@ -153,7 +153,7 @@ def procedure_steps(
 def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
     """Draw predicted beside true depth, points and charts of a grasp's touches."""
     rows, sensors = source.rows(object_id), source.sensors()
-    model = load_touch_model(source.directory.whole_folder("models/unet"), "cpu")
+    model = load_touch_model(source.directory.verified_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
     tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
     (predicted, pressed), clouds = model.maps(tactile_images), model.clouds(tactile_images)

@@ -19,7 +19,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.metrics.bootstrap import Interval
 from pipeline.kernels.touch.ball_contact import RING, Photograph
 from pipeline.reports.contact_sheet_page import COLORS, spread_evenly
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 
 INK = "#010203"
 """Placeholder for the colour of text and lines, which follows the page's theme."""
@@ -53,7 +53,7 @@ def save_figure(figure: Figure, path: Path, **options: Any) -> None:
             text.set_parse_math(False)
     buffer = io.BytesIO()
     figure.savefig(buffer, format=path.suffix[1:], **options)
-    write_at_once(path, buffer.getvalue())
+    write_atomically(path, buffer.getvalue())
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from pydantic import Field, FiniteFloat, ValidationError
 from pipeline.errors import StoreError, first_line
 from pipeline.store.directory import changed_files
 from pipeline.store.record import Name, RelativePath, Sha256, Stored
-from pipeline.store.storage import Place, exists, names_in, read_bytes
+from pipeline.store.storage import Place, exists, list_folder, read_bytes
 
 WRITTEN = "pages.json"
 
@@ -74,7 +74,7 @@ def refuse_report_links(report: Place) -> None:
 def report_problems(data: Place) -> dict[Place, list[str]]:
     """Check the report of a data directory if there is one: a line per changed file, by the path of the report's list."""
     report = data / "report"
-    if not names_in(report) and not (isinstance(report, Path) and report.is_symlink()):
+    if not list_folder(report) and not (isinstance(report, Path) and report.is_symlink()):
         return {}
     try:
         refuse_report_links(report)

@@ -79,7 +79,7 @@ class ReportSource:
         if not self.object_ids:
             raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
-        self.evaluation = Evaluation([self.directory.whole_folder(name) for name in self.measured]) if self.measured else None
+        self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
 
     def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
         """Open an object's rows, by artifact; each array is read once."""

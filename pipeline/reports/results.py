@@ -89,7 +89,7 @@ def training_losses(folder: Path) -> tuple[list[float], list[float]]:
 def results_tables(directory: DataDirectory, evaluated: Sequence[str], scored: Sequence[str] = ()) -> list[Table]:
     """Make the tables of evaluations, one name per training seed, with the scores of other methods, and the table of trainings."""
     tables: list[Table] = []
-    folders, scored_folders = ([directory.whole_folder(name) for name in names] for names in (evaluated, scored))
+    folders, scored_folders = ([directory.verified_folder(name) for name in names] for names in (evaluated, scored))
     if first := [*folders[:1], *scored_folders][:1]:
         tables += evaluation_tables(first[0], [place for place in scored_folders if place != first[0]])
     if folders:

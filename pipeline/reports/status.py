@@ -15,10 +15,10 @@ from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, sub
 from pipeline.console import Cell, Row, Table, abbreviate, pluralise, show_tables
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, made_by
-from pipeline.store.garbage import everything_unnamed
+from pipeline.store.garbage import all_unreferenced
 from pipeline.store.origins import check_origins
 from pipeline.store.row_files import RowFiles
-from pipeline.store.storage import File, Place, files_below, names_in, on_disk
+from pipeline.store.storage import File, Place, files_below, list_folder, on_disk
 from schemas.catalogue import ARTIFACTS
 
 
@@ -89,10 +89,10 @@ def read_account(data: Place) -> Account:
     StoreError
         The path is not a data directory.
     """
-    if not names_in(data) and not ((folder := on_disk(data)) and folder.is_dir()):
+    if not list_folder(data) and not ((folder := on_disk(data)) and folder.is_dir()):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another with --data")
     directory = DataDirectory(data)
-    account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in everything_unnamed(directory)), damaged=[], jobs=[])
+    account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)), damaged=[], jobs=[])
     for name in directory.artifact_names():
         with _unless_damaged(account):
             artifact = _artifact(directory, name)

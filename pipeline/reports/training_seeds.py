@@ -17,7 +17,7 @@ from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import names_in
+from pipeline.store.storage import list_folder
 from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, evaluation_name, read_figures, read_root, read_table
 from stages.evaluate.tables import QUALITY_UNITS
@@ -31,7 +31,7 @@ Values = dict[str, list[Figures]]
 
 def evaluations(directory: DataDirectory) -> list[str]:
     """Name the evaluations of a data directory, that of training seed 0 first."""
-    matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in names_in(directory.root)]
+    matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in list_folder(directory.root)]
     return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 

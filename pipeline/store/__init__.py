@@ -1,1 +1,1 @@
-"""Artifacts on a disk: shards, records, checks."""
+"""Stored artifacts: shards, records, checks."""

@@ -1,4 +1,4 @@
-"""Publish files and folders at once: by renaming on a disk, by conditional puts in object storage."""
+"""Publish files and folders atomically: by renaming on a disk, by conditional puts in object storage."""
 
 from __future__ import annotations
 
@@ -23,90 +23,90 @@ from pipeline.store.storage import (
     copy,
     files_below,
     key_of,
-    pause,
     read_bytes,
     remove_files,
     temporary,
+    wait_before_retry,
 )
 
 ATTEMPTS = 12
-"""Conditional puts that are tried while nobody else writes: object storage may refuse one in a race, or a connection may break."""
+"""Attempts at a conditional put while no other process writes: object storage may refuse one in a race, or a connection may break."""
 
 
 UNFINISHED = ".unfinished"
-"""The folder, in the one that they are for, of files that are being written, and of the lock of whoever writes them."""
+"""The subfolder of a target folder that holds unfinished files and the lock of their writer."""
 
 
-def write_at_once(path: Place, content: bytes, *, durable: bool = True) -> None:
-    """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut takes neither.
+def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> None:
+    """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut loses neither.
 
-    A symbolic link at `path` is replaced; nothing is written where it points to.
+    A symbolic link at `path` is replaced; its target does not change.
     """
     if not isinstance(path, Path):
         obstore.put(bucket_of(path), key_of(path), content)
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with errors_that_name(path), temporary(path) as beside:
-        with beside.open("wb") as file:
+    with name_in_errors(path), temporary(path) as temporary_file:
+        with temporary_file.open("wb") as file:
             file.write(content)
             if durable:
                 file.flush()
                 os.fsync(file.fileno())
-        beside.replace(path)
+        temporary_file.replace(path)
     if durable:
         flush(path.parent)
 
 
 @contextmanager
-def written_to(folder: Place) -> Iterator[Path]:
-    """Give an empty folder on this machine's disk to write files in; at the end each takes its place in `folder` at once.
+def atomic_writes(folder: Place) -> Iterator[Path]:
+    """Yield an empty local folder to write files in; at the end each file is moved into `folder` atomically.
 
-    `folder` may be a symbolic link; none below it is followed. What a killed writer left is removed; a failed one leaves no empty folder.
+    `folder` may be a symbolic link; links below it are refused. Files of a killed writer are removed. A failed one leaves no empty folder.
 
     Raises
     ------
     StoreError
-        A link lies in the way, or another run is writing into the folder.
+        A path below the folder is a symbolic link, or another run is writing into the folder.
     """
     if not isinstance(folder, Path):
-        with local_copy(folder, begin=False) as local, errors_that_name(local):
+        with local_copy(folder, begin=False) as local, name_in_errors(local):
             yield local
             copy(local, folder, files_below(local))
         return
-    work, fresh, was_there = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
+    work, new_files, existed = folder / UNFINISHED, folder / UNFINISHED / "files", folder.exists()
     refuse_links(folder, [f"{UNFINISHED}/lock", f"{UNFINISHED}/files"])
-    with errors_that_name(folder), one_writer(work / "lock", folder):
+    with name_in_errors(folder), exclusive_lock(work / "lock", folder):
         try:
-            shutil.rmtree(fresh, ignore_errors=True)
-            fresh.mkdir()
-            yield fresh
-            names = sorted(files_below(fresh))
+            shutil.rmtree(new_files, ignore_errors=True)
+            new_files.mkdir()
+            yield new_files
+            names = sorted(files_below(new_files))
             refuse_links(folder, names)
-            flush_folder(fresh)
+            flush_folder(new_files)
             for name in names:
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                (fresh / name).replace(folder / name)
+                (new_files / name).replace(folder / name)
             for parent in {(folder / name).parent for name in names}:
                 flush(parent)
         finally:
             shutil.rmtree(work, ignore_errors=True)
-            if not was_there:
+            if not existed:
                 with suppress(OSError):  # it holds files, unless writing them failed
                     folder.rmdir()
 
 
 def refuse_links(folder: Path, names: Iterable[str]) -> None:
-    """Raise a `StoreError` where a symbolic link lies on the way from a folder, which may be one, to a file below it."""
-    ways = {way for name in names for way in (Path(name), *Path(name).parents[:-1])}
-    if link := next((folder / way for way in sorted(ways) if (folder / way).is_symlink()), None):
+    """Raise a `StoreError` if the path of a file below a folder contains a symbolic link; the folder itself may be one."""
+    paths = {path for name in names for path in (Path(name), *Path(name).parents[:-1])}
+    if link := next((folder / path for path in sorted(paths) if (folder / path).is_symlink()), None):
         raise StoreError(
             f"{link} is a symbolic link to {os.readlink(link)}; nothing is written through links: remove it, then run this again"
         )
 
 
 @contextmanager
-def errors_that_name(path: Path) -> Iterator[None]:
-    """Add a path to errors of the system that name none, such as that of a full disk."""
+def name_in_errors(path: Path) -> Iterator[None]:
+    """Add a path to OS errors that name none, such as that of a full disk."""
     try:
         yield
     except OSError as error:
@@ -116,7 +116,7 @@ def errors_that_name(path: Path) -> Iterator[None]:
 
 
 def version_of(path: Place) -> str | None:
-    """Read the version that object storage gives the content of a file; None for a missing file, and on a disk, where locks are held."""
+    """Read the ETag of a file in object storage; None for a missing file, and on a disk, where locks are used."""
     if isinstance(path, Path):
         return None
     try:
@@ -126,9 +126,9 @@ def version_of(path: Place) -> str | None:
 
 
 def replace_version(path: Place, content: bytes, version: str | None) -> bool:
-    """Replace a file at once, in object storage on the condition that nobody else has written it.
+    """Replace a file atomically; in object storage, only if no other process has written it.
 
-    The answer to a put may be lost, and its repetition refused because of the first: the content is compared afterwards.
+    The response to a put may be lost, and its retry refused because the first one succeeded: the content is compared afterwards.
 
     Parameters
     ----------
@@ -146,10 +146,10 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
     Raises
     ------
     StoreError
-        No put succeeds, and nobody else has written anything.
+        No put succeeds, though no other process has written the file.
     """
     if isinstance(path, Path):
-        write_at_once(path, content)
+        write_atomically(path, content)
         return True
     mode: Any = "create" if version is None else {"e_tag": version}
     reason = ""
@@ -163,25 +163,25 @@ def replace_version(path: Place, content: bytes, version: str | None) -> bool:
             if current != version:
                 return False
             reason = first_line(error)
-            pause(attempt)
+            wait_before_retry(attempt)
     raise StoreError(f"{path} cannot be written: each of {ATTEMPTS} conditional puts failed, though nobody else wrote: {reason}")
 
 
 def create(path: Place, content: bytes) -> None:
-    """Write a file at once, unless there is one."""
+    """Write a file atomically, unless it exists."""
     if not isinstance(path, Path):
         replace_version(path, content, None)
         return
     if path.exists():
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary(path) as beside, suppress(FileExistsError):
-        beside.write_bytes(content)
-        os.link(beside, path)
+    with temporary(path) as temporary_file, suppress(FileExistsError):
+        temporary_file.write_bytes(content)
+        os.link(temporary_file, path)
 
 
 def flush(path: Path) -> None:
-    """Wait until the disk has the content of a file, or the names in a folder."""
+    """Flush the content of a file, or the entries of a folder, to the disk."""
     opened = os.open(path, os.O_RDONLY)
     try:
         os.fsync(opened)
@@ -190,50 +190,50 @@ def flush(path: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Wait until the disk has a folder with everything in it."""
+    """Flush a folder and everything in it to the disk."""
     for path in [*folder.rglob("*"), folder]:
         flush(path)
 
 
 def move_folder(source: Path, target: Place) -> None:
-    """Move a folder from this machine's disk to where readers will look for it, in place of what is there.
+    """Move a local folder to its published path, and replace what is there.
 
-    That may be what a killed run left, or the same rows, made again: readers see it until the new one is there. The source is no longer
-    needed, and gone if that is on the same disk.
+    That may be what a killed run left, or the same rows, computed before: readers see it until it is replaced. On a disk, the source is
+    gone afterwards.
     """
     if not isinstance(target, Path):
         names = files_below(source).keys()
         copy(source, target, names)
-        if strangers := files_below(target).keys() - names:
-            remove_files(target, strangers)
+        if superfluous := files_below(target).keys() - names:
+            remove_files(target, superfluous)
         return
     flush_folder(source)
     target.parent.mkdir(parents=True, exist_ok=True)
-    old = target.with_name(target.name + TEMPORARY)
-    shutil.rmtree(old, ignore_errors=True)
+    previous = target.with_name(target.name + TEMPORARY)
+    shutil.rmtree(previous, ignore_errors=True)
     with suppress(FileNotFoundError):
-        target.replace(old)
+        target.replace(previous)
     source.replace(target)
     flush(target.parent)
-    shutil.rmtree(old, ignore_errors=True)
+    shutil.rmtree(previous, ignore_errors=True)
 
 
 @contextmanager
-def one_writer(lock: Place, what: Place) -> Iterator[None]:
-    """Hold a lock; the system frees it however its holder ends.
+def exclusive_lock(lock: Place, what: Place) -> Iterator[None]:
+    """Hold a lock; the system releases it however its holder ends.
 
-    Object storage has no locks: there, only runs on the same machine are kept apart. Of two others that make the same, one publishes
-    first, and both have written the same.
+    Object storage has no locks: there, only runs on the same machine exclude each other. Of two others that compute the same output, one
+    publishes first, and both have written the same.
 
     Raises
     ------
     StoreError
         Another run holds it.
     """
-    here = lock if isinstance(lock, Path) else cache_of(lock)
-    here.parent.mkdir(parents=True, exist_ok=True)
+    lock_file = lock if isinstance(lock, Path) else cache_of(lock)
+    lock_file.parent.mkdir(parents=True, exist_ok=True)
     try:
-        with FileLock(here, timeout=0):
+        with FileLock(lock_file, timeout=0):
             yield
     except Timeout:
         raise StoreError(f"{what} is being made by another run; wait for it to end") from None

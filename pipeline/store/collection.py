@@ -38,7 +38,7 @@ class Collection:
         Raises
         ------
         StoreError
-            None does.
+            No shard holds it.
         """
         try:
             return self._shard_of[object_id]
@@ -75,12 +75,12 @@ class Collection:
 
     @property
     def first(self) -> Shard:
-        """Return the first shard in which an object came through: others lack sizes. Attributes and constants are the same in all.
+        """Return the first shard with a row: others lack sizes. Attributes and constants are the same in all shards.
 
         Raises
         ------
         StoreError
-            There is none, or their constants differ.
+            No shard is published, or constants differ between shards.
         """
         if not self.shards:
             raise StoreError(self._not_made)
@@ -95,7 +95,7 @@ class Collection:
         return Counter({kind: count for kind, count in kinds.items() if kind})
 
     def digest(self) -> str:
-        """Compute the digest of all objects: equal for any number of shards, and whatever versions made them."""
+        """Compute the digest of all objects; it depends neither on the number of shards nor on the versions that made them."""
         shared = {
             digest.of_json([shard.record.constants_digest, {k: v for k, v in shard.attributes.items() if k != "failures"}])
             for shard in self.shards
@@ -105,7 +105,7 @@ class Collection:
 
     def rows_digest(self, splits: Iterable[str]) -> str:
         """Compute the digest of what a dataset stage depends on: the rows of the splits' objects, their split, and the constants."""
-        wanted = set(splits)
-        rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in wanted]
+        split_names = set(splits)
+        rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in split_names]
         constants = sorted({shard.record.constants_digest for shard in self.shards})
         return digest.of_json({"rows": rows, "constants": constants})

@@ -13,7 +13,7 @@ import numpy as np
 from pipeline.store.storage import Place, files_below, read_bytes
 
 LOGS = "tensorboard"
-"""A folder in a folder that holds times of day, and hence belongs to no digest."""
+"""A subfolder that no digest covers, because it holds times of day."""
 
 
 def of_json(value: Any) -> str:
@@ -45,7 +45,7 @@ def files_of(folder: Place) -> list[str]:
 
 
 def is_hidden(name: str) -> bool:
-    """Check whether a file, or a folder that it is in, is hidden, as those of the system (`.DS_Store`, `.nfs…`) and checkpoints are."""
+    """Check whether a file or one of its folders is hidden, as system files (`.DS_Store`, `.nfs…`) and checkpoints are."""
     return any(part.startswith(".") for part in name.split("/"))
 
 

@@ -21,14 +21,14 @@ from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, files_below, in_threads, names_in, place, read_bytes
+from pipeline.store.storage import Place, cache_of, copy, files_below, list_folder, map_in_threads, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
 
 DESCRIPTION = "dataset.json"
 WORK = ".work"
-"""The folder of what is being made."""
+"""The folder of unfinished work."""
 SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """The pattern of the names of shards' records."""
 
@@ -44,10 +44,10 @@ class DatasetDescription(Stored):
 
 
 class DataDirectory:
-    """A data directory; each artifact is read when it is first asked for.
+    """A data directory; each artifact is read when it is first used.
 
-    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; beside them lie the groups and folders
-    that they name, and in `.work` those that are being made.
+    `ARTIFACT/NNNN-of-NNNN.json` are the records of shards, `NAME.json` that of the folder `NAME`; the groups and folders that they
+    name lie beside them, unfinished ones in `.work`.
     """
 
     def __init__(self, root: str | Place) -> None:
@@ -56,20 +56,20 @@ class DataDirectory:
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
-        return self._steadily(self._shards)
+        return self._read_consistently(self._shards)
 
-    def _steadily(self, read: Callable[[], T]) -> T:
-        """Read records; again, where `reshard` has replaced them meanwhile."""
+    def _read_consistently(self, read: Callable[[], T]) -> T:
+        """Read records; repeat this if `reshard` has replaced them meanwhile."""
         while True:
             before = self._description()
             try:
-                found = read()
+                result = read()
             except StoreError:
                 if self._description() == before:
                     raise
             else:
                 if self._description() == before:
-                    return found
+                    return result
 
     def _description(self) -> bytes:
         with suppress(OSError):
@@ -100,7 +100,7 @@ class DataDirectory:
         Raises
         ------
         StoreError
-            The dataset has another number than the one asked for.
+            The dataset has another number of shards than requested.
         """
         current = self.shards()
         if current is not None and count not in (None, current):
@@ -111,7 +111,7 @@ class DataDirectory:
         return current or count or 1
 
     def set_shard_count(self, count: int) -> None:
-        """Write down the number of shards, unless another run was first; a `StoreError` where that chose another number."""
+        """Store the number of shards, unless another run has; raise a `StoreError` if that run chose another number."""
         create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
         self.check_shard_count(count)
 
@@ -122,22 +122,22 @@ class DataDirectory:
     def shard_records(self, *artifacts: str) -> list[Place]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
         records: list[Place] = []
-        for artifact in artifacts or sorted(name for name, is_folder in names_in(self.root).items() if is_folder):
+        for artifact in artifacts or sorted(name for name, is_folder in list_folder(self.root).items() if is_folder):
             folder = self.root / artifact
-            records += map(folder.joinpath, fnmatch.filter(sorted(names_in(folder)), SHARD_RECORD))
+            records += map(folder.joinpath, fnmatch.filter(sorted(list_folder(folder)), SHARD_RECORD))
         return records
 
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
-            self._collections[artifact.name] = self._steadily(partial(self._collection, artifact))
+            self._collections[artifact.name] = self._read_consistently(partial(self._collection, artifact))
         return self._collections[artifact.name]
 
     def _collection(self, artifact: Artifact) -> Collection:
         folder, shards = self.root / artifact.name, self._shards()
-        records = [path for path in self.shard_records(artifact.name) if is_of(path, shards)]
+        records = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
         read_one = partial(read_record, kind=ShardRecord)
-        read = list(map(read_one, records)) if isinstance(folder, Path) else in_threads(read_one, records)
+        read = list(map(read_one, records)) if isinstance(folder, Path) else map_in_threads(read_one, records)
         return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
@@ -145,9 +145,9 @@ class DataDirectory:
         return [artifact for artifact in map(ARTIFACTS.__getitem__, self.artifact_names()) if self.collection(artifact).shards]
 
     def artifact_names(self) -> list[str]:
-        """List the artifacts that have a folder here, or one of unfinished work; plugins that made none are not imported."""
-        there = names_in(self.root).keys() | names_in(self.root / WORK).keys()
-        return [name for name in ARTIFACTS if name in there]
+        """List the artifacts that have a folder, or one of unfinished work; plugins without one are not imported."""
+        folder_names = list_folder(self.root).keys() | list_folder(self.root / WORK).keys()
+        return [name for name in ARTIFACTS if name in folder_names]
 
     def folder_record(self, name: str) -> Place:
         """Return the path of a folder's record."""
@@ -156,18 +156,18 @@ class DataDirectory:
     def folders(self) -> list[str]:
         """List the names of the published folders."""
         trees = (f"{where}/{name}" for where in TREES for name in files_below(self.root / where))
-        found = [name for name in names_in(self.root) if RECORD.fullmatch(name)]
-        found += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
-        return sorted(path.removesuffix(".json") for path in found)
+        records = [name for name in list_folder(self.root) if RECORD.fullmatch(name)]
+        records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
+        return sorted(path.removesuffix(".json") for path in records)
 
     def record_folders(self) -> list[Place]:
         """List the folders that hold records, or held one that was deleted."""
-        found = {"", *ARTIFACTS}
+        folders = {"", *ARTIFACTS}
         for where in TREES:
             for name in files_below(self.root / where):
                 parts = f"{where}/{name}".split("/")[:-1]
-                found.add("/".join(parts[: next((at for at, part in enumerate(parts) if is_version(part)), len(parts))]))
-        return [self.root / name for name in sorted(found)]
+                folders.add("/".join(parts[: next((index for index, part in enumerate(parts) if is_version(part)), len(parts))]))
+        return [self.root / name for name in sorted(folders)]
 
     def folder(self, name: str) -> FolderRecord:
         """Read the record of a folder; a `StoreError` where there is none."""
@@ -178,12 +178,12 @@ class DataDirectory:
         return (self.root / name).with_name(self.folder(name).location)
 
     def folder_problems(self, name: str) -> Iterator[str]:
-        """Compare the files that the record of a folder names with what it says: a line for each that differs."""
+        """Compare the files of a folder with its record; yield a line for each that differs."""
         folder = self.folder_path(name)
         return _differences(name, self.folder(name), folder, folder)
 
-    def whole_folder(self, name: str) -> Path:
-        """Return the folder that a record names, or a copy of it on this machine's disk if it is in object storage.
+    def verified_folder(self, name: str) -> Path:
+        """Return the folder that a record names, or a local copy if it is in object storage, after checking its files.
 
         Raises
         ------
@@ -208,21 +208,21 @@ class DataDirectory:
 
 
 def made_by(name: str, record: FolderRecord) -> str:
-    """Name what makes a folder: the stage that its record names, or for scores the command, whose stage nobody can run alone."""
+    """Name what makes a folder: the stage in its record, or the command for scores, whose stage cannot be run alone."""
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 
-def _differences(name: str, record: FolderRecord, read: Place, folder: Place) -> Iterator[str]:
-    """Compare the files of a folder, read there or as a copy, with what its record says: a line for each that differs."""
-    for file, problem in changed_files(read, record.files).items():
+def _differences(name: str, record: FolderRecord, checked: Place, folder: Place) -> Iterator[str]:
+    """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
+    for file, problem in changed_files(checked, record.files).items():
         yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
 def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
-    """Compare files below a folder with the SHA-256 of when they were written: the problem of each that differs, by name."""
-    there = hashes_of(folder, files)
-    problems = {name: "differs from what was written" if name in there else "is missing" for name in files}
-    return {name: problem for name, problem in problems.items() if there.get(name) != files[name]}
+    """Compare files below a folder with their recorded SHA-256; return the problem of each that differs, by name."""
+    hashes = hashes_of(folder, files)
+    problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
+    return {name: problem for name, problem in problems.items() if hashes.get(name) != files[name]}
 
 
 def shard_name(number: int, shards: int) -> str:
@@ -230,8 +230,8 @@ def shard_name(number: int, shards: int) -> str:
     return f"{number:04d}-of-{shards:04d}"
 
 
-def is_of(record: Place, shards: int | None) -> bool:
-    """Whether the record of a shard is of a dataset that is split into that number."""
+def has_shard_count(record: Place, shards: int | None) -> bool:
+    """Check whether a record belongs to a dataset with this number of shards."""
     return record.stem.endswith(f"-of-{shards or 0:04d}")
 
 
@@ -241,7 +241,7 @@ def versioned(name: str, content: object) -> str:
 
 
 def is_version(name: str) -> bool:
-    """Whether a group or folder is called as `versioned` calls them."""
+    """Check whether a group or folder has a name made by `versioned`."""
     return _VERSION.fullmatch(name) is not None
 
 

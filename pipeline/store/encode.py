@@ -18,10 +18,10 @@ from numcodecs import blosc
 from pipeline.store.spec import LEVEL, chunking, planar_order
 from schemas.base import Array
 
-blosc.use_threads = False  # threads write the blocks of a chunk in the order in which they finish: equal values get equal bytes without
+blosc.use_threads = False  # threads would write a chunk's blocks in the order in which they finish: equal values, other bytes
 
 ABSENT = (2**64 - 1, 2**64 - 1)
-"""Offset and size, in the index of a file, of a chunk that is not there: Zarr reads the fill value."""
+"""Offset and size of a missing chunk in the index of a file: Zarr reads the fill value."""
 
 
 def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
@@ -31,33 +31,33 @@ def encode_array(array: Array | None, values: np.ndarray) -> list[bytes]:
     if array is None:
         return [with_checksum(values.tobytes())]
     stored = values[None] if array.per_object else values
-    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, part_shape(array, values.shape))]
+    return [encode_chunk(array, stored[block]) for block in _blocks(stored.shape, chunk_shape(array, values.shape))]
 
 
 def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: Iterable[bytes]) -> np.ndarray:
-    """Decode what `encode_array` returned; a `ValueError` where a chunk differs from its checksum."""
+    """Decode what `encode_array` returned; raise a `ValueError` if a chunk differs from its checksum."""
     if np.dtype(dtype).kind in "OUT":
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
         return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
-    part, order = part_shape(array, shape), planar_order(array)
-    stored = [part[axis] for axis in order] if order else part
+    block_shape, order = chunk_shape(array, shape), planar_order(array)
+    stored = [block_shape[axis] for axis in order] if order else block_shape
     values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
-    whole = np.empty((1, *shape) if len(part) > len(shape) else tuple(shape), dtype)
-    for block, value in zip(_blocks(whole.shape, part), values, strict=True):
-        whole[block] = value.transpose(np.argsort(order)) if order else value
-    return whole.reshape(shape)
+    decoded = np.empty((1, *shape) if len(block_shape) > len(shape) else tuple(shape), dtype)
+    for block, value in zip(_blocks(decoded.shape, block_shape), values, strict=True):
+        decoded[block] = value.transpose(np.argsort(order)) if order else value
+    return decoded.reshape(shape)
 
 
-def _blocks(shape: Sequence[int], part: Sequence[int]) -> list[tuple[slice, ...]]:
+def _blocks(shape: Sequence[int], block_shape: Sequence[int]) -> list[tuple[slice, ...]]:
     """List the parts that an array is cut into, in C order; an empty array has none."""
     if not math.prod(shape):
         return []
-    starts = product(*(range(0, size, step) for size, step in zip(shape, part, strict=True)))
-    return [tuple(slice(start, start + step) for start, step in zip(corner, part, strict=True)) for corner in starts]
+    starts = product(*(range(0, size, step) for size, step in zip(shape, block_shape, strict=True)))
+    return [tuple(slice(start, start + step) for start, step in zip(corner, block_shape, strict=True)) for corner in starts]
 
 
-def part_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
+def chunk_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
     """Return the shape of a chunk of one object's array, with the object's axis where the array has one."""
     return chunking(array, (1, *shape))[1] if array.per_object else tuple(shape)
 
@@ -72,7 +72,7 @@ def encode_chunk(array: Array, values: np.ndarray) -> bytes:
 
 
 def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
-    """Lay out a file of `sharding_indexed`: the chunks there are, then the index of all, in C order, with its checksum."""
+    """Lay out a file of `sharding_indexed`: the existing chunks, then the index of all, in C order, with its checksum."""
     offset, index = 0, []
     for chunk in chunks:
         index.append(ABSENT if chunk is None else (offset, len(chunk)))
@@ -83,13 +83,13 @@ def shard_file(chunks: Iterable[bytes | None]) -> Iterator[bytes]:
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Append the crc32c of some bytes."""
+    """Append the crc32c of bytes."""
     checksum: int = google_crc32c.value(content)
     return content + checksum.to_bytes(4, "little")
 
 
 def without_checksum(content: bytes) -> bytes:
-    """Compare some bytes with the crc32c at their end; a `ValueError` where they differ."""
+    """Remove the crc32c at the end of bytes; raise a `ValueError` if it differs from that of the rest."""
     if len(content) < 4 or google_crc32c.value(content[:-4]) != int.from_bytes(content[-4:], "little"):
         raise ValueError("its bytes differ from their checksum")
     return content[:-4]

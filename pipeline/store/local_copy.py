@@ -13,22 +13,22 @@ from pipeline.store.storage import TEMPORARY, File, Place, cache_of, copy, files
 from pipeline.store.temporary import temporary_folder
 
 SECONDS = 30.0
-"""Between two looks at what has changed: what a machine that is lost takes with it at most."""
+"""Seconds between two checks for changed files: the most work that is lost with a machine."""
 
 
 @contextmanager
 def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
-    """Give a folder on this machine's disk to work in: `folder` itself where it is on one, else a copy.
+    """Yield a local folder to work in: `folder` itself if it is on a disk, else a copy.
 
     Parameters
     ----------
     folder
         On a disk, or in object storage.
     begin
-        Begin with the files that are there, and keep the copy for the next run; else the copy is empty, and removed at the end.
+        Start with the files of `folder`, and keep the copy for the next run; else the copy starts empty and is removed at the end.
     send
-        Send files to `folder` as they change: a run that is killed goes on from there, on another machine too; the copy of one
-        that ends without an error has been published, and is not sent once more.
+        Send files to `folder` as they change, so that a killed run can continue, on another machine too. A run that ends without an
+        error has published its files: they are not sent again.
     """
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)
@@ -40,14 +40,14 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
         return
     local = cache_of(folder)
     local.mkdir(parents=True, exist_ok=True)
-    here = files_below(local)
-    newer = [name for name, file in files_below(folder).items() if name not in here or file.written > here[name].written]
+    cached = files_below(local)
+    newer = [name for name, file in files_below(folder).items() if name not in cached or file.written > cached[name].written]
     copy(folder, local, newer)
     if not send:
         yield local
         return
-    there = files_below(local)
-    sent, ended = {name: there[name] for name in newer}, Event()  # the others have changed since a killed run sent them, if it did
+    copied = files_below(local)
+    sent, ended = {name: copied[name] for name in newer}, Event()  # a killed run may not have sent the others
 
     def send_until_ended() -> None:
         while not ended.wait(SECONDS):
@@ -69,7 +69,7 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
 
 def _send_changed(local: Path, folder: Place, sent: dict[str, File]) -> None:
     """Copy the files that have changed since they were sent."""
-    there = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
-    changed = [name for name, file in there.items() if sent.get(name) != file]
+    files = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
+    changed = [name for name, file in files.items() if sent.get(name) != file]
     copy(local, folder, changed)
-    sent.update({name: there[name] for name in changed})
+    sent.update({name: files[name] for name in changed})

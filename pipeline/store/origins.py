@@ -15,7 +15,7 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
     Parameters
     ----------
     directory
-        Holds them.
+        The data directory.
     names
         Of artifacts and folders.
     objects
@@ -36,7 +36,7 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
 
 
 def _check_artifact(directory: DataDirectory, name: str, objects: Container[str] | None) -> list[str]:
-    """Check an artifact; returns the names of what it was made from."""
+    """Check an artifact; return the names of its inputs."""
     collection = directory.collection(ARTIFACTS[name])
     used: set[str] = set()
     for shard in collection.shards:

@@ -1,4 +1,4 @@
-"""Outputs: a shard or a folder, what is published of it, and its next version: written under another name, then named by its record."""
+"""Publish outputs: each version of a shard or folder is written under a new name, then named by its record."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.errors import StoreError
 from pipeline.store.atomic import move_folder, replace_version, version_of
 from pipeline.store.directory import DataDirectory, changed_files, shard_name, versioned
-from pipeline.store.garbage import collect, note_replaced
+from pipeline.store.garbage import collect, mark_replaced
 from pipeline.store.local_copy import local_copy
 from pipeline.store.record import FolderRecord, Provenance, ShardRecord, named_location, read_record, serialise_with_checksum
 from pipeline.store.row_files import Chunks, RowFiles
@@ -23,16 +23,16 @@ from schemas.base import Artifact
 
 
 class ShardOutput:
-    """A shard of an artifact: where it lies, what is published of it, and the rows that wait.
+    """A shard of an artifact: its paths, its published version, and the rows that wait to be published.
 
     Attributes
     ----------
     path
         The record's path without its suffix, as messages name the shard.
     lock
-        The file that whoever makes the shard locks.
+        The lock file of the run that makes the shard.
     shard
-        The shard that readers see; None where there is none that can be used.
+        The published shard; None if there is none, or it cannot be used.
     record
         Its record.
     """
@@ -54,11 +54,11 @@ class ShardOutput:
         self.record = None if self.shard is None else self.shard.record
 
     def is_complete(self) -> bool:
-        """Whether every file of the published shard is there and holds something."""
+        """Check that every file of the published shard exists and is not empty."""
         return self.shard is not None and self.shard.is_complete()
 
     def is_sound(self) -> bool:
-        """Whether the published shard holds what was written: every value is read."""
+        """Check that the published shard holds what was written, by reading every value."""
         return self.shard is not None and not problems_of(self.shard)
 
     def commit(
@@ -69,9 +69,9 @@ class ShardOutput:
         constants: Row,
         attributes: Mapping[str, Any],
     ) -> Place:
-        """Write the group of the record's rows, and publish the record with the group's name in it; returns the group's path.
+        """Write the group of the record's rows, then publish the record with the group's name; return the group's path.
 
-        Parameters are those of `write_group`, but for `record`, in which the location is filled in.
+        Parameters are those of `write_group`, except `record`, whose location is filled in.
 
         Raises
         ------
@@ -83,25 +83,25 @@ class ShardOutput:
         with local_copy(self.work, begin=False) as work:
             for unfinished in work.glob(f"{self.name}-*.zarr"):  # of a run that was killed
                 shutil.rmtree(unfinished, ignore_errors=True)
-            beside = work / location
-            write_group(beside, self.artifact, record.rows, shapes, chunks, constants, attributes)
-            written = {"location": location, "metadata": metadata_digests(beside, self.artifact)}
-            _publish(self.directory, beside, path, self.record_path, record, written, version)
+            group = work / location
+            write_group(group, self.artifact, record.rows, shapes, chunks, constants, attributes)
+            written = {"location": location, "metadata": metadata_digests(group, self.artifact)}
+            _publish(self.directory, group, path, self.record_path, record, written, version)
         self.refresh()
         return path
 
 
 class FolderOutput:
-    """A folder that a dataset stage fills: where it lies, and what is published of it.
+    """A folder that a dataset stage fills: its paths and its published version.
 
     Attributes
     ----------
     path
         The folder's name without its version.
     lock
-        The file that whoever fills the folder locks.
+        The lock file of the run that fills the folder.
     record
-        Of the folder that readers see; None where there is none.
+        Of the published folder; None if there is none.
     """
 
     def __init__(self, directory: DataDirectory, name: str) -> None:
@@ -117,19 +117,19 @@ class FolderOutput:
             self.record = None
 
     def is_complete(self) -> bool:
-        """Whether every file of the published folder is there."""
+        """Check that every file of the published folder exists."""
         return self.record is not None and self.record.files.keys() <= files_below(self.path.with_name(self.record.location)).keys()
 
     def is_sound(self) -> bool:
-        """Whether the published folder holds what was written: every file is read."""
+        """Check that the published folder holds what was written, by reading every file."""
         return self.record is not None and not changed_files(self.path.with_name(self.record.location), self.record.files)
 
     def target(self, record: FolderRecord) -> Place:
         """Return the path of the folder that is published with a record."""
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
-    def commit(self, beside: Path, record: FolderRecord) -> Place:
-        """Move a finished folder to a name of its own, unless a killed run has, and publish its record; returns the folder's path.
+    def commit(self, filled: Path, record: FolderRecord) -> Place:
+        """Move a finished folder to its versioned name, unless a killed run has, and publish its record; return the folder's path.
 
         Raises
         ------
@@ -137,36 +137,36 @@ class FolderOutput:
             In object storage: another run has published something meanwhile.
         """
         path, version = self.target(record), version_of(self.record_path)
-        unmoved = beside if record.files.keys() <= files_below(beside).keys() else None
+        unmoved = filled if record.files.keys() <= files_below(filled).keys() else None
         _publish(self.directory, unmoved, path, self.record_path, record, {"location": path.name}, version)
         self.refresh()
         return path
 
 
 def withdraw(record_path: Place) -> None:
-    """Remove a record, so that nobody finds what it names; who reads that already is given time."""
-    if (named := named_location(record_path)) is not None:
-        note_replaced(record_path.with_name(named))
+    """Remove a record, so that its group is no longer found; current readers get the grace period."""
+    if (location := named_location(record_path)) is not None:
+        mark_replaced(record_path.with_name(location))
     remove(record_path)
 
 
 def _publish(
     directory: DataDirectory,
-    beside: Path | None,
+    source: Path | None,
     path: Place,
     record_path: Place,
     record: Provenance,
     fields: Mapping[str, Any],
     version: str | None,
 ) -> None:
-    """Move a group or folder, if it is `beside`, to its place, then publish its record with these fields, validated: it can be read."""
+    """Move a group or folder, unless `source` is None, to its path, then publish its record with these fields, after validating it."""
     record = type(record).model_validate({**dict(record), **fields})
-    if beside is not None:
-        move_folder(beside, path)
+    if source is not None:
+        move_folder(source, path)
     replaced = named_location(record_path)
     if replaced not in (None, path.name):
-        note_replaced(path.with_name(replaced))
+        mark_replaced(path.with_name(replaced))
     if not replace_version(record_path, serialise_with_checksum(record), version):
         raise StoreError(f"{record_path} was published by another run meanwhile; run again")
-    if isinstance(path, Path):  # object storage has no lock: there it is a command of its own
+    if isinstance(path, Path):  # object storage has no locks: there, `vt-pipeline collect-garbage` does it
         collect(directory, path.parent)

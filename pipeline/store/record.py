@@ -18,24 +18,24 @@ from pipeline.store import digest
 from pipeline.store.storage import Place, read_bytes
 
 FORMAT: Final = 2
-"""Of records; one more where an older version could misread them."""
+"""Version of the format of records, raised when an older version could misread them."""
 
 Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}$")]
-"""What may become part of a path."""
+"""A name that may become part of a path."""
 
 RelativePath = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199}(/[A-Za-z0-9_-][A-Za-z0-9=,+._-]{0,199})*$")]
 """A file or folder below another one, never above it."""
 
 Text = Annotated[str, Field(pattern=f"^{CONTROLS.pattern.replace('[', '[^', 1)}*$")]
-"""What is shown to people as the name of something."""
+"""A name that is shown to people."""
 
 
 ObjectOption = Literal["--manifest", "--objects", "--units", "--up"]
 
 
 class Stored(BaseModel):
-    """Describe the content of a JSON file that this project writes, or a part of it; unknown entries are errors."""
+    """The content of a JSON file that this project writes, or a part of it; unknown entries are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -63,10 +63,10 @@ class Provenance(Stored):
     models
         The digest of every trained model that was read, by name.
     options
-        Options by which the command named the objects, where the manifest's name does not say them all, as they were given. Left out of the
-        file where there are none.
+        Command-line options that selected the objects, as given, where the manifest's name is not enough. Left out of the file if there
+        are none.
     processor
-        What the processor offers: training and charts may differ in their last bits between processors.
+        Properties of the processor: training and charts may differ in their last bits between processors.
     """
 
     format: Literal[2] = FORMAT
@@ -92,7 +92,7 @@ class RowRecord(Stored):
     inputs
         The digests of the rows it was made from, by artifact.
     seconds
-        What it took.
+        Time that it took.
     processor
         The kind of processor that computed it (`processor_kind`): workers of one run may differ. Empty where nothing was computed.
     """
@@ -120,8 +120,8 @@ class ShardRecord(Provenance):
     rows
         In order.
     missing
-        Objects of the manifest that belong here and have not been made yet: runs with `--object` named others. Left out of the file
-        where there are none, so that versions without it read records of complete shards.
+        Objects of the manifest that belong to the shard and have not been made yet: runs with `--object` named others. Left out of the
+        file if there are none, so that versions without it read records of complete shards.
     constants_digest
         The digest of the arrays without an object dimension.
     metadata
@@ -161,22 +161,22 @@ R = TypeVar("R", bound=Provenance)
 
 
 def processor_kind(processor: Mapping[str, Any]) -> str:
-    """Name what results may depend on of a described processor: model, machine, and the instruction sets that numpy uses.
+    """Name the properties of a processor that results may depend on: model, machine, and the instruction sets that numpy uses.
 
-    What torch uses follows from these, and is not known to each process.
+    Those that torch uses follow from these, and not every process knows them.
     """
     sets = processor.get("numpy")
     return f"{processor.get('model')}, {processor.get('machine')}, {' '.join(map(str, sets)) if isinstance(sets, list) else sets}"
 
 
 def serialise_with_checksum(record: Provenance) -> bytes:
-    """Return the content of a record's file, with its checksum: one flipped bit could name another split, or another group."""
+    """Serialise a record with its checksum: one flipped bit could name another split or another group."""
     content = json.loads(record.model_dump_json())
     return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
 
 
 def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record of some type; `maker` is what to run where there is none, for the message.
+    """Read a record of a type; `maker` is what the error message says to run if there is none.
 
     Raises
     ------
@@ -194,14 +194,14 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
         content = json.loads(read_bytes(path))
-        found, checksum = content.get("format"), content.pop("checksum", None)
+        version, checksum = content.get("format"), content.pop("checksum", None)
     except FileNotFoundError:
         raise StoreError(f"{path.with_suffix('')} has not been made; run {maker} first") from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
-    if isinstance(found, int) and found != FORMAT:
+    if isinstance(version, int) and version != FORMAT:
         raise StoreError(
-            f"{path}: the record is of format {found}, this version of vt-pipeline reads format {FORMAT}; "
+            f"{path}: the record is of format {version}, this version of vt-pipeline reads format {FORMAT}; "
             "use the version that wrote it, or delete the record and run its stage again"
         )
     try:
@@ -213,7 +213,7 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
 
 
 def named_location(path: Place) -> str | None:
-    """Read the name of the group or folder in a record of any kind; None where there is no record that can be read."""
+    """Read the name of the group or folder in a record of any kind; None if there is no readable record."""
     try:
         return str(read_content(path)["location"])
     except (StoreError, KeyError):

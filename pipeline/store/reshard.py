@@ -7,20 +7,20 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.atomic import one_writer, write_at_once
+from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, is_of
+from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, DatasetDescription, has_shard_count
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import RowRecord
 from pipeline.store.row_files import Chunks, encode_row
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, in_threads, names_in, read_bytes
+from pipeline.store.storage import Place, list_folder, map_in_threads, read_bytes
 from schemas.catalogue import ARTIFACTS
 
 
 def shard_of(object_id: str, shards: int) -> int:
-    """Compute the number of the shard that holds an object, by its name alone: other objects come and go without moving it."""
+    """Compute the number of an object's shard from its name alone: adding or removing other objects does not move it."""
     return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
@@ -34,10 +34,10 @@ def shard_key(
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
-    """Write every artifact's rows into another number of shards, then let readers see all of them at once; yields each group.
+    """Write every artifact's rows into another number of shards, then publish all of them at once; yield the path of each group.
 
-    Nothing is computed. Killed before its end, it has changed nothing that readers see. No shard is locked: a stage that publishes
-    meanwhile is found at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
+    Nothing is computed. If it is killed before its end, readers see no change. No shard is locked: a stage that publishes meanwhile is
+    detected at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
 
     Raises
     ------
@@ -48,23 +48,23 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     if directory.shards() is None:
         raise StoreError(f"{directory.root} holds no shards; `vt-pipeline run` makes some")
     try:
-        with one_writer(directory.root / WORK / "reshard.lock", directory.root):
+        with exclusive_lock(directory.root / WORK / "reshard.lock", directory.root):
             yield from _reshard(directory, shards)
     except OSError as error:
         raise StoreError(
-            f"{error.filename or directory.root} cannot be written ({error.strerror or first_line(error)}), so readers see the shards that "
-            f"they saw; make {directory.root} writable, with room on its disk, or copy it to where it is, then run again"
+            f"{error.filename or directory.root} cannot be written ({error.strerror or first_line(error)}), so readers see the previous "
+            f"shards; make {directory.root} writable, with room on its disk, or copy it to another disk, then run again"
         ) from error
 
 
 def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
-    root, before = directory.root, directory.shards()
-    if before in (None, shards):
+    root, old_shards = directory.root, directory.shards()
+    if old_shards in (None, shards):
         return
-    _check_no_runs(directory, before)
+    _check_no_runs(directory, old_shards)
     _discard_records(directory, shards)  # of a run of this command that was killed
-    taken = _contents(directory, before)
-    directory = DataDirectory(root)  # what is read from now on is compared with this in the end
+    snapshot = _contents(directory, old_shards)
+    directory = DataDirectory(root)  # without records that were read before the snapshot
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
         _check_same_settings(collection)
@@ -72,33 +72,33 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
             if members := [name for name in collection if shard_of(name, shards) == number]:
                 yield _write(directory, collection, members, number, shards)
     _set_shards(directory, shards)
-    if _contents(directory, before) != taken:
-        _set_shards(directory, before)
+    if _contents(directory, old_shards) != snapshot:
+        _set_shards(directory, old_shards)
         _discard_records(directory, shards)
-        raise StoreError(f"{root}: a stage published rows meanwhile, so the number of shards is what it was; wait for runs to end")
-    _discard_records(directory, before)
+        raise StoreError(f"{root}: a stage published rows meanwhile, so the number of shards is unchanged; wait for runs to end")
+    _discard_records(directory, old_shards)
 
 
 def _check_no_runs(directory: DataDirectory, shards: int) -> None:
-    """Raise an error if a stage is running, at whose end resharding would fail, or if an artifact's package is not installed."""
+    """Raise an error if a stage is running, because resharding would fail at the end, or if an artifact's package is not installed."""
     for record in directory.shard_records():
         if record.parent.name not in ARTIFACTS:
             raise StoreError(f"{record.parent} is an artifact of a package that is not installed; install it, or remove that folder first")
-    there = names_in(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
-    for name in sorted(there & ARTIFACTS.keys()):
+    names = list_folder(directory.root / WORK).keys() | {artifact.name for artifact in directory.artifacts()}
+    for name in sorted(names & ARTIFACTS.keys()):
         for number in range(shards):
-            with one_writer(directory.shard_lock(name, number, shards), directory.root / name):
+            with exclusive_lock(directory.shard_lock(name, number, shards), directory.root / name):
                 pass
 
 
 def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
-    """Read the records of that number of shards as they are now."""
-    paths = [path for path in directory.shard_records() if is_of(path, shards)]
-    return dict(zip(paths, in_threads(_content, paths), strict=True))
+    """Read the current records of this number of shards."""
+    paths = [path for path in directory.shard_records() if has_shard_count(path, shards)]
+    return dict(zip(paths, map_in_threads(_content, paths), strict=True))
 
 
 def _content(record: Place) -> bytes:
-    """Read a record; nothing where it was withdrawn since it was listed."""
+    """Read a record; empty if it was withdrawn since it was listed."""
     try:
         return read_bytes(record)
     except FileNotFoundError:
@@ -106,13 +106,13 @@ def _content(record: Place) -> bytes:
 
 
 def _set_shards(directory: DataDirectory, shards: int) -> None:
-    write_at_once(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
+    write_atomically(directory.root / DESCRIPTION, DatasetDescription(shards=shards).model_dump_json().encode())
 
 
 def _discard_records(directory: DataDirectory, shards: int) -> None:
-    """Remove the records of that number of shards."""
+    """Remove the records of this number of shards."""
     for path in directory.shard_records():
-        if is_of(path, shards):
+        if has_shard_count(path, shards):
             withdraw(path)
 
 
@@ -123,7 +123,7 @@ def _check_same_settings(collection: Collection) -> None:
         raise StoreError(f"{collection.folder}: its shards were made with different settings; run the stage for all shards first")
 
 
-def _named_row(shard: Shard, object_id: str) -> RowRecord:
+def _row_with_processor(shard: Shard, object_id: str) -> RowRecord:
     """Copy the record of a row, with the processor that computed it."""
     row = shard.row(object_id)
     return row.model_copy(update={"processor": shard.record.processor_of(row)})
@@ -131,7 +131,7 @@ def _named_row(shard: Shard, object_id: str) -> RowRecord:
 
 def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Place:
     first, artifact = collection.first, collection.artifact
-    rows = tuple(_named_row(collection.shard(name), name) for name in members)
+    rows = tuple(_row_with_processor(collection.shard(name), name) for name in members)
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}
     constants = {name: first.read(name) for name, array in artifact.arrays.items() if not array.per_object and first.has(name)}
     missing = tuple(name for name in collection.missing if shard_of(name, shards) == number)

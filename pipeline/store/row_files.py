@@ -1,7 +1,7 @@
-"""Row files: one finished row each, encoded as it will be published, kept until its shard is, so that a killed run continues.
+"""Row files: finished rows, encoded as they will be published, kept until their shard is published so that a killed run can continue.
 
-A file holds the row's chunks, one after the other, then a footer: the `Result` as JSON with its crc32c, and the footer's size. A file
-that was cut short has no footer.
+A file holds the row's chunks, one after the other, then a footer: the `Result` as JSON with its crc32c, and the footer's size. A
+truncated file has no footer.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.errors import StoreError
 from pipeline.formats.file_content import regular_stat
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 from pipeline.store.encode import decode_array, encode_array, with_checksum, without_checksum
 from pipeline.store.record import Failure, Stored
 from pipeline.store.rows import Row, row_digest
@@ -22,7 +22,7 @@ from pipeline.store.storage import Place, files_below, read_bytes, remove, remov
 from schemas.base import Artifact
 
 SIZE = 8
-"""Bytes at the end of a file that say how large its footer is."""
+"""Bytes at the end of a file that hold the size of its footer."""
 
 Chunks = Mapping[str, list[bytes]]
 """The encoded chunks of a row, by array."""
@@ -37,16 +37,16 @@ class EncodedArray(Stored):
 
 
 class Result(Stored):
-    """A unit that is finished: its row is in a file, or there is none because of a `failure`, or of a `bug`, a traceback.
+    """The result of a unit: a row in a file, a `failure`, or a `bug` (its traceback).
 
     Attributes
     ----------
     name, key
         Of the unit.
     digest
-        Of the row and the object's category, or of the reason why there is none.
+        Of the row and the object's category, or of the failure.
     seconds, processor
-        How long it took, and the kind of processor that computed it.
+        Time that it took, and the kind of processor that computed it.
     arrays
         The row's arrays, in the order of their chunks in the file.
     """
@@ -67,7 +67,7 @@ class Result(Stored):
 
 
 class RowFiles:
-    """The row files below a work folder: one per unit and key, each there only when it is whole.
+    """The row files below a work folder: one per unit and key, written atomically.
 
     `artifact` declares the arrays; without it, as for evaluations, each array is one chunk, not compressed.
     """
@@ -80,7 +80,7 @@ class RowFiles:
         return self.folder / name / f"{key}.row"
 
     def save(self, result: Result, row: Row, category: str = "") -> Result:
-        """Write a unit's row, or why there is none; a row that a power cut takes is made again.
+        """Write a unit's row or failure, without flushing: a row lost in a power cut is computed again.
 
         Parameters
         ----------
@@ -102,14 +102,16 @@ class RowFiles:
         saved = result.model_copy(update={"digest": row_digest(row, result.failure, category), "arrays": arrays})
         footer = with_checksum(saved.model_dump_json().encode())
         parts = [chunk for name in row for chunk in chunks[name]]
-        write_at_once(self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False)
+        write_atomically(
+            self.path(result.name, result.key), b"".join([*parts, footer, len(footer).to_bytes(SIZE, "little")]), durable=False
+        )
         return saved
 
     def find(self, name: str, key: str) -> Result | None:
-        """Read the result of a unit; None where there is no file that can be read, or one of another unit."""
+        """Read the result of a unit; None if its file is missing, damaged or of another unit."""
         try:
             result = Result.model_validate_json(without_checksum(_footer(self.path(name, key))))
-        except (OSError, ValueError, ValidationError):  # missing, or cut short by a full disk or a crash of the machine
+        except (OSError, ValueError, ValidationError):  # missing, or truncated by a full disk or a crash of the machine
             return None
         return result if (result.name, result.key) == (name, key) else None
 
@@ -149,7 +151,7 @@ class RowFiles:
         remove(self.path(name, key))
 
     def discard_all(self, keys: Mapping[str, str]) -> None:
-        """Remove the files of units, given by name with their keys; on a disk, where this run holds the lock, those of other keys too."""
+        """Remove the files of units, given as names with keys; on a disk, where this run holds the lock, also those of other keys."""
         if isinstance(self.folder, Path):
             for name in keys:
                 remove(self.folder / name)
@@ -167,7 +169,7 @@ def encode_row(artifact: Artifact | None, row: Row) -> Chunks:
 
 
 def _footer(path: Place) -> bytes:
-    """Read the footer of a file; of one on a disk nothing else is read."""
+    """Read the footer of a file; on a disk, nothing else is read."""
     if not isinstance(path, Path):
         content = read_bytes(path)
         return content[-SIZE - int.from_bytes(content[-SIZE:], "little") : -SIZE]

@@ -1,4 +1,4 @@
-"""One object's part of an artifact: its digest, and whether it is what the schema says."""
+"""Rows, one object's part of an artifact: digests, and checks against the schema."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Row = dict[str, np.ndarray]
 
 
 def row_digest(row: Mapping[str, np.ndarray], failure: Failure | None, category: str) -> str:
-    """Compute the digest of an object's category and row, or of the reason why there is none."""
+    """Compute the digest of an object's category and row, or failure."""
     return digest.of_arrays({} if failure else row, failure=failure and failure.model_dump(), category=category)
 
 
@@ -29,22 +29,22 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
     StoreError
         An array is missing, unknown, has the wrong number of dimensions or kind, or holds NaN.
     """
-    wanted = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
-    optional = {name for name, array in wanted.items() if array.optional}
-    if missing := sorted(wanted.keys() - row.keys() - optional):
+    declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
+    optional = {name for name, array in declared.items() if array.optional}
+    if missing := sorted(declared.keys() - row.keys() - optional):
         raise StoreError(f"{artifact.name}: the stage returned no {', '.join(missing)}")
     conformed: Row = {}
     for name, value in row.items():
-        array = wanted.get(name) or (artifact.of(name) if "/" in name else None)
+        array = declared.get(name) or (artifact.of(name) if "/" in name else None)
         if array is None:
-            raise StoreError(f"{artifact.name}: the stage returned {name}, which its schema does not know")
+            raise StoreError(f"{artifact.name}: the stage returned {name}, which is not in its schema")
         dims = array.dims[1:] if array.per_object else array.dims
         if value.ndim != len(dims):
             raise StoreError(f"{artifact.name}: {name} has shape {value.shape}, the schema says {dims}")
         dtype = np.dtype(np.str_) if array.dtype == "string" else numpy_dtype(array)
         if not np.can_cast(value.dtype, dtype, "same_kind"):
             raise StoreError(f"{artifact.name}: {name} is {value.dtype}, the schema says {array.dtype}")
-        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused below
+        with np.errstate(over="ignore"):  # values beyond float32 become infinite, and are refused below
             stored = value if array.dtype == "string" else value.astype(dtype)
         if stored.dtype.kind == "f" and not (np.isfinite(stored).all() or (array.infinite and not np.isnan(stored).any())):
             raise StoreError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")

@@ -19,12 +19,12 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import array_violations, declared, numpy_dtype
+from pipeline.store.spec import array_violations, numpy_dtype, schema_name
 from pipeline.store.storage import File, Place, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
-"""How the path of a chunk ends that belongs to an array."""
+"""The end of a chunk's path, which follows that of its array."""
 
 
 class Shard:
@@ -48,7 +48,7 @@ class Shard:
 
     @property
     def has_rows(self) -> bool:
-        """Check whether an object came through; where none did, arrays have size 0, or are left out."""
+        """Whether any object has a row; without one, arrays have size 0 or are left out."""
         return any(row.failure is None for row in self.record.rows)
 
     @cached_property
@@ -61,19 +61,19 @@ class Shard:
     @cached_property
     def attributes(self) -> Mapping[str, Any]:
         """The group's attributes: settings, and the descriptions of hand, sensor or scene."""
-        found = self.group.attrs.asdict()
+        stored = self.group.attrs.asdict()
         with self.errors_as_damage("its attributes cannot be used"):
-            digest.of_json(found)  # refuses what is no JSON: NaN
-        return found
+            digest.of_json(stored)  # refuses what is no JSON: NaN
+        return stored
 
     def _check_metadata(self, name: str) -> None:
-        """Refuse a `zarr.json` that changed: Zarr and readers compute with what it says."""
+        """Raise an error if a `zarr.json` has changed: Zarr and readers rely on it."""
         path = self.path / name / "zarr.json"
         try:
-            found = hashlib.sha256(read_bytes(path)).hexdigest()
+            sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
         except OSError as error:
             raise StoreError(f"{path} cannot be read ({error.strerror or 'there is no such file'}); {self.remedy}") from error
-        if found != self.record.metadata.get(name):
+        if sha256 != self.record.metadata.get(name):
             raise StoreError(f"{path} differs from what was written; {self.remedy}")
 
     @cached_property
@@ -83,12 +83,12 @@ class Shard:
 
     @cached_property
     def _sound_files(self) -> Counter[str]:
-        """Count the files that hold something, by the array that they are chunks of."""
+        """The number of non-empty chunk files by array."""
         return Counter(_CHUNK.sub("", name) for name, file in self._files.items() if file.bytes)
 
     @contextmanager
     def errors_as_damage(self, what: str) -> Iterator[None]:
-        """Turn whatever zarr and its codecs raise on bytes that changed into a `StoreError`."""
+        """Convert any error that zarr and its codecs raise on changed bytes to a `StoreError`."""
         try:
             yield
         except StoreError:
@@ -100,14 +100,14 @@ class Shard:
 
     @property
     def remedy(self) -> str:
-        """What to do about a shard that is damaged, or that was replaced since it was opened."""
+        """The remedy for a shard that is damaged, or was replaced since it was opened."""
         record = self.path.with_name(f"{self.path.name.rpartition('-')[0]}.json")
         if not exists(record) or named_location(record) not in (None, self.path.name):
             return "it was replaced since it was opened: open the dataset again, or run the same command again"
         return f"`vt-pipeline run {self.record.stage} --check`, with its other options as before, makes what is damaged again"
 
     def has(self, name: str) -> bool:
-        """Whether there is an array of this name at the root: not every shard has all that its schema allows."""
+        """Check whether the root has an array of this name: not every shard has all arrays of its schema."""
         return name in self.record.metadata
 
     def array(self, name: str) -> Any:
@@ -128,21 +128,21 @@ class Shard:
         if (sound := self._sound_files[name]) < files:
             raise StoreError(f"{self.path}: of {name} {files - sound} of {files} files are missing or empty; {self.remedy}")
         self._check_declaration(name, array)
-        if "/" not in name:  # the others are of one object each: too many to keep
+        if "/" not in name:  # ragged arrays are too many to keep: each is of one object
             self._opened[name] = array
         return array
 
     def _check_declaration(self, name: str, array: Any) -> None:
-        """Refuse an array that is not as its schema, and the record, declare it: a stranger's store may be sound otherwise."""
-        known = self.artifact.of(declared(name))
-        if known is None:
+        """Raise an error if an array differs from its schema or record: a stranger's store may be sound otherwise."""
+        declaration = self.artifact.of(schema_name(name))
+        if declaration is None:
             return
         with self.errors_as_damage(f"{name} cannot be opened"):
-            found = list(array_violations(name, known, ArraySpec.from_zarr(array)))
-        if not found and known.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
-            found = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
-        if found:
-            raise StoreError(f"{self.path}: {found[0]}; {self.remedy}")
+            violations = list(array_violations(name, declaration, ArraySpec.from_zarr(array)))
+        if not violations and declaration.per_object and "/" not in name and array.shape[0] != len(self.record.rows):
+            violations = [f"{name}: it has {array.shape[0]} rows, the record {len(self.record.rows)}"]
+        if violations:
+            raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
         """Read an array, or a part of it, by its path below the root.
@@ -164,27 +164,27 @@ class Shard:
             self.array(name)
 
     def is_complete(self) -> bool:
-        """Whether every file of every array is there and holds something."""
-        there = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
-        ragged = {name for name in there if name.count("/") == 2}
+        """Check that every file of every array exists and is not empty."""
+        array_paths = {_CHUNK.sub("", name).removesuffix("/zarr.json") for name in self._files}
+        ragged = {name for name in array_paths if name.count("/") == 2}
         try:
             self.check_arrays()
             for name in ragged:
-                if not self._sound_files[name]:  # else it is whole: a ragged array is one file, or none where its size is 0
+                if not self._sound_files[name]:  # else it is complete: a ragged array is one file, or none where its size is 0
                     self.array(name)
         except StoreError:
             return False
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
 
     def view(self, object_id: str) -> RowView:
-        """Open an object's row, read array by array when asked for."""
+        """Open an object's row; its arrays are read on demand."""
         return RowView(self, object_id)
 
 
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when first asked for, and kept; after `verify` they are those that it looked at.
+    Arrays are read when first used, and kept; after `verify` they are the verified ones.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
@@ -215,14 +215,14 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self._held or any(name == each for each in self)  # ragged arrays are listed last, if at all
+        return name in self._held or any(name == stored_name for stored_name in self)  # ragged arrays are listed last, if at all
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")
         return f"{group}/{self.object_id}/{leaf}"
 
     def ragged(self) -> list[str]:
-        """Paths below the root of the object's ragged arrays."""
+        """List the paths below the root of the object's ragged arrays."""
         paths: list[str] = []
         with self.shard.errors_as_damage(f"arrays of {self.object_id} cannot be opened"):
             for name in {pattern.split("/")[0] for pattern in self.shard.artifact.ragged}:
@@ -235,7 +235,7 @@ class RowView(Mapping[str, np.ndarray]):
         for name, array in self.shard.artifact.arrays.items():
             if array.per_object and self.shard.has(name):
                 yield name
-        yield from map(declared, self.ragged())
+        yield from map(schema_name, self.ragged())
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
@@ -255,12 +255,12 @@ class RowView(Mapping[str, np.ndarray]):
         return {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
 
     def verify(self) -> Row:
-        """Read the row and hold it.
+        """Read the row, compare it with its digest, and keep it.
 
         Raises
         ------
         StoreError
-            It cannot be read, or is not what its stage wrote.
+            It cannot be read, or differs from what its stage wrote.
         """
         recorded = self.record
         self._held = {}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic_zarr.v3 import ArraySpec, GroupSpec
 
-from schemas.base import CHOSEN, FIXED, Array, Artifact
+from schemas.base import FIXED, INDEXED_DIMS, Array, Artifact
 
 OBJECTS_PER_FILE = 64
 """Objects whose chunks share one file: few files, yet no more than these in memory while a shard is written."""
@@ -71,30 +71,30 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
 
 
 def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Compute the shapes of a file and of a chunk in it, of a stored array of this shape."""
-    whole = tuple(max(1, size) for size in shape)
+    """Compute the shapes of a file and of its chunks for a stored array of this shape."""
+    extents = tuple(max(1, size) for size in shape)
     if not array.per_object:
-        return whole, whole
-    objects = min(OBJECTS_PER_FILE, whole[0])
-    file_shape = (objects, *whole[1:])
-    single = tuple(1 if dim == "camera" else size for dim, size in zip(array.dims, whole, strict=True))
-    if _ITEM[array.dtype] * math.prod(whole[1:]) <= SMALL_CHUNK:
+        return extents, extents
+    objects = min(OBJECTS_PER_FILE, extents[0])
+    file_shape = (objects, *extents[1:])
+    single = tuple(1 if dim == "camera" else size for dim, size in zip(array.dims, extents, strict=True))
+    if _ITEM[array.dtype] * math.prod(extents[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape
-    if len(array.dims) > 2 and array.dims[1] in CHOSEN and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
+    if len(array.dims) > 2 and array.dims[1] in INDEXED_DIMS and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
         return file_shape, (1, 1, *single[2:])
     return file_shape, (1, *single[1:])
 
 
 def planar_order(array: Array) -> tuple[int, ...]:
-    """Return the order in which axes are stored, empty where it is their own: one plane per colour takes a third of the space."""
+    """Return the order in which axes are stored, empty for their own order: one plane per colour takes a third of the space."""
     if array.dims[-1] != "rgb" or len(array.dims) < 3:
         return ()
-    *others, row, col, rgb = range(len(array.dims))
-    return (*others, rgb, row, col)
+    *leading, row, col, rgb = range(len(array.dims))
+    return (*leading, rgb, row, col)
 
 
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """Specify a whole shard by the shape of every array, by its path below the root, and the root's attributes.
+    """Specify a shard from the shape of every array, by its path below the root, and the root's attributes.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attrib
         node = tree
         for parent in parents:
             node = node.setdefault(parent, {})
-        array = artifact.of(declared(path))
+        array = artifact.of(schema_name(path))
         if array is None:
             raise ValueError(f"{artifact.name} has no array {path}; its schema names {sorted(artifact.arrays)}")
         node[leaf] = array_spec(array, shape)
@@ -118,39 +118,39 @@ def _members(tree: Mapping[str, Any]) -> dict[str, Any]:
     return {name: node if isinstance(node, ArraySpec) else GroupSpec(attributes={}, members=_members(node)) for name, node in tree.items()}
 
 
-def declared(path: str) -> str:
+def schema_name(path: str) -> str:
     """Return the name of a path in its schema: `meshes/OBJECT_ID/faces` is `meshes/faces`."""
     parts = path.split("/")
     return "/".join((parts[0], parts[-1])) if len(parts) == 3 else path
 
 
 def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
-    """List the violations of a schema by a stored group: a line each that names array and reason."""
-    found = dict(_arrays(group))
+    """List the violations of a schema by a stored group, one line each with array and reason."""
+    stored_arrays = dict(_arrays(group))
     for name, array in artifact.arrays.items():
-        if name not in found and not array.optional:
+        if name not in stored_arrays and not array.optional:
             yield f"{name}: the array is missing"
     sizes: dict[str, tuple[int, str]] = {}
-    for path, stored in found.items():
-        known = artifact.of(declared(path))
-        if known is None:
-            yield f"{path}: the schema knows no such array"
+    for path, stored in stored_arrays.items():
+        declaration = artifact.of(schema_name(path))
+        if declaration is None:
+            yield f"{path}: the schema has no such array"
             continue
-        violations = list(array_violations(path, known, stored))
+        violations = list(array_violations(path, declaration, stored))
         yield from violations
-        for dim, size in zip(known.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
+        for dim, size in zip(declaration.dims, stored.shape, strict=True) if not violations and "/" not in path else ():
             if sizes.setdefault(dim, (size, path))[0] != size:
                 yield f"{path}: dimension {dim} has size {size}, but {sizes[dim][0]} in {sizes[dim][1]}"
 
 
-def array_violations(path: str, known: Array, stored: AnyArray) -> Iterator[str]:
-    """List the violations of a declaration by a stored array, a line each."""
-    if stored.data_type != _DTYPES.get(known.dtype, known.dtype):
-        yield f"{path}: dtype is {stored.data_type}, the schema says {known.dtype}"
-    if tuple(stored.dimension_names or ()) != known.dims or len(stored.shape) != len(known.dims):
-        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {known.dims}"
+def array_violations(path: str, declaration: Array, stored: AnyArray) -> Iterator[str]:
+    """List the violations of a declaration by a stored array, one line each."""
+    if stored.data_type != _DTYPES.get(declaration.dtype, declaration.dtype):
+        yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
+    if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
+        yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"
         return
-    for dim, size in zip(known.dims, stored.shape, strict=True):
+    for dim, size in zip(declaration.dims, stored.shape, strict=True):
         if size != FIXED.get(dim, size):
             yield f"{path}: dimension {dim} has size {size}, the schema says {FIXED[dim]}"
 

@@ -1,6 +1,6 @@
-"""Where data lies: a folder on a disk, or a prefix in object storage. Apart from `atomic.py`, what differs between the two is here.
+"""Places of data: folders on a disk, or prefixes in object storage. Apart from `atomic.py`, only this module distinguishes them.
 
-Credentials, region and endpoint of object storage are those of the client's environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
+Credentials, region and endpoint of object storage come from the environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
 
 PROTOCOLS = ("s3", "gs")
-"""Of object storage with conditional puts: Amazon's and its like, Google's."""
+"""URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
 
 THREADS = 16
-"""Requests under way at a time: each waits for the network, not for a core."""
+"""Concurrent requests: each waits for the network, not for a core."""
 
 NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-"""What the system says when a disk is full, or a quota used up."""
+"""Error codes of a full disk or an exhausted quota."""
 
 MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
-"""What the system says when there is no room, a disk is read-only or broken, or too many files are open."""
+"""Error codes of a full, read-only or broken disk, and of too many open files."""
 
 RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
-"""How long a request is repeated that a server does not answer, or answers with 5xx: it may be started again."""
+"""Retries of a request that a server does not answer, or answers with 5xx: it may be restarting."""
 
 Place = Path | UPath
 """A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
@@ -55,7 +55,7 @@ ZARR_METADATA = ("zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
 """Files that Zarr looks for and that need not be there; all others that it reads are chunks."""
 
 TEMPORARY = ".tmp"
-"""How the names of files end that are being written."""
+"""Suffix of files that are being written."""
 
 A = TypeVar("A")
 B = TypeVar("B")
@@ -63,19 +63,19 @@ B = TypeVar("B")
 
 @dataclass(frozen=True)
 class File:
-    """A stored file: its bytes, and when it was written, s since 1970."""
+    """A stored file: its size, and when it was written, s since 1970."""
 
     bytes: int
     written: float
 
 
 def place(text: str | Place) -> Place:
-    """Name a place by a path or a URL.
+    """Convert a path or URL to a place.
 
     Raises
     ------
     InvalidInput
-        The URL is of no object storage that can be written to.
+        The URL names no object storage that can be written to.
     """
     protocol, separator, rest = str(text).partition("://")
     if not separator:
@@ -88,12 +88,12 @@ def place(text: str | Place) -> Place:
 
 
 def is_machine_fault(error: Exception) -> bool:
-    """Whether an error is neither the object's nor ours, but that of the machine, or the object storage, it was met on."""
+    """Check whether an error is a fault of the machine or the object storage, not of an object or of this project."""
     return isinstance(error, BaseError) or (isinstance(error, OSError) and error.errno in MACHINE_FAULTS)
 
 
 def read_bytes(path: Place) -> bytes:
-    """Read a regular file; a `FileNotFoundError` where there is none."""
+    """Read a regular file; raise a `FileNotFoundError` if there is none."""
     if isinstance(path, Path):
         regular_stat(path)
         return path.read_bytes()
@@ -101,7 +101,7 @@ def read_bytes(path: Place) -> bytes:
 
 
 def exists(path: Place) -> bool:
-    """Whether there is such a file; in object storage there are no folders."""
+    """Check whether a file exists; object storage has no folders."""
     if isinstance(path, Path):
         return path.is_file()
     try:
@@ -116,20 +116,20 @@ def on_disk(path: Place) -> Path | None:
     return path if isinstance(path, Path) else None
 
 
-def names_in(folder: Place) -> dict[str, bool]:
-    """List what is directly in a folder, by name: whether it is a folder; nothing where there is no such folder."""
+def list_folder(folder: Place) -> dict[str, bool]:
+    """List the entries of a folder: by name, whether each is a folder; empty if there is no such folder."""
     if isinstance(folder, Path):
         if not folder.is_dir():
             return {}
         with os.scandir(folder) as entries:
             return {entry.name: os.path.isdir(entry) if entry.is_symlink() else entry.is_dir() for entry in entries}  # a link may loop
-    found = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
-    files = {PurePosixPath(file["path"]).name: False for file in found["objects"]}
-    return files | {PurePosixPath(prefix).name: True for prefix in found["common_prefixes"]}
+    listing = obstore.list_with_delimiter(bucket_of(folder), f"{key_of(folder)}/")
+    files = {PurePosixPath(file["path"]).name: False for file in listing["objects"]}
+    return files | {PurePosixPath(prefix).name: True for prefix in listing["common_prefixes"]}
 
 
 def files_below(folder: Place) -> dict[str, File]:
-    """List all files below a folder, by their path below it; none where there is no such folder."""
+    """List all files below a folder, by their path below it; empty if there is no such folder."""
     if isinstance(folder, Path):
         files: dict[str, File] = {}
         for parent, _, names in os.walk(folder):
@@ -142,17 +142,17 @@ def files_below(folder: Place) -> dict[str, File]:
                     except OSError:  # a link to nothing, or to itself
                         files[name] = File(0, path.lstat().st_mtime)
         return files
-    return {name: File(int(found["size"]), found["last_modified"].timestamp()) for name, found in _listed(folder)}
+    return {name: File(int(entry["size"]), entry["last_modified"].timestamp()) for name, entry in _listed(folder)}
 
 
 def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
     prefix = f"{key_of(folder)}/"
     for part in obstore.list(bucket_of(folder), prefix=prefix):
-        yield from ((found["path"].removeprefix(prefix), found) for found in part)
+        yield from ((entry["path"].removeprefix(prefix), entry) for entry in part)
 
 
 def remove(folder: Place) -> None:
-    """Remove a folder with everything in it, or a file, or nothing where there is none; of a symbolic link, the link alone."""
+    """Remove a file, or a folder with everything in it, if it exists; of a symbolic link, only the link."""
     if not isinstance(folder, Path):
         remove_files(folder, [*files_below(folder), ""])
     elif folder.is_dir() and not folder.is_symlink():
@@ -162,61 +162,61 @@ def remove(folder: Place) -> None:
 
 
 def remove_files(folder: UPath, names: Iterable[str]) -> None:
-    """Remove files below a folder in object storage, given by their paths below it; one of "" is the folder's own name."""
+    """Remove files below a folder in object storage, given by their paths below it; "" is the folder's own name."""
     keys = [f"{key_of(folder)}/{name}".removesuffix("/") for name in names]
-    until = time.monotonic() + RETRY["retry_timeout"].total_seconds()
+    deadline = time.monotonic() + RETRY["retry_timeout"].total_seconds()
     for attempt in count() if keys else ():
         try:
             obstore.delete(bucket_of(folder), keys)
             break
-        except GenericError:  # the connection broke: the client cannot know that a repetition does no harm
-            if time.monotonic() > until:
+        except GenericError:  # the connection broke: the client cannot know that a retry does no harm
+            if time.monotonic() > deadline:
                 raise
-            pause(attempt)
+            wait_before_retry(attempt)
 
 
-def pause(attempt: int) -> None:
+def wait_before_retry(attempt: int) -> None:
     """Wait before a request is repeated, longer each time, up to 3 s."""
     time.sleep(0.05 * 2 ** min(attempt, 6))
 
 
 @contextmanager
 def temporary(path: Path) -> Iterator[Path]:
-    """Give a name that no other process has for a file beside `path` to write and rename or link; in the end nothing is left of it."""
-    beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")  # processes in containers have equal numbers
+    """Yield a unique path beside `path` for a file to write and then rename or link; it is removed at the end."""
+    temporary_file = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")  # processes in containers have equal numbers
     try:
-        yield beside
+        yield temporary_file
     finally:
-        beside.unlink(missing_ok=True)
+        temporary_file.unlink(missing_ok=True)
 
 
 def cache_of(folder: Place) -> Path:
-    """Name the folder on this machine's disk that keeps a copy of one in object storage; below `XDG_CACHE_HOME`."""
+    """Return the local folder, below `XDG_CACHE_HOME`, that caches a folder in object storage."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline"
     return cache / hashlib.sha256(str(folder.parent).encode()).hexdigest()[:16] / folder.name
 
 
 def copy(source: Place, target: Place, names: Iterable[str]) -> None:
     """Copy files, given by their paths below `source`, from a disk to object storage, from there to a disk, or within it."""
-    in_threads(lambda name: _copy_file(source / name, target / name), list(names))
+    map_in_threads(lambda name: _copy_file(source / name, target / name), list(names))
 
 
 def _copy_file(source: Place, target: Place) -> None:
     if isinstance(target, Path):
         target.parent.mkdir(parents=True, exist_ok=True)
-        with temporary(target) as beside:
-            with beside.open("wb") as file:
+        with temporary(target) as temporary_file:
+            with temporary_file.open("wb") as file:
                 for part in obstore.get(bucket_of(source), key_of(source)).stream():
                     file.write(part)
-            beside.replace(target)
+            temporary_file.replace(target)
     elif isinstance(source, Path):
         obstore.put(bucket_of(target), key_of(target), source)
     else:
         obstore.copy(bucket_of(target), key_of(source), key_of(target))
 
 
-def in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
-    """Call a function that waits for the network with each of some items, several at a time."""
+def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:
+    """Call a function that waits for the network with each item, several at a time."""
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(function, items))
 
@@ -243,7 +243,7 @@ class _Files(WrapperStore[Store]):
 
 
 def zarr_store(path: Place, *, sparse: bool = False) -> Store:
-    """Open what Zarr reads a group through; a `FileNotFoundError` where a chunk is missing, unless the group is `sparse`: without zeros."""
+    """Open a group for Zarr; a missing chunk is a `FileNotFoundError`, unless the group is `sparse`: written without chunks of zeros."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
     return _Files(files, sparse)
 

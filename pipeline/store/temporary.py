@@ -1,4 +1,4 @@
-"""Temporary folders that other users cannot reach, and that a killed process leaves to the next one to remove."""
+"""Temporary folders that other users cannot read; those of a killed process are removed by the next one."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ def private_folder(parent: str | Path | None = None) -> Path:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Give an empty folder, which is removed at the end; those of killed processes are removed at the start.
+    """Yield an empty folder that is removed at the end; those of killed processes are removed at the start.
 
     A process holds a lock on each of its folders: a folder without one belongs to nobody.
     """
     parent = private_folder()
     with _locked(parent):
-        for left in parent.glob(f"{PREFIX}*"):
-            with suppress(OSError), _locked(left, wait=False):
-                shutil.rmtree(left, ignore_errors=True)
+        for leftover in parent.glob(f"{PREFIX}*"):
+            with suppress(OSError), _locked(leftover, wait=False):
+                shutil.rmtree(leftover, ignore_errors=True)
         folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=parent))
         lock = ExitStack()
         lock.enter_context(_locked(folder))
@@ -52,7 +52,7 @@ def temporary_folder() -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path, *, wait: bool = True) -> Iterator[None]:
-    """Hold the lock of a folder; a `BlockingIOError` where another process holds it and this one does not wait."""
+    """Hold the lock of a folder; without `wait`, raise a `BlockingIOError` if another process holds it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -1,4 +1,4 @@
-"""Check shards and folders against their schemas, records and digests: every way in which one is wrong, as one line."""
+"""Check shards and folders against their schemas, records and digests; each problem is one line."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.digest import files_of
-from pipeline.store.directory import DESCRIPTION, DataDirectory, is_of, is_version, made_by, unversioned
-from pipeline.store.garbage import everything_unnamed
+from pipeline.store.directory import DESCRIPTION, DataDirectory, has_shard_count, is_version, made_by, unversioned
+from pipeline.store.garbage import all_unreferenced
 from pipeline.store.origins import check_origins
 from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.shard import Shard
@@ -23,7 +23,7 @@ from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
 CHECKS = 5
-"""Checks of a data directory that changes during each."""
+"""Attempts to check a data directory that changes meanwhile."""
 
 
 def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
@@ -33,18 +33,18 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
 
     Returns
     -------
-    The problems by path of record; an empty list for each that has none.
+    The problems by path of record; an empty list for a record without problems.
     """
     for _ in range(CHECKS):
         before = _records(root)
-        found = _problems_below(root, strict)
-        if not any(found.values()) or _records(root) == before:
+        problems = _problems_below(root, strict)
+        if not any(problems.values()) or _records(root) == before:
             break
-    return found
+    return problems
 
 
 def _records(root: Place) -> dict[Place, bytes]:
-    """Read every record as it is now, and the description."""
+    """Read every current record, and the description."""
     directory = DataDirectory(root)
     paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
     content = {}
@@ -56,42 +56,42 @@ def _records(root: Place) -> dict[Place, bytes]:
 
 def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     directory = DataDirectory(root)
-    found: dict[Place, list[str]] = {}
+    problems: dict[Place, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
-            found[path] = _lines(_record_problems(path, name))
+            problems[path] = _collect_lines(_record_problems(path, name))
         if records:
             checks = [_origin_problems(directory, name), *([_mixed_processors(directory, name)] if strict else [])]
-            if lines := [line for check in checks for line in _lines(check)]:
-                found[root / name] = lines
+            if lines := [line for check in checks for line in _collect_lines(check)]:
+                problems[root / name] = lines
     for name in directory.folders():
-        found[directory.folder_record(name)] = _lines(_folder_problems(directory, name))
-    for path in everything_unnamed(directory):
+        problems[directory.folder_record(name)] = _collect_lines(_folder_problems(directory, name))
+    for path in all_unreferenced(directory):
         record = path.with_name(f"{unversioned(path.name)}.json")
-        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _is_missed(directory, record)):
-            found[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
-    return found
+        if is_version(path.name) and not exists(record) and (path.suffix != ".zarr" or _lacks_record(directory, record)):
+            problems[record] = [f"the record of {path.name} is missing: a run was killed, or it was deleted; run its stage again"]
+    return problems
 
 
-def _is_missed(directory: DataDirectory, record: Place) -> bool:
-    """Whether a shard should have its record: others of the same objects do. One that was withdrawn, or split otherwise, leaves none."""
-    return is_of(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
+def _lacks_record(directory: DataDirectory, record: Place) -> bool:
+    """Check whether a record is missing: other artifacts have this shard. Withdrawn shards, and other numbers of shards, leave none."""
+    return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
 
-def _lines(check: Iterator[str]) -> list[str]:
+def _collect_lines(check: Iterator[str]) -> list[str]:
     """List the lines of a check, and the error that ended it."""
-    found: list[str] = []
+    lines: list[str] = []
     try:
         for line in check:
-            found.append(line)
+            lines.append(line)
     except StoreError as error:
-        found.append(str(error))
-    return found
+        lines.append(str(error))
+    return lines
 
 
 def problems_of(shard: Shard) -> list[str]:
-    """Check a shard: structure first; where that is right, every value is read and compared with its digest."""
-    return _lines(_shard_problems(shard))
+    """Check a shard: first its structure; if that is right, every value against its digest."""
+    return _collect_lines(_shard_problems(shard))
 
 
 def _record_problems(record: Place, artifact: str) -> Iterator[str]:
@@ -101,10 +101,10 @@ def _record_problems(record: Place, artifact: str) -> Iterator[str]:
 def _shard_problems(shard: Shard) -> Iterator[str]:
     with shard.errors_as_damage("metadata cannot be read"):
         for name in filter(shard.has, shard.artifact.arrays):
-            shard.group.get(name)  # one after the other: where two fail side by side, asyncio prints the other's traceback
-        found = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
-    if found:
-        yield from (f"{line}; {shard.remedy}" for line in found)
+            shard.group.get(name)  # one after the other: if two fail concurrently, asyncio prints the second traceback
+        violations = list(schema_violations(shard.artifact, GroupSpec.from_zarr(shard.group)))
+    if violations:
+        yield from (f"{line}; {shard.remedy}" for line in violations)
         return
     shard.check_arrays()
     arrays = shard.artifact.arrays
@@ -136,7 +136,7 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
 
 
 def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether the shards of an artifact belong together, and were made from what is there now."""
+    """Check that the shards of an artifact belong together, and were made from the current inputs."""
     collection = directory.collection(ARTIFACTS[name])
     collection.first  # noqa: B018 (an error where shards were made with different scenes or sensors)
     if lacking := list(collection.missing):
@@ -149,7 +149,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
 
 
 def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether one kind of processor computed all rows of an artifact."""
+    """Check that one kind of processor computed all rows of an artifact."""
     collection = directory.collection(ARTIFACTS[name])
     kinds = collection.processors().most_common()
     if len(kinds) > 1:
@@ -161,9 +161,9 @@ def _mixed_processors(directory: DataDirectory, name: str) -> Iterator[str]:
 
 
 def _folder_problems(directory: DataDirectory, name: str) -> Iterator[str]:
-    """Whether a folder holds the files that its record says, and was made from what is there now."""
+    """Check that a folder holds the files of its record, and was made from the current inputs."""
     yield from directory.folder_problems(name)
     record = directory.folder(name)
-    others = set(files_of(directory.folder_path(name))) - record.files.keys()
-    yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(others))
+    unrecorded = set(files_of(directory.folder_path(name))) - record.files.keys()
+    yield from (f"{file} was not written by {made_by(name, record)}" for file in sorted(unrecorded))
     check_origins(directory, [name])

@@ -52,7 +52,7 @@ def write_group(
     shapes
         The shapes of each row's arrays, without the object dimension.
     chunks
-        Reads the encoded row of a number; called once for each.
+        Reads the encoded row with this number; called once per row.
     constants
         Arrays without an object dimension.
     attributes
@@ -64,19 +64,19 @@ def write_group(
         Two objects disagree in the shape of an array, or the group departs from its schema.
     """
     shutil.rmtree(path, ignore_errors=True)
-    of_group = _group_shapes(artifact, rows, shapes, constants)
-    _write_metadata(path, group_spec(artifact, of_group, attributes))
-    stacked = {name: shape for name, shape in of_group.items() if "/" not in name and name not in (*COMMON, *constants)}
+    group_shapes = _group_shapes(artifact, rows, shapes, constants)
+    _write_metadata(path, group_spec(artifact, group_shapes, attributes))
+    stacked = {name: shape for name, shape in group_shapes.items() if "/" not in name and name not in (*COMMON, *constants)}
     strings: dict[str, Any] = {name: [] for name in stacked if artifact.arrays[name].dtype == "string"}
-    for first in range(0, len(rows), OBJECTS_PER_FILE):
-        held = [chunks(number) for number in range(first, min(first + OBJECTS_PER_FILE, len(rows)))]
+    for start in range(0, len(rows), OBJECTS_PER_FILE):
+        batch = [chunks(number) for number in range(start, min(start + OBJECTS_PER_FILE, len(rows)))]
         for name, shape in stacked.items():
-            parts = [encoded.get(name) for encoded in held]
+            parts = [encoded.get(name) for encoded in batch]
             if name in strings:
                 strings[name] += ["" if part is None else str(decode_array(None, (), "U", part)) for part in parts]
             else:
-                _write_file(path / name / "c" / str(first // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
-        for row, encoded in zip(rows[first:], held, strict=False):
+                _write_file(path / name / "c" / str(start // OBJECTS_PER_FILE), artifact.arrays[name], shape, parts)
+        for row, encoded in zip(rows[start:], batch, strict=False):
             for name in (name for name in encoded if "/" in name):
                 _write_ragged(path.joinpath(name.split("/")[0], row.object_id, name.split("/")[1]), encoded[name], artifact.of(name))
     labels = [row.labels() for row in rows]
@@ -85,8 +85,8 @@ def write_group(
         group: Any = zarr.open_group(LocalStore(path), mode="r+")
         for name, values in {**constants, **strings, **common}.items():
             group[name][...] = np.array(values, numpy_dtype(artifact.arrays[name]))
-    if found := list(schema_violations(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
-        raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(found)}")
+    if violations := list(schema_violations(artifact, GroupSpec.from_zarr(zarr.open_group(str(path), mode="r")))):
+        raise StoreError(f"{path} was written but does not fit its schema, so it is not published: {'; '.join(violations)}")
 
 
 def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
@@ -100,7 +100,7 @@ def metadata_digests(path: Path, artifact: Artifact) -> dict[str, str]:
 
 
 def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
-    """Write the metadata of a group and all that is in it, as Zarr writes it."""
+    """Write the metadata of a group and its members, as Zarr writes it."""
     path.mkdir(parents=True)
     described = ArrayV3Metadata.from_dict(spec.model_dump()) if isinstance(spec, ArraySpec) else GroupMetadata(spec.attributes)
     for name, content in described.to_buffer_dict(default_buffer_prototype()).items():
@@ -110,7 +110,7 @@ def _write_metadata(path: Path, spec: AnyGroup | AnyArray) -> None:
 
 
 def _write_file(folder: Path, array: Array, shape: tuple[int, ...], parts: Sequence[list[bytes] | None]) -> None:
-    """Write a file of an array: a part per object, None where it has no row, whose values are zeros."""
+    """Write a file of an array from one part per object; None, for an object without a row, becomes zeros."""
     if not math.prod(shape):
         return
     file_shape, chunk = chunking(array, shape)
@@ -140,20 +140,20 @@ def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> Non
 
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
     """Compute the shape of every array of the shard, by path."""
-    of_group: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
-    of_group |= {name: constant.shape for name, constant in constants.items()}
-    for row, of_row in zip(rows, shapes, strict=True):
-        for name, shape in of_row.items():
+    group_shapes: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
+    group_shapes |= {name: constant.shape for name, constant in constants.items()}
+    for row, row_shapes in zip(rows, shapes, strict=True):
+        for name, shape in row_shapes.items():
             if "/" in name:
                 parent, leaf = name.split("/")
-                of_group[f"{parent}/{row.object_id}/{leaf}"] = shape
-            elif of_group.setdefault(name, (len(rows), *shape)) != (len(rows), *shape):
-                raise StoreError(f"{artifact.name}: {name} of {row.object_id} has shape {shape}, others {of_group[name][1:]}")
+                group_shapes[f"{parent}/{row.object_id}/{leaf}"] = shape
+            elif group_shapes.setdefault(name, (len(rows), *shape)) != (len(rows), *shape):
+                raise StoreError(f"{artifact.name}: {name} of {row.object_id} has shape {shape}, others {group_shapes[name][1:]}")
     sizes = dict(FIXED)
-    for name, shape in of_group.items():
+    for name, shape in group_shapes.items():
         if name in artifact.arrays:
             sizes.update(zip(artifact.arrays[name].dims, shape, strict=True))
     for name, array in artifact.arrays.items():  # a shard in which every object failed still has every array
-        if name not in of_group and not array.optional:
-            of_group[name] = (len(rows), *(sizes.get(dim, 0) for dim in array.dims[1:]))
-    return of_group
+        if name not in group_shapes and not array.optional:
+            group_shapes[name] = (len(rows), *(sizes.get(dim, 0) for dim in array.dims[1:]))
+    return group_shapes

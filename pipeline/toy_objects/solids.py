@@ -162,6 +162,6 @@ def smooth(rows: Rows, between: int = 4, at: ArrayLike = ()) -> Array:
     """Refine a table whose first column rises by monotone cubics: `between` steps per row, and a row at each value of `at`."""
     table = np.asarray(rows, float)
     steps = np.interp(np.arange((len(table) - 1) * between + 1) / between, np.arange(len(table)), table[:, 0])
-    wanted = np.ravel(at)
-    where = np.sort([*wanted, *(step for step in steps if (np.abs(wanted - step) > 0.5).all())])  # no slivers
-    return np.column_stack([where, PchipInterpolator(table[:, 0], table[:, 1:])(where)])
+    inserted = np.ravel(at)
+    positions = np.sort([*inserted, *(step for step in steps if (np.abs(inserted - step) > 0.5).all())])  # no slivers
+    return np.column_stack([positions, PchipInterpolator(table[:, 0], table[:, 1:])(positions)])

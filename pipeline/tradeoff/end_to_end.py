@@ -177,7 +177,7 @@ def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
             settings = setup.settings(name, {"training_seed": training} if name in ("train-gcn", "evaluate") else {})
             setup.make(name, settings, data, Console(quiet=True) if name == "evaluate" else console)  # its tables say little here
             if name == "evaluate":
-                for object_id, value in chamfer_by_object(DataDirectory(data).whole_folder(evaluation_name(training))).items():
+                for object_id, value in chamfer_by_object(DataDirectory(data).verified_folder(evaluation_name(training))).items():
                     errors.setdefault(object_id, []).append(value)
             else:
                 count, _ = stage.cost_of(settings, setup.objects)

@@ -22,7 +22,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage, ObjectStage, names_read
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
-from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown
+from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown_name
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
@@ -134,7 +134,7 @@ def dependencies(stages: Sequence[str], setup: Setup) -> dict[str, Any]:
 
 def _declared(stage: str) -> Trade:
     if stage not in TRADED:
-        raise InvalidInput(unknown("trade", stage, TRADED))
+        raise InvalidInput(unknown_name("trade", stage, TRADED))
     return load_trade(stage)
 
 
@@ -263,7 +263,7 @@ def kilobytes(data: Path, output: str) -> float:
     """Measure the size of an artifact or a folder of a data directory, without what it replaced."""
     directory = DataDirectory(data)
     shards = directory.collection(ARTIFACTS[output]).shards if output in ARTIFACTS else []
-    paths = [Path(str(shard.path)) for shard in shards] or [directory.whole_folder(output)]
+    paths = [Path(str(shard.path)) for shard in shards] or [directory.verified_folder(output)]
     return sum(inner.stat().st_size for path in paths for inner in _files(path)) / 1e3
 
 

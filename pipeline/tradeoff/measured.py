@@ -16,7 +16,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.rng import numpy_rng
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 
 FOLDER = "tradeoff"
 """Folder of the measurements, below a data directory."""
@@ -157,7 +157,7 @@ class MeasuredTrade(BaseModel):
         """Write the trade below a data directory."""
         path = trade_path(data, self.stage)
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_at_once(path, self.model_dump_json(indent=1).encode())
+        write_atomically(path, self.model_dump_json(indent=1).encode())
 
 
 def trade_path(data: Path, stage: str) -> Path:

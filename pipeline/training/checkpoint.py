@@ -15,7 +15,7 @@ from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from pipeline.formats.file_content import regular_stat
-from pipeline.store.atomic import write_at_once
+from pipeline.store.atomic import write_atomically
 
 FILE = ".checkpoint.safetensors"
 """Hidden, as it is no part of the model; it stays until the model is finished."""
@@ -64,7 +64,7 @@ def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progr
     for index, moments in state.optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": torch.as_tensor(value) for name, value in moments.items()}
     stored = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
-    write_at_once(folder / FILE, safetensors.torch.save(stored, metadata={"progress": json.dumps(progress.__dict__)}))
+    write_atomically(folder / FILE, safetensors.torch.save(stored, metadata={"progress": json.dumps(progress.__dict__)}))
 
 
 def load(folder: Path, state: State) -> tuple[dict[str, Tensor], Progress]:

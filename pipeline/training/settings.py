@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 from pydantic import model_validator
 
 from pipeline.config.settings import Settings, setting
-from pipeline.errors import unknown
+from pipeline.errors import unknown_name
 from pipeline.kernels.networks.network_configurations import RADIUS, NetworkInputs
 from pipeline.training.schedule import Schedule
 
@@ -92,7 +92,7 @@ class ReconstructionSettings(TrainingSettings):
     @model_validator(mode="after")
     def _known_configuration(self) -> ReconstructionSettings:
         if self.configuration not in self.configurations:
-            raise ValueError(unknown("configuration", self.configuration, self.configurations))
+            raise ValueError(unknown_name("configuration", self.configuration, self.configurations))
         return self
 
     @property

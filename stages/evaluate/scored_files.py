@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.console import abbreviate, pluralise
-from pipeline.errors import InvalidInput, meant
+from pipeline.errors import InvalidInput, closest_name
 from pipeline.formats.array_file import read_array
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_file import load_mesh
@@ -97,7 +97,7 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasp
         elif path.stem in others:
             unused.append(name)
         elif path.stem not in tested:
-            guess = meant(path.stem, tested)
+            guess = closest_name(path.stem, tested)
             faults.append(f"{name}: the dataset has no object {path.stem}{f', did you mean {guess}?' if guess else ''}")
         elif path.stem in (case_files := paths.setdefault(case, {})):
             faults.append(f"{name}: {case_files[path.stem].relative_to(folder)} is of the same object and grasps; keep one of them")

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from pipeline.config.settings import Settings, setting
-from pipeline.errors import unknown
+from pipeline.errors import unknown_name
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS
 
 METHOD_NAME = r"^[A-Za-z0-9_-][A-Za-z0-9._-]{0,99}$"
@@ -26,7 +26,7 @@ def _with_one(grasps: tuple[int, ...]) -> tuple[int, ...]:
 def _known(names: tuple[str, ...]) -> tuple[str, ...]:
     known = [*GRASP_CONFIGURATIONS, *ROWS]
     if strange := [name for name in names if name not in known]:
-        raise ValueError(unknown("configuration", strange[0], known))
+        raise ValueError(unknown_name("configuration", strange[0], known))
     # a network that takes any inputs is evaluated in every way
     rows = [row for name in names for row in ([row for row, (network, _) in ROWS.items() if network == name] or [name])]
     if not rows or len(set(rows)) < len(rows):

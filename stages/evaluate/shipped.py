@@ -65,7 +65,7 @@ class EvaluateShipped(Evaluate):
 
 def shipped_folder() -> Path:
     """Return the folder of the network that ships; raise a `StageError` if this version has none."""
-    return DataDirectory(shipped_models()).whole_folder(model_name(DEFAULT).removeprefix("models/"))
+    return DataDirectory(shipped_models()).verified_folder(model_name(DEFAULT).removeprefix("models/"))
 
 
 def shipped_record() -> Path:

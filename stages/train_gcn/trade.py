@@ -11,7 +11,7 @@ from stages.evaluate.evaluation_files import chamfer_by_object
 
 def chamfer_distances(data: Path, reference: Path) -> dict[str, float]:
     """Read the Chamfer distances x 9000 of the evaluated network, mean over numbers of grasps, by test object."""
-    return chamfer_by_object(DataDirectory(data).whole_folder("evaluation"))
+    return chamfer_by_object(DataDirectory(data).verified_folder("evaluation"))
 
 
 TRADE = Trade(

@@ -16,7 +16,7 @@ from stages.train_unet.learner import load_touches
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:
     """Compare predicted depths with the true ones where the sensors of test objects touch: RMS by object, um."""
     touches = load_touches(data, "test")
-    model = load_touch_model(DataDirectory(data).whole_folder("models/unet"), "cpu")
+    model = load_touch_model(DataDirectory(data).verified_folder("models/unet"), "cpu")
     tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = in_gel(depth, touches.sensor)
     squares = np.where(contact, (model.maps(tactile_images)[0] - depth).astype(np.float64), 0.0) ** 2

@@ -142,9 +142,9 @@ def test_a_folder_that_no_script_can_hold_is_refused(tmp_path):
         ({"cpu": {"partition": "cpu", "cores": 1, "memory": 4000, "time": "60"}}, "write it in quotes and with its unit"),
         ({"cpu": {"partition": "cpu", "cores": 1, "memory": "1G", "time": 14400}}, "YAML reads it as the number 14400; write it in quotes"),
         ({"gpu": {"partition": "g", "gpus": 0, "cores": 1, "memory": "1G", "time": "60"}}, "gpu.gpus"),
-        ({"setup": ["module load x\nrm -r y"]}, "is no single line of printable text"),
+        ({"setup": ["module load x\nrm -r y"]}, "is not a single line of printable text"),
         *(
-            (changes, "is no single line of printable text, as a job's script needs; take out control characters")
+            (changes, "is not a single line of printable text, as a job's script needs; remove control characters")
             for changes in (
                 *({entry: f"a{one}b"} for entry in ("account", "command") for one in ("\0", "\n", "\x1b", "\u2028")),
                 {"account": "a\n"},

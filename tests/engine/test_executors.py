@@ -137,7 +137,7 @@ def test_other_faults_of_the_machine_are_not_taken_for_a_full_disk(tmp_path, mon
         raise OSError(errno.EMFILE, "Too many open files")
 
     monkeypatch.setattr(publish, "write_group", write)
-    with pytest.raises(StoreError, match=r"cannot be written: Too many open files; mend that, then run again"):
+    with pytest.raises(StoreError, match=r"cannot be written: Too many open files; fix that, then run again"):
         run(request(tmp_path))
 
 

@@ -16,7 +16,7 @@ from pipeline.engine.run import run as run_plan
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.reports.status import read_account
 from pipeline.store import garbage, publish, storage
-from pipeline.store.atomic import create, replace_version, version_of, write_at_once
+from pipeline.store.atomic import create, replace_version, version_of, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.local_copy import local_copy
 from pipeline.store.reshard import reshard
@@ -86,7 +86,7 @@ def test_what_is_damaged_is_found_and_made_again(data):
     run(request(data))
     before, (group,) = digest(data), [shard.path for shard in published(data).shards]
     content = read_bytes(group / "values/c/0/0/0")
-    write_at_once(group / "values/c/0/0/0", content[:100] + bytes([content[100] ^ 1]) + content[101:])
+    write_atomically(group / "values/c/0/0/0", content[:100] + bytes([content[100] ^ 1]) + content[101:])
     assert [lines for lines in problems_below(data).values() if lines]
     run(request(data, check=True))
     assert not any(problems_below(data).values())
@@ -128,11 +128,11 @@ def test_a_model_is_read_from_a_copy_that_is_compared_with_its_record(data, tmp_
     run(request(data, Average(reads=("models/average",))))
     for kept in (tmp_path / "cache").rglob("mean.json"):
         kept.write_text("{}")
-    assert DataDirectory(data).whole_folder("models/average").joinpath("mean.json").read_text() != "{}"
-    write_at_once(DataDirectory(data).folder_path("models/average") / "mean.json", b"{}")
+    assert DataDirectory(data).verified_folder("models/average").joinpath("mean.json").read_text() != "{}"
+    write_atomically(DataDirectory(data).folder_path("models/average") / "mean.json", b"{}")
     clear(tmp_path / "cache")
     with pytest.raises(StoreError, match=r"mean\.json differs from what was written; delete s3://"):
-        DataDirectory(data).whole_folder("models/average")
+        DataDirectory(data).verified_folder("models/average")
 
 
 def test_of_two_runs_the_one_that_comes_late_publishes_nothing_else(data, monkeypatch, tmp_path):
@@ -237,7 +237,7 @@ def test_a_server_that_is_gone_is_told_in_words(data, faults, monkeypatch):
 def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
     run(request(data))
     run(request(data, settings={"samples": 9}))
-    (replaced,) = garbage.everything_unnamed(DataDirectory(data))
+    (replaced,) = garbage.all_unreferenced(DataDirectory(data))
     assert garbage.collect_everything(DataDirectory(data)) == [], "it was replaced just now"
     later = time.time() + 2 * garbage.GRACE_SECONDS
     monkeypatch.setattr(garbage.time, "time", lambda: later)

@@ -16,7 +16,7 @@ from pipeline.engine.run import make_plans
 from pipeline.errors import StoreError
 from pipeline.store import directory as directory_module
 from pipeline.store import validate
-from pipeline.store.atomic import one_writer
+from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.reshard import reshard
@@ -141,7 +141,10 @@ def test_what_is_replaced_while_it_is_checked_is_no_problem(tmp_path, monkeypatc
 def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
     run(request(tmp_path, shards=2))
     for artifact in ("noise", "mean"):  # of the second nothing has been published yet
-        with one_writer(DataDirectory(tmp_path).shard_lock(artifact, 0, 2), tmp_path), pytest.raises(StoreError, match="by another run"):
+        with (
+            exclusive_lock(DataDirectory(tmp_path).shard_lock(artifact, 0, 2), tmp_path),
+            pytest.raises(StoreError, match="by another run"),
+        ):
             list(reshard(DataDirectory(tmp_path), 4))
 
 

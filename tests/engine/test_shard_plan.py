@@ -13,11 +13,11 @@ from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
-from pipeline.engine.shard import failures, missing
+from pipeline.engine.shard import failures, pending_units
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
-from pipeline.store.atomic import one_writer
+from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
@@ -67,7 +67,7 @@ def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path):
         run(request(tmp_path / "cut", executor=StopsAfterTwo()))
     plan = plan_of(request(tmp_path / "cut"))
     assert plan.output.shard is None
-    assert len(missing(plan)) == 3
+    assert len(pending_units(plan)) == 3
     assert run(request(tmp_path / "cut")) == 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
@@ -352,7 +352,7 @@ def test_two_runs_of_one_shard_do_not_meet(tmp_path):
     held, free = threading.Event(), threading.Event()
 
     def hold() -> None:
-        with one_writer(plan_of(request(tmp_path)).output.lock, tmp_path):
+        with exclusive_lock(plan_of(request(tmp_path)).output.lock, tmp_path):
             held.set()
             free.wait(30)
 

@@ -80,7 +80,7 @@ def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
     assert "2 spheres in" in run("score_a_method", data, tmp_path / "sphere")
     done = CliRunner().invoke(app, ["score", str(tmp_path / "sphere"), str(data)])
     assert done.exit_code == 0, done.output
-    figures = read_figures(DataDirectory(data).whole_folder("scores/sphere"))["sphere"]
+    figures = read_figures(DataDirectory(data).verified_folder("scores/sphere"))["sphere"]
     assert (figures.per_object("mean_distance") < 0.02).all()  # the objects are balls: their touches decide on radius and place
     assert (figures.available("iou") > 0.7).all()
 

@@ -21,7 +21,7 @@ from pipeline.errors import StoreError
 from pipeline.export.grasp_frames import GraspFrames
 from pipeline.export.lerobot_files import _Statistics
 from pipeline.export.webdataset_shards import write_webdataset
-from pipeline.store.atomic import written_to
+from pipeline.store.atomic import atomic_writes
 from tests.stages import ball_dataset
 
 FINGERS = [f"finger-{number}" for number in range(4)]
@@ -117,9 +117,9 @@ def test_an_export_that_fails_leaves_nothing_and_names_the_folder(data, tmp_path
 
 
 def test_one_export_at_a_time_is_written_into_a_folder(tmp_path):
-    with written_to(tmp_path / "out") as folder:
+    with atomic_writes(tmp_path / "out") as folder:
         (folder / "a").write_text("first")
-        with pytest.raises(StoreError, match="out is being made by another run"), written_to(tmp_path / "out"):
+        with pytest.raises(StoreError, match="out is being made by another run"), atomic_writes(tmp_path / "out"):
             pass
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"]
 
@@ -131,7 +131,7 @@ def test_no_export_is_written_through_a_link(tmp_path, name):
     (tmp_path / "out" / name).symlink_to(tmp_path / "v")
 
     def write() -> None:
-        with written_to(tmp_path / "out") as folder:
+        with atomic_writes(tmp_path / "out") as folder:
             (folder / "a").mkdir()
             for file in ("a/one", "b"):
                 (folder / file).write_text("ours")
@@ -144,6 +144,6 @@ def test_no_export_is_written_through_a_link(tmp_path, name):
 def test_a_folder_that_is_a_link_is_written_into(tmp_path):
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "disk")
-    with written_to(tmp_path / "out") as folder:
+    with atomic_writes(tmp_path / "out") as folder:
         (folder / "a").write_text("ours")
     assert (tmp_path / "disk" / "a").read_text() == "ours"

@@ -74,8 +74,8 @@ class Predictions(Target):
             predict(folder / "made.ply", folder, NAME, observation=path)
             return
         readers: dict[str, Callable[[], object]] = {
-            "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").whole_folder(NAME)),
-            "unet": lambda: load_touch_model(DataDirectory(folder).whole_folder("unet"), "cpu"),
+            "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").verified_folder(NAME)),
+            "unet": lambda: load_touch_model(DataDirectory(folder).verified_folder("unet"), "cpu"),
             **dict.fromkeys(("grasp.yaml", "image", "tactile_image", "depth", "mask"), lambda: load_observation(path, faults)),
         }
         sound = {content for seed in self.seeds for content in seed.values()}

@@ -76,7 +76,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
     yield lambda: read_mesh(DataDirectory(data).collection(SURFACES).view("a"))
     yield lambda: GraspDataset(data, ["points", "tactile_image", "local_points", "sensor_pose"])[1]
     yield lambda: ObjectRows(data, ["untouched", "depth"]).sensor()
-    yield lambda: DataDirectory(data).whole_folder("models/unet")
+    yield lambda: DataDirectory(data).verified_folder("models/unet")
 
 
 def _make(data: Path) -> None:

@@ -58,8 +58,8 @@ def vt(*arguments: object) -> str:
 
 def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_where_they_ship(made):
     directory = DataDirectory(made)
-    own, theirs = (read_figures(directory.whole_folder(name)) for name in ("evaluation", "scores/shipped"))
-    assert list(read_root(directory.whole_folder("scores/shipped"))["configurations"]) == [f"shipped-{way}" for way in WAYS]
+    own, theirs = (read_figures(directory.verified_folder(name)) for name in ("evaluation", "scores/shipped"))
+    assert list(read_root(directory.verified_folder("scores/shipped"))["configurations"]) == [f"shipped-{way}" for way in WAYS]
     for way in ("touch", "unoccluded"):
         for metric in ("chamfer", "mean_distance"):
             first = theirs[f"shipped-{way}"].per_case(metric)[:, 0]
@@ -69,10 +69,10 @@ def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_wh
 
 def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypatch):
     ship(monkeypatch, made)
-    before = DataDirectory(made).whole_folder("scores/shipped")
+    before = DataDirectory(made).verified_folder("scores/shipped")
     printed = vt("report", made, "--shipped", "--no-pages")
     assert all(f"shipped-{way}" in printed for way in WAYS)
-    assert DataDirectory(made).whole_folder("scores/shipped") == before
+    assert DataDirectory(made).verified_folder("scores/shipped") == before
     evaluation = ReportSource(made).evaluation
     assert evaluation is not None
     assert {f"shipped-{way}" for way in WAYS} < set(evaluation.configurations)
@@ -102,11 +102,11 @@ def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypat
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
     directory = DataDirectory(made)
-    found = summarise(directory.whole_folder("evaluation"), [directory.whole_folder("scores/shipped")])
+    found = summarise(directory.verified_folder("evaluation"), [directory.verified_folder("scores/shipped")])
     assert found is not None
     assert set(found.errors) == {DEFAULT, "shipped"}
     assert list(found.errors["shipped"]) == list(WAYS)
-    figures = read_figures(directory.whole_folder("evaluation"))
+    figures = read_figures(directory.verified_folder("evaluation"))
     touch = figures[f"{DEFAULT}-touch"].per_object("mean_distance").mean()
     assert found.errors[DEFAULT]["touch"].mean == pytest.approx(1e3 * touch)
     assert found.retrieved["touch"] == pytest.approx(1e3 * figures["training object, by touch"].per_object("mean_distance").mean())

@@ -116,7 +116,7 @@ def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluat
 @pytest.mark.parametrize(("apart", "expected"), [(0.002, (1, 1)), (0.004, (1, 0)), (0.02, (0, 0))])
 def test_f_scores_count_points_within_their_distance(data, apart, expected):
     """Shells of a ball of radius 0.1 m, of diagonal 0.346 m: 1 % of it is 3.5 mm."""
-    model = DeformationReconstructor(DataDirectory(data).whole_folder("models/gcn/none"))
+    model = DeformationReconstructor(DataDirectory(data).verified_folder("models/gcn/none"))
     protocol = GraspProtocol(DatasetJob(data, data, EvaluationSettings(points=500), 0, {}, Console()), [model])
     directions = protocol.objects.points(0) - spheres.CENTRE
     shell = spheres.CENTRE + directions * (1 + apart / 0.1)
@@ -161,7 +161,7 @@ def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     models = []
     for name in ("unoccluded", "touch"):
         spheres.make_model(tmp_path, name)
-        models.append(DeformationReconstructor(DataDirectory(tmp_path).whole_folder(f"models/gcn/{name}")))
+        models.append(DeformationReconstructor(DataDirectory(tmp_path).verified_folder(f"models/gcn/{name}")))
     settings = EvaluationSettings(points=500)
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), models)
     objects = protocol.objects
@@ -184,7 +184,7 @@ def test_objects_without_images_are_not_looked_up_by_their_silhouettes(tmp_path)
     alone = next(shards for shards in itertools.count(2) if [shard_of(name, shards) for name in "abcde"].count(shard_of("a", shards)) == 1)
     list(reshard(DataDirectory(tmp_path), alone))  # a shard without a row that came through has no sizes
     spheres.make_model(tmp_path, "unoccluded")
-    models = [DeformationReconstructor(DataDirectory(tmp_path).whole_folder("models/gcn/unoccluded"))]
+    models = [DeformationReconstructor(DataDirectory(tmp_path).verified_folder("models/gcn/unoccluded"))]
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console()), models)
     assert f"{BASELINE_PREFIX}by silhouette" in protocol.baselines()
 
@@ -396,7 +396,7 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
     directory = DataDirectory(balls)
     (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's
     assert evaluations(directory) == ["evaluation", "evaluation-seed-1"]
-    folders = [directory.whole_folder(name) for name in evaluations(directory)]
+    folders = [directory.verified_folder(name) for name in evaluations(directory)]
     means = [9000 * values.per_case("chamfer").mean() for values in read_values(folders)["none"]]
     assert means[0] != means[1]
     show_tables(console, trainings_table(folders))

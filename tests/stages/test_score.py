@@ -78,18 +78,18 @@ def folder(predictions, tmp_path) -> Path:
 
 
 def scored(data: Path, name: str) -> Path:
-    return DataDirectory(data).whole_folder(f"scores/{name}")
+    return DataDirectory(data).verified_folder(f"scores/{name}")
 
 
 def test_our_own_predictions_get_the_figures_of_evaluate_to_the_last_digit(data, predictions):
     printed = vt("score", predictions, data)
-    ours, theirs = read_figures(DataDirectory(data).whole_folder("evaluation")), read_figures(scored(data, "own"))
+    ours, theirs = read_figures(DataDirectory(data).verified_folder("evaluation")), read_figures(scored(data, "own"))
     assert len(ours[NETWORK].rows) > 100
     assert ours[NETWORK].available("iou").size == ours[NETWORK].available("watertight").size == len(TESTED)
     assert sorted(ours[NETWORK].rows) == sorted(theirs["own"].rows)
     assert {name: ours[name].rows for name in ours if name != NETWORK}.items() <= {name: theirs[name].rows for name in theirs}.items()
     own, evaluated = (
-        json.loads((place / METRICS).read_text()) for place in (scored(data, "own"), DataDirectory(data).whole_folder("evaluation"))
+        json.loads((place / METRICS).read_text()) for place in (scored(data, "own"), DataDirectory(data).verified_folder("evaluation"))
     )
     for table in ("Accuracy with one grasp", "Table 2", "Table 3", "Modalities"):
         (mine,), (other,) = (

@@ -145,7 +145,7 @@ def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
 
 def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     console = Console(file=io.StringIO(), width=200)
-    evaluation = DataDirectory(data).whole_folder("evaluation-single-image")
+    evaluation = DataDirectory(data).verified_folder("evaluation-single-image")
     show_tables(console, evaluation_tables(evaluation))
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     assert [name for name in TABLE_4 if name not in printed] == []

@@ -83,7 +83,7 @@ def test_other_networks_draw_what_they_drew(data):
 
 
 def test_it_is_evaluated_in_every_row_of_the_tables(data):
-    folder = DataDirectory(data).whole_folder("evaluation")
+    folder = DataDirectory(data).verified_folder("evaluation")
     rows = [f"{NAME}-{way}" for way in INPUT_CHOICES]
     given = read_root(folder)["configurations"]
     assert list(given) == rows
@@ -113,7 +113,7 @@ def test_it_predicts_from_what_there_is_and_from_nothing(data, tmp_path):
 
 
 def test_missing_images_in_a_batch_change_nothing_for_the_others(data):
-    model = load_reconstructor(NAME, DataDirectory(data).whole_folder(f"models/implicit/{NAME}"))
+    model = load_reconstructor(NAME, DataDirectory(data).verified_folder(f"models/implicit/{NAME}"))
     items = Items(data, "test", model.config, 6, learned=ImplicitLearner.arrays)
     observations = [items.view_in_turn(item, 1, 5) for item in range(6)]
     batch = model._batch(observations)

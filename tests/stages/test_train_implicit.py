@@ -60,7 +60,7 @@ def data(tmp_path_factory) -> Path:
 
 
 def folder_of(data: Path, name: str) -> Path:
-    return DataDirectory(data).whole_folder(name)
+    return DataDirectory(data).verified_folder(name)
 
 
 def test_the_mesh_of_a_ball_that_was_touched_is_closed_and_nearly_as_large(data):

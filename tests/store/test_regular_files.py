@@ -89,7 +89,7 @@ def test_a_dataset_with_something_else_in_place_of_a_file_is_not_valid(data, nam
         read_account(data)
     if name.startswith("models"):
         with pytest.raises(StoreError):
-            DataDirectory(data).whole_folder("models/gcn/touch")
+            DataDirectory(data).verified_folder("models/gcn/touch")
     else:
         with pytest.raises(StoreError):
             DataDirectory(data).collection(SURFACES).view("a").verify()

@@ -70,7 +70,7 @@ def test_a_missing_array(shard):
 
 def test_an_array_no_schema_knows(shard):
     shutil.copytree(shard / "values", shard / "walues")
-    assert only_problem(shard).startswith("walues: the schema knows no such array")
+    assert only_problem(shard).startswith("walues: the schema has no such array")
 
 
 def test_a_wrong_dtype(shard):

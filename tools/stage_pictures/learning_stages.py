@@ -29,7 +29,7 @@ Panels = list[tuple[str, Panel]]
 
 def draw_unet(subject: Subject, path: Path) -> None:
     """Draw a touch, and its depth as predicted."""
-    model = load_touch_model(subject.source.directory.whole_folder("models/unet"), "cpu")
+    model = load_touch_model(subject.source.directory.verified_folder("models/unet"), "cpu")
     depths, sensors = subject.rows["touch"]["depth"][subject.grasp], subject.source.sensors()
     touched = np.flatnonzero(subject.rows["grasps"]["touch_success"][subject.grasp]).tolist()
     finger = max(touched, key=lambda number: float(np.ptp(depths[number][in_gel(depths[number], sensors[number])])))
@@ -48,7 +48,7 @@ def draw_unet(subject: Subject, path: Path) -> None:
 
 def draw_local_network(subject: Subject, path: Path) -> None:
     """Draw the press with the largest contact that does not reach the rim, and what the local network reads in it."""
-    model = load_touch_model(subject.source.directory.whole_folder("models/touch"), "cpu")
+    model = load_touch_model(subject.source.directory.verified_folder("models/touch"), "cpu")
     assert isinstance(model, LocalTouchModel)
     row = subject.source.directory.collection(ARTIFACTS["presses"]).view(subject.object_id)
     number = largest_uncut_contact(row["press_contact"])
@@ -81,7 +81,7 @@ def reading_panels(model: LocalTouchModel, image: np.ndarray, indentation: np.nd
 def draw_charts(subject: Subject, path: Path) -> None:
     """Draw true and predicted points of the grasp's touches, with their charts."""
     rows, sensors = subject.rows, subject.source.sensors()
-    model = load_touch_model(subject.source.directory.whole_folder("models/unet"), "cpu")
+    model = load_touch_model(subject.source.directory.verified_folder("models/unet"), "cpu")
     panels: Panels = []
     for finger in np.flatnonzero(rows["grasps"]["touch_success"][subject.grasp]).tolist():
         pose, depth = rows["grasps"]["sensor_pose"][subject.grasp, finger], rows["touch"]["depth"][subject.grasp, finger]

@@ -87,7 +87,7 @@ def _networks(source: ReportSource, object_id: str, grasp: int) -> dict[str, tup
         trained = [name for name in source.directory.folders() if name.startswith(f"models/{family}/")]
         if trained:
             name = max(trained, key=len)
-            network = load_reconstructor(name.rpartition("/")[2], source.directory.whole_folder(name))
+            network = load_reconstructor(name.rpartition("/")[2], source.directory.verified_folder(name))
         elif family == family_of(DEFAULT) and "charts" in source.collections:
             network = load_reconstructor(f"{DEFAULT}-occluded-touch", shipped_folder())
         else:
