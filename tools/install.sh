@@ -192,7 +192,7 @@ slurm)
     ;;
 household)
     packages sweethome3d-furniture
-    [ -e data/meshes/household/catalogue.csv ] || "$venv/bin/python" -m pipeline.formats.furniture_library data/meshes/household \
+    [ -e data/meshes/household/catalogue.csv ] || "$venv/bin/python" -m tools.furniture_library data/meshes/household \
         /usr/share/sweethome3d/furniture/*.sh3f
     exit
     ;;

@@ -14,6 +14,7 @@ from typing import Literal
 from pydantic import Field, ValidationError
 
 from pipeline.cluster.slurm_jobs import Job, Submission, dependency, script_of
+from pipeline.console import pluralise
 from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.directory import DataDirectory
@@ -112,8 +113,8 @@ def _refuse_unfinished(states: Iterable[JobState]) -> None:
     for state in states:
         if waiting := sum(task.state in ("pending", "running") for task in state.tasks):
             raise StageError(
-                f"{state.job.output} is being made: job {state.job.number} has {waiting} tasks that have not ended; wait for them, "
-                f"or end them with `scancel {state.job.number}`"
+                f"{state.job.output} is being made: job {state.job.number} has {pluralise(waiting, 'task')} not ended yet; wait for it, "
+                f"or end it with `scancel {state.job.number}`"
             )
 
 

@@ -69,8 +69,9 @@ def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
     splits, manifest_splits = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
     for collection in plan.inputs:
         for object_id in collection:
-            if (stored := collection.row(object_id).split) in splits and stored != manifest_splits.get(object_id):
-                current = f"in split {manifest_splits[object_id]}" if object_id in manifest_splits else "not there"
+            stored, stated = collection.row(object_id).split, manifest_splits.get(object_id)
+            if stored != stated and not {stored, stated}.isdisjoint(splits):
+                current = f"in split {stated}" if stated else "not there"
                 raise StoreError(
                     f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {current}; run "
                     f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it keeps what is made"

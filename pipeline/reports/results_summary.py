@@ -83,13 +83,11 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Find the way of `INPUT_CHOICES` of each network whose name ends with it; others are left out."""
+    """Find the way of `INPUT_CHOICES` that ends each network's name and is what it was given; other networks are left out."""
     ways = {}
     for name, inputs in network_inputs.items():
-        way = next(
-            way for way, way_inputs in INPUT_CHOICES.items() if (way_inputs.image, way_inputs.touch) == (inputs["image"], inputs["touch"])
-        )
-        if name == way or name.endswith(f"-{way}"):
+        way = max((way for way in INPUT_CHOICES if f"-{name}".endswith(f"-{way}")), key=len, default=None)
+        if way and (INPUT_CHOICES[way].image, INPUT_CHOICES[way].touch) == (inputs["image"], inputs["touch"]):
             ways[name] = way
     return ways
 

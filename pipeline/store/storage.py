@@ -197,7 +197,7 @@ def cache_of(folder: Place) -> Path:
 
 
 def copy(source: Place, target: Place, names: Iterable[str]) -> None:
-    """Copy files, given by their paths below `source`, from a disk to object storage, from there to a disk, or within it."""
+    """Copy files, given by their paths below `source`, from a disk to object storage, or from there to a disk."""
     map_in_threads(lambda name: _copy_file(source / name, target / name), list(names))
 
 
@@ -209,10 +209,9 @@ def _copy_file(source: Place, target: Place) -> None:
                 for part in obstore.get(bucket_of(source), key_of(source)).stream():
                     file.write(part)
             temporary_file.replace(target)
-    elif isinstance(source, Path):
-        obstore.put(bucket_of(target), key_of(target), source)
     else:
-        obstore.copy(bucket_of(target), key_of(source), key_of(target))
+        assert isinstance(source, Path)
+        obstore.put(bucket_of(target), key_of(target), source)
 
 
 def map_in_threads(function: Callable[[A], B], items: Sequence[A]) -> list[B]:

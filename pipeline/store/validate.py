@@ -130,9 +130,9 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
         declared = shard.artifact.of(name)
         if value.dtype.kind == "f" and declared is not None and not np.isfinite(value).all():
             if np.isnan(value).any():
-                yield f"{name}: {row.object_id} holds NaN"
+                yield f"{name}: {row.object_id} holds NaN; {shard.remedy}"
             elif not declared.infinite:
-                yield f"{name}: {row.object_id} holds an infinite value"
+                yield f"{name}: {row.object_id} holds an infinite value; {shard.remedy}"
 
 
 def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
@@ -144,7 +144,7 @@ def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
         yield f"{pluralise(len(lacking))} of the manifest not made yet ({abbreviate(lacking)}); run {stage} without --object"
     for origin in {origin for shard in collection.shards for row in shard.record.rows for origin in row.inputs}:
         if missing := [object_id for object_id in directory.collection(ARTIFACTS[origin]) if object_id not in collection]:
-            yield f"{len(missing)} objects of {origin} are missing, {missing[0]} first; run {collection.first.record.stage}"
+            yield f"{pluralise(len(missing))} of {origin} missing, {missing[0]} first; run {collection.first.record.stage}"
     check_origins(directory, [name])
 
 

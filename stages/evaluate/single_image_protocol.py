@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
+from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import CloudDistances
 from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.baselines import retrieve
@@ -49,8 +50,12 @@ class SingleImageProtocol(Protocol):
         yield from ((measured.case.first, metric, value) for metric, value in self._figures(measured.distances, measured.row).items())
 
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions."""
-        training, all_objects = ObjectRows(self.job.data, ARRAYS, "train"), ObjectRows(self.job.data, ["silhouette"], None)
+        """Measure training objects in place of reconstructions; none if every training object failed."""
+        try:
+            training = ObjectRows(self.job.data, ARRAYS, "train")
+        except StoreError:
+            return {}
+        all_objects = ObjectRows(self.job.data, ["silhouette"], None)
 
         def silhouettes(object_id: str) -> NDArray[np.bool_]:
             return all_objects.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)

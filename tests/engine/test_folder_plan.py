@@ -149,6 +149,8 @@ def test_a_manifest_that_has_changed_since_the_objects_were_made_is_refused(tmp_
             make(tmp_path, items=items)
     assert run(request(tmp_path, items=moved)) == 0
     assert make(tmp_path, items=moved)
+    with pytest.raises(StoreError, match="has e in split test, in manifest tiny it is in split train"):
+        make(tmp_path, items=objects(5))
 
 
 def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_path):

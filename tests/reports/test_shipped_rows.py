@@ -17,7 +17,7 @@ from pipeline.engine.run import make_plans, run
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
-from pipeline.reports.results_summary import summarise
+from pipeline.reports.results_summary import _ways, summarise
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.settings import EvaluationSettings
@@ -115,6 +115,14 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
     assert "2 test objects" in found.sentences[0]
     assert "mm with touch alone" in found.sentences[1]
     assert " of 7 networks " in found.sentences[2]
+
+
+def test_the_summary_takes_a_method_at_its_name_only_where_its_inputs_are_known_to_be_those():
+    by_network, scored = {"image": "occluded", "touch": True}, {"image": None, "touch": True}  # of a scored method no image is known
+    assert _ways({"occluded-touch": by_network, "mine-touch": scored, "mine-occluded-touch": scored, "mine": scored, "none": scored}) == {
+        "occluded-touch": "occluded-touch",
+        "mine-touch": "touch",
+    }
 
 
 def test_the_results_begin_with_the_summary_and_their_tables_are_folded(made, monkeypatch):

@@ -51,6 +51,7 @@ def without_drift(change: Tensor) -> Tensor:
 @lru_cache(maxsize=8)
 def _terms(rows: int, cols: int, dtype: torch.dtype, device: torch.device) -> Tensor:
     """Make the terms of the polynomial at every pixel, (rows * cols, k)."""
-    y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
-    powers = [(i, total - i) for total in range(DEGREE + 1) for i in range(total, -1, -1)]
-    return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers], dim=1)
+    with torch.inference_mode(False):  # they are cached, and a training may follow in this process
+        y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
+        powers = [(i, total - i) for total in range(DEGREE + 1) for i in range(total, -1, -1)]
+        return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers], dim=1)

@@ -55,3 +55,15 @@ def test_drift_is_that_of_weighted_least_squares() -> None:
         fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
     found = without_drift(torch.tensor(change[None]))[0].numpy()
     np.testing.assert_allclose(found, change - fitted.T.reshape(change.shape), atol=0.05)
+
+
+def test_a_gradient_flows_after_a_call_in_inference_mode() -> None:
+    photographs = torch.tensor(contact(37, 53)[None], dtype=torch.float32)
+    with torch.inference_mode():
+        expected = without_drift(photographs.clone())
+    change = photographs.clone().requires_grad_()
+    left = without_drift(change)
+    left.square().sum().backward()
+    assert torch.equal(left, expected)
+    assert change.grad is not None
+    assert change.grad.isfinite().all()

@@ -10,8 +10,8 @@ import pytest
 
 from pipeline.config.manifest import Manifest
 from pipeline.errors import InvalidInput
-from pipeline.formats.furniture_library import main, unpack
 from tests.test_manifest import CUBE
+from tools.furniture_library import main, unpack
 
 LIST = """\
 license=Creative Commons Attribution 3.0  \xa9 Somebody

@@ -1,6 +1,6 @@
 """Unpack furniture libraries of Sweet Home 3D into a folder that a manifest with a `catalogue` source takes.
 
-Run as `python -m pipeline.formats.furniture_library FOLDER LIBRARY.sh3f...`.
+Run as `python -m tools.furniture_library FOLDER LIBRARY.sh3f...`.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _unescaped(value: str) -> str:
 def main() -> None:
     """Unpack the libraries that the command line names, and print what was left out."""
     if len(sys.argv) < 3:
-        raise SystemExit("usage: python -m pipeline.formats.furniture_library FOLDER LIBRARY.sh3f...")
+        raise SystemExit("usage: python -m tools.furniture_library FOLDER LIBRARY.sh3f...")
     folder, *libraries = map(Path, sys.argv[1:])
     number, left_out = unpack(libraries, folder)
     print("\n".join([*left_out, f"{folder}: {number} models, {len(left_out)} left out; licences and creators are in catalogue.csv"]))
