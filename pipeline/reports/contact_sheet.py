@@ -24,7 +24,7 @@ from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, size_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
-from pipeline.reports.second_view import EXAGGERATED, GraspView, Squeeze, gel_squares, second_view, squeeze_view, touch_patch
+from pipeline.reports.second_view import EXAGGERATED, GraspView, Squeeze, gel_squares, grasp_cameras, second_view, squeeze_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.collection import Collection
@@ -148,8 +148,9 @@ class BandMaker:
         images = {"unoccluded": vision["unoccluded"][0]} | ({"occluded": vision["occluded"][0, 0]} if "occluded" in list(vision) else {})
         size = len(images["unoccluded"])
         with self.grasp_view(rows, 0) as view:
-            grasp_image, touch_image = second_view(self.renderer, self.scene, size, view)
-            squeezed = squeeze_view(self.renderer, self.scene, size, view)
+            cameras = grasp_cameras(self.renderer, self.scene, size, view)
+            grasp_image, touch_image = second_view(self.renderer, self.scene, cameras, view)
+            squeezed = squeeze_view(self.renderer, self.scene, cameras[0], view)
         masks = vision["segmentation"][:2, 0] > 0
         return Band(
             title=f"{object_id}, {size_note(rows['surfaces'])}",

@@ -10,7 +10,7 @@ from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import depth_colors
 from pipeline.reports.reconstruction_gallery import FILL, predicted_mesh, render_mesh
 from pipeline.reports.report_source import ReportSource, best, dataset_scene
-from pipeline.reports.second_view import fitted_camera, second_view
+from pipeline.reports.second_view import fitted_camera, grasp_cameras, second_view
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 480
@@ -35,7 +35,7 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
     with Renderer(scene, PIXELS) as renderer:
         maker = BandMaker(renderer, scene=scene, hand=source.hand(), sensors=sensors)
         with maker.grasp_view(rows, grasp) as view:
-            grasp_image, touch_image = second_view(renderer, scene, PIXELS, view)
+            grasp_image, touch_image = second_view(renderer, scene, grasp_cameras(renderer, scene, PIXELS, view), view)
         tactile_images, depths = rows["touch"]["tactile_image"][grasp], rows["touch"]["depth"][grasp]
         touches = int(rows["grasps"]["touch_success"][grasp].sum())
         panels = [

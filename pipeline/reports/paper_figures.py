@@ -140,12 +140,12 @@ def procedure_steps(
     steps = []
     maker = BandMaker(renderer, scene=scene, hand=hand, sensors=source.sensors())
     with maker.grasp_view(rows, grasp) as view:
-        camera, _ = grasp_cameras(renderer, scene, PIXELS, view)
+        cameras = grasp_cameras(renderer, scene, PIXELS, view)
         for caption, posture in postures:
             frames = forward_kinematics(hand, pose, posture)
             posed_meshes = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
-            steps.append((caption, renderer.render(posed_meshes, camera, lamp_beside(scene, camera)).rgb))
-        touched = second_view(renderer, scene, PIXELS, view)[1]
+            steps.append((caption, renderer.render(posed_meshes, cameras[0], lamp_beside(scene, cameras[0])).rgb))
+        touched = second_view(renderer, scene, cameras, view)[1]
         steps.append(("each sensor measures the surface in its gel (coloured)", touched))
     return steps
 

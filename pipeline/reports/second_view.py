@@ -112,14 +112,16 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
     return near, _zoomed(_towards(camera, mesh.vertices, camera_pose(near)[:3, 2]), np.vstack([mesh.vertices, corners]))
 
 
-def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Render a grasp from another side, with the lamp moved along with the camera.
+def second_view(
+    renderer: Renderer, scene: Scene, cameras: tuple[Camera, Camera], grasp: GraspView
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Render a grasp from another side, by its `grasp_cameras`, with the lamp moved along with the camera.
 
     Returns
     -------
     Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
     """
-    near, far = grasp_cameras(renderer, scene, resolution, grasp)
+    near, far = cameras
     posed_object: PosedMesh = (grasp.object_mesh[0], np.eye(4))
     posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
     with ExitStack() as added:
@@ -129,8 +131,8 @@ def second_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspV
     return _outlined(close_image, near, grasp.squares, grasp.colors), _outlined(far_image, far, grasp.squares, grasp.colors)
 
 
-def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> NDArray[np.uint8] | None:
-    """Render the squeeze as the second view shows the grasp, with an arrow per gel, `EXAGGERATED` times as long as its motion.
+def squeeze_view(renderer: Renderer, scene: Scene, near: Camera, grasp: GraspView) -> NDArray[np.uint8] | None:
+    """Render the squeeze from the `near` camera of the second view, with an arrow per gel, `EXAGGERATED` times as long as its motion.
 
     Returns
     -------
@@ -138,7 +140,6 @@ def squeeze_view(renderer: Renderer, scene: Scene, resolution: int, grasp: Grasp
     """
     if (squeeze := grasp.squeeze) is None:
         return None
-    near, _ = grasp_cameras(renderer, scene, resolution, grasp)
     posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
     image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *posed_hand], near, lamp_beside(scene, near)).rgb
     before, after = grasp.squares.mean(axis=1), squeeze.squares.mean(axis=1)
@@ -224,7 +225,7 @@ def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> 
 
 def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> float:
     """Score how much of both object and hand an image shows, by the product of their areas, square pixels."""
-    segmentation = renderer.render(meshes, camera).segmentation
+    segmentation = renderer.segment(meshes, camera)
     return float((segmentation == Label.OBJECT).sum()) * float((segmentation == Label.HAND).sum())
 
 

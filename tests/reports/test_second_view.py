@@ -12,7 +12,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.vision.camera import camera_pose
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet_page import COLORS
-from pipeline.reports.second_view import LIFT, STRIDE, GraspView, gel_squares, second_view, touch_patch
+from pipeline.reports.second_view import LIFT, STRIDE, GraspView, gel_squares, grasp_cameras, second_view, touch_patch
 from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import HERE, SCENE, ball, box
 from tests.strategies import EPS, offsets, random_rotation, seeds
@@ -76,7 +76,7 @@ def test_second_view_of_an_object_around_the_first_camera(renderer) -> None:
     parts = [renderer.add(mesh, label) for mesh, label in ((large, Label.OBJECT), (hand, Label.HAND))]
     squares = gel_squares(np.eye(4)[None], [SENSOR.model_copy(update={"width": 0.02, "w": 0.006})]) + [3.0, 0, 0.6]
     grasp = GraspView((parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)])
-    images = second_view(renderer, SCENE, 48, grasp)
+    images = second_view(renderer, SCENE, grasp_cameras(renderer, SCENE, 48, grasp), grasp)
     for part in parts:
         renderer.remove(part)
     background = np.rint(np.array(SCENE.background) * 255)
