@@ -90,10 +90,8 @@ def copied(folder: Path, recipes: Sequence[str], *more: str) -> Path:
     copy = folder / "repository"
     for name in (*COPIED, *more):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        part = ROOT / name
-        shutil.copytree(part, copy / name, ignore=shutil.ignore_patterns("__pycache__")) if part.is_dir() else shutil.copy(
-            part, copy / name
-        )
+        part = ROOT / name  # with what Python and numba have compiled of it
+        shutil.copytree(part, copy / name) if part.is_dir() else shutil.copy2(part, copy / name)
     for recipe in recipes:
         follow(recipe, copy)
     for check in (["check"], ["format", "--check"]):

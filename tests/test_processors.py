@@ -17,7 +17,7 @@ OBJECTS = [
     {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"knife": 1}},
     {"kind": "pybullet", "licence": "zlib", "up": "z", "files": {"duck": {"file": "duck.obj", "up": "y"}}},
 ]
-SETTINGS = ("sample-surfaces.points=1000", "simulate-grasps.grasps=2", "simulate-grasps.ik_samples=256", "render-vision.resolution=128")
+SETTINGS = ("sample-surfaces.points=1000", "simulate-grasps.grasps=1", "simulate-grasps.ik_samples=256", "render-vision.resolution=64")
 MAKE = """
 import sys
 from pipeline.cli import app

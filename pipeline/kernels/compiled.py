@@ -28,6 +28,8 @@ def compiled(function: F) -> F:
     -----
     The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
 
+    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three seconds.
+
     `numba.guvectorize` is not used: two processes that fill its cache at once leave files that crash their readers (numba #10128).
     """
     try:

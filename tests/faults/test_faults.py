@@ -14,7 +14,7 @@ from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-KINDS = ("kill −9 of a run", "damaged row that waits to be published")
+KINDS = ("kill −9 of a run",)
 
 
 def test_a_few_faults_are_survived():
@@ -41,7 +41,7 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
 
 
 def test_a_few_wrong_files_are_refused_in_words():
-    command = [sys.executable, "-m", "tests.fuzz", "--inputs", "100"]
+    command = [sys.executable, "-m", "tests.fuzz", "--inputs", "50"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count(" inputs: ") == len(TARGETS)

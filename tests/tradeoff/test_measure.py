@@ -33,7 +33,7 @@ LATER = np.inf
 def setup(data: Path, seed: int = 0, **changes: object) -> Setup:
     toy = load_manifest("toy")
     return Setup(
-        **{"data": data, "manifest": "toy", "objects": stratified(toy.objects(None), 4, seed), "seed": 0, "preset": "draft", **changes}
+        **{"data": data, "manifest": "toy", "objects": stratified(toy.objects(None), 2, seed), "seed": 0, "preset": "draft", **changes}
     )
 
 
@@ -157,8 +157,8 @@ def test_more_time_lists_more_points_although_fewer_were_asked_for_before(made: 
 def test_an_error_is_a_share_of_as_many_things_as_the_data_has(tmp_path: Path, monkeypatch) -> None:
     declared = replace(load_trade(STAGE), trials=lambda data: len(ObjectRows(data, ("points",), split=None)))
     monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
-    assert measure(setup(tmp_path), deadline=time.monotonic()).trials == 4
-    assert read_trade(tmp_path, STAGE).trials == 4
+    assert measure(setup(tmp_path), deadline=time.monotonic()).trials == 3
+    assert read_trade(tmp_path, STAGE).trials == 3
 
 
 def test_sensors_that_may_touch_are_those_of_all_grasps(tmp_path: Path) -> None:

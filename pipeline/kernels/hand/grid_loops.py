@@ -93,7 +93,7 @@ def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
     for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
         if spheres.link[b] != link:
             link = spheres.link[b]
-            pose[:] = frames[link, :3].astype(np.float32)
+            pose = frames[link, :3].astype(np.float32)
         x, y, z = spheres.centres[b, 0], spheres.centres[b, 1], spheres.centres[b, 2]
         px = (pose[0, 0] * x + pose[0, 1] * y) + (pose[0, 2] * z + pose[0, 3])
         py = (pose[1, 0] * x + pose[1, 1] * y) + (pose[1, 2] * z + pose[1, 3])

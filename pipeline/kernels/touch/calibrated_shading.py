@@ -156,7 +156,8 @@ def _shade(
                     into[col] = factor[col] * source[col]
             number += degree + 1
         if number < shading.shape[1]:  # the depth's own colours come last
-            terms[number, first : last + 1] = casting[row, first : last + 1]
+            for col in range(first, last + 1):
+                terms[number, col] = casting[row, col]
         across = x[first : last + 1]
         for channel in range(3):
             total = light[first : last + 1]
