@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator
 from itertools import pairwise
@@ -10,12 +11,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.markup import escape
 
+from pipeline.console import errors
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import SUFFIXES, image_files, read_image
 
 POLL_SECONDS = 0.05
 """Seconds between two scans of a watched folder."""
+WRITTEN_SECONDS = 5
+"""Time after the last change of a file from which it is no longer being written."""
 NamedPhotograph = tuple[str, NDArray[np.uint8]]
 """A photograph, (rows, cols, 3) uint8, with its name."""
 
@@ -42,17 +47,28 @@ def photographs_of(path: Path, leave_out: Path) -> list[Path]:
 
 
 def watched(folder: Path, leave_out: Path) -> Iterator[NamedPhotograph]:
-    """Yield the photographs of a folder, and then each new one, without end; a file that cannot be read yet is tried again."""
+    """Yield the photographs of a folder, and then each new one, without end.
+
+    A file that cannot be read may be half written: it is tried again, and reported once if it does not change any more.
+    """
     if not folder.is_dir():
         raise InvalidInput(f"{folder} is no folder; --watch takes the one in which photographs appear")
     read_paths: set[Path] = set()
+    reported: dict[Path, float] = {}
     while True:
         for path in image_files(folder.iterdir(), leave_out):
             if path in read_paths:
                 continue
             try:
+                if reported.get(path) == (changed := os.path.getmtime(path)):
+                    continue
                 image = read_image(path)
-            except InvalidInput:  # half written
+            except FileNotFoundError:  # moved away meanwhile
+                continue
+            except InvalidInput as error:
+                if time.time() - changed > WRITTEN_SECONDS:
+                    errors.print(f"[yellow]warning:[/] left out until it changes: {escape(str(error))}")
+                    reported[path] = changed
                 continue
             read_paths.add(path)
             yield path.stem, image

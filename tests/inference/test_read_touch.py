@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import sys
 import types
@@ -119,7 +120,7 @@ def test_the_command_reads_a_folder_without_the_untouched_photograph(folder: Pat
     assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
 
 
-def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, tmp_path: Path) -> None:
+def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def come() -> Iterator[str]:
         for name, _ in watched(tmp_path, tmp_path / "untouched.png"):
             yield name
@@ -133,6 +134,17 @@ def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, t
     assert next(names) == "c"
     Image.fromarray(UNTOUCHED).save(tmp_path / "b.png")
     assert next(names) == "b"
+    (tmp_path / "d.png").write_text("no photograph")
+    os.utime(tmp_path / "d.png", (0, 0))  # written long ago
+    Image.fromarray(UNTOUCHED).save(tmp_path / "e.png")
+    assert next(names) == "e"
+    (tmp_path / "f.png").write_bytes((tmp_path / "b.png").read_bytes())
+    assert next(names) == "f"
+    reports = " ".join(capsys.readouterr().err.split())
+    assert reports.count("left out until it changes") == 1
+    assert "d.png" in reports
+    Image.fromarray(UNTOUCHED).save(tmp_path / "d.png")
+    assert next(names) == "d"
     with pytest.raises(InvalidInput, match="is no folder; --watch"):
         next(watched(tmp_path / "a.png", tmp_path))
 
