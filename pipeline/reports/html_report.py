@@ -21,7 +21,7 @@ from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, pluralise, visible
-from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of, tally
+from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.reports.contact_sheet_page import spread_evenly
@@ -82,7 +82,7 @@ def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
         common = {"objects": len(objects), "evaluated": source.evaluation is not None}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         paper = has_paper_sizes(data)
-        tables = touch_tables(tally(data), sensors_of(data), paper=paper)
+        tables = touch_tables(source.tallies, sensors_of(data), paper=paper)
         plots = _plots(source, objects, folder, paper)
         first_cards = spread_evenly(cards, CARDS)
         hero, tiles = _overview(source, folder), _tiles(source)
@@ -147,7 +147,7 @@ def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> Non
 
 def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
-    tallies = tally(source.directory.root)
+    tallies = source.tallies
     touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
     lifted = [grasps for entry in tallies.values() for grasps in entry.lifted]
     held = [(f"{100 * np.concatenate(lifted).mean():.0f} %", "of grasps hold the object")] if lifted else []
@@ -182,7 +182,7 @@ def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
 
 def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
     """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
-    touched = np.concatenate([grasps for entry in tally(source.directory.root).values() for grasps in entry.touched])
+    touched = np.concatenate([grasps for entry in source.tallies.values() for grasps in entry.touched])
     shares = touches_per_grasp(touched)
     theirs = supplement_touches(len(shares)) if paper else ()
     bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})

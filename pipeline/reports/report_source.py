@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from pipeline.console import Row, Table
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.errors import StoreError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.model import Hand
@@ -88,6 +90,11 @@ class ReportSource:
     def attributes(self, artifact: str) -> Mapping[str, Any]:
         """Read the attributes of an artifact."""
         return self.collections[artifact].first.attributes
+
+    @cached_property
+    def tallies(self) -> dict[str, Tally]:
+        """The touches of all grasps, by category."""
+        return tally(self.directory.root)
 
     @property
     def name(self) -> str:
