@@ -44,7 +44,7 @@ def data(original, tmp_path) -> Path:
     return Path(shutil.copytree(original, tmp_path / "data"))
 
 
-def reshard_and_collect(data: Path) -> None:
+def split_otherwise(data: Path) -> None:
     shards = DataDirectory(data).shards() or 1
     list(reshard(DataDirectory(data), shards + 1))
     collect_everything(DataDirectory(data), older_than=-1)
@@ -60,7 +60,7 @@ def make_again(data: Path) -> None:
     collect_everything(DataDirectory(data), older_than=-1)
 
 
-replaced = pytest.mark.parametrize("replace", [reshard_and_collect, make_again])
+replaced = pytest.mark.parametrize("replace", [split_otherwise, make_again])
 
 
 @replaced
@@ -95,7 +95,7 @@ def test_reading_a_mesh_of_a_replaced_group_is_an_error(data, replace: Callable[
             view[name]
 
 
-@pytest.mark.parametrize(("replace", "shards"), [(make_again, 1), (reshard_and_collect, 2)])
+@pytest.mark.parametrize(("replace", "shards"), [(make_again, 1), (split_otherwise, 2)])
 def test_loading_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None], shards: int):
     if shards > 1:
         list(reshard(DataDirectory(data), shards))
