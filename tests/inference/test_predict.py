@@ -269,12 +269,10 @@ def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp
     assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
 
 
-@pytest.mark.parametrize(
-    ("configuration", "arguments"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})]
-)
-def test_missing_object_or_grasp_is_an_error_for_networks_without_touch(data, tmp_path, configuration, arguments):
+@pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
+def test_missing_object_or_grasp_is_an_error_for_networks_without_touch(data, tmp_path, configuration, asked):
     with pytest.raises(StoreError, match=r"no object typo|no grasp 99"):
-        predict(tmp_path / "a.ply", data / "models", configuration, data=data, **arguments)
+        predict(tmp_path / "a.ply", data / "models", configuration, data=data, **asked)
 
 
 def test_stored_charts_are_used_unchanged(data, tmp_path):
@@ -285,7 +283,7 @@ def test_stored_charts_are_used_unchanged(data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changes", "error", "words"),
+    ("asked", "error", "words"),
     [
         ({"configuration": "occluded"}, StageError, r"no model occluded: its models are implicit-any, none, occluded-touch"),
         ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
@@ -310,7 +308,7 @@ def test_stored_charts_are_used_unchanged(data, tmp_path):
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
-def test_invalid_arguments_are_errors(data, tmp_path, changes, error, words):
+def test_invalid_arguments_are_errors(data, tmp_path, asked, error, words):
     arguments = {
         "out": "ball.ply",
         "models": data / "models",
@@ -318,7 +316,7 @@ def test_invalid_arguments_are_errors(data, tmp_path, changes, error, words):
         "data": data,
         "object_id": "a",
         "grasps": [0],
-    } | changes
+    } | asked
     out = tmp_path / "out" / arguments.pop("out")
     (tmp_path / "out" / "taken.ply").mkdir(parents=True)
     (tmp_path / "out" / "taken.txt").touch()
