@@ -1,4 +1,4 @@
-"""What tests of several areas share: hypothesis profiles, and meshes with known answers.
+"""Shared parts of tests: hypothesis profiles, and meshes with known answers.
 
 Tests with hypothesis try a few examples in `make test` and many in `make test-slow`, which loads the profile `thorough`. The examples
 follow from the test alone, and no clock decides.
@@ -21,18 +21,18 @@ settings.load_profile("quick")
 
 
 def pytest_configure() -> None:
-    """Let Ctrl-C through where a shell's background job ignores it: the programs that tests interrupt inherit that."""
+    """Restore Ctrl-C if a background job of a shell ignores it, because programs that tests interrupt inherit that."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the longest file first: where files are shared among processes, the last one does not keep the others waiting."""
+    """Run the longest file first, so that parallel processes do not wait for it at the end."""
     items.sort(key=lambda item: item.path.name != "test_pipeline.py")
 
 
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:
-    """Join some of trimesh's shapes into one mesh."""
+    """Join shapes of trimesh into one mesh."""
     whole = trimesh.util.concatenate(parts)
     return Mesh.bare(whole.vertices, whole.faces)
 

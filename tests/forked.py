@@ -1,4 +1,4 @@
-"""Work in processes of its own, which may end in any way."""
+"""Run functions in separate processes, which may end in any way."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from typing import Any
 from pipeline.errors import PipelineError
 
 OK, IN_WORDS, TRACEBACK = 0, 1, 2
-"""How a run ends: as it should, with an error that says what to do, or with a traceback."""
+"""Exit status of a run: success, an error with a remedy, or a traceback."""
 
 HANGS = -signal.SIGALRM
-"""The status of a run that had to be killed after `LIMIT` seconds."""
+"""Status of a run that was killed after `LIMIT` seconds."""
 LIMIT = 300.0
 
 
 @dataclass(frozen=True)
 class End:
-    """How a run ended: its status (negative: the signal that killed it), and what it printed."""
+    """End of a run: its status (negative: the signal that killed it) and its output."""
 
     status: int
     output: str
 
 
 def fork(work: Callable[[], object], log: Path) -> int:
-    """Start a function in a process of its own, in a group of its own; what it prints goes to `log`."""
+    """Start a function in a new process and process group; its output goes to `log`."""
     log.write_text("")
     process = os.fork()
     if process:
@@ -42,7 +42,7 @@ def fork(work: Callable[[], object], log: Path) -> int:
     try:
         status = _status_of(work, log)
     finally:
-        while True:  # a signal that arrives now must not lead back into what the parent is doing
+        while True:  # a signal that arrives now must not return into the code of the parent
             with suppress(BaseException):
                 os._exit(status)
 
@@ -52,7 +52,7 @@ def _status_of(work: Callable[[], object], log: Path) -> int:
     opened = log.open("w")
     os.dup2(opened.fileno(), 1)
     os.dup2(opened.fileno(), 2)
-    sys.stdout = sys.stderr = opened  # whoever started this may have replaced them
+    sys.stdout = sys.stderr = opened  # the caller may have replaced them
     try:
         work()
         return OK
@@ -60,7 +60,7 @@ def _status_of(work: Callable[[], object], log: Path) -> int:
         return int(error.code or 0)
     except KeyboardInterrupt:
         return 128 + signal.SIGINT
-    except (PipelineError, OSError) as error:  # which the command line says in words, too
+    except (PipelineError, OSError) as error:  # the command line prints these without a traceback, too
         print(f"error: {error}", file=sys.stderr)
         return IN_WORDS
     except Exception:
@@ -85,7 +85,7 @@ def finish(process: int, log: Path, limit: float = LIMIT) -> End:
 
 
 def run(work: Callable[[], object], log: Path) -> End:
-    """Run a function in a process of its own to its end."""
+    """Run a function in a separate process to its end."""
     return finish(fork(work, log), log)
 
 

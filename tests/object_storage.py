@@ -1,4 +1,4 @@
-"""Servers of object storage for tests: moto in this process, SeaweedFS as a process of its own, and a proxy that answers with faults."""
+"""Servers of object storage for tests: moto in this process, SeaweedFS as a separate process, and a proxy that answers with faults."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SECONDS = 60
 
 @contextmanager
 def moto_server() -> Iterator[str]:
-    """Run moto's server in threads of this process; yields its address."""
+    """Run moto's server in threads of this process; yield its address."""
     from moto.server import ThreadedMotoServer
 
     logging.getLogger("werkzeug").setLevel(logging.ERROR)
@@ -42,7 +42,7 @@ def moto_server() -> Iterator[str]:
 
 
 class SeaweedServer:
-    """SeaweedFS's S3 on one machine; `kill` leaves what it stored."""
+    """SeaweedFS's S3 on one machine; `kill` keeps the stored objects."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -51,7 +51,7 @@ class SeaweedServer:
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, and wait until it answers."""
+        """Start the server and wait until it answers."""
         master, volume, filer, s3 = self.ports
         (self.folder / "stored").mkdir(parents=True, exist_ok=True)
         ports = [f"-master.port={master}", f"-volume.port={volume}", f"-filer.port={filer}", f"-s3.port={s3}"]
@@ -62,14 +62,14 @@ class SeaweedServer:
         wait_until(lambda: _answers(self.address) and _answers(f"http://127.0.0.1:{master}/dir/assign"))
 
     def kill(self) -> None:
-        """Kill it as a machine is lost."""
+        """Kill the server as if its machine were lost."""
         assert self.process is not None
         self.process.kill()
         self.process.wait()
 
 
 def wait_until(happens: Callable[[], bool]) -> None:
-    """Wait; an AssertionError where it does not happen within a minute."""
+    """Wait until a condition holds; raise AssertionError after a minute."""
     deadline = time.monotonic() + SECONDS
     while not happens():
         assert time.monotonic() < deadline
@@ -106,16 +106,16 @@ def _answers_put(url: str) -> bool:
 
 
 def use(monkeypatch: pytest.MonkeyPatch, address: str, cache: Path) -> None:
-    """Let this process, and those it starts, reach a server as a person would: through the environment."""
-    named = {"AWS_ENDPOINT_URL": address, "AWS_ACCESS_KEY_ID": "anyone", "AWS_SECRET_ACCESS_KEY": "anything"}
-    for name, value in (named | {"AWS_REGION": "us-east-1", "AWS_ALLOW_HTTP": "true", "XDG_CACHE_HOME": str(cache)}).items():
+    """Configure a server for this process and its children through the environment, as a user does."""
+    variables = {"AWS_ENDPOINT_URL": address, "AWS_ACCESS_KEY_ID": "anyone", "AWS_SECRET_ACCESS_KEY": "anything"}
+    for name, value in (variables | {"AWS_REGION": "us-east-1", "AWS_ALLOW_HTTP": "true", "XDG_CACHE_HOME": str(cache)}).items():
         monkeypatch.setenv(name, value)
     storage._client.cache_clear()
 
 
 @dataclass
 class Proxy:
-    """A server before another one: `fault` may answer a request (method, path) itself, with a status, or after the server has had it.
+    """A server before another one: `fault` may answer a request (method, path) in its place or after it.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class Proxy:
 
 @dataclass(frozen=True)
 class Answer:
-    """A status in place of the server's answer, or None where the connection breaks; `late` once the server has done what was asked."""
+    """A status in place of the server's answer, None to break the connection; `late` after the server has handled the request."""
 
     status: int | None
     late: bool = False
@@ -146,8 +146,8 @@ def proxy(target: str) -> Iterator[Proxy]:
 
         def handle_any(self) -> None:
             body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
-            made.seen.append((self.command, self.path))
-            answer = made.fault(self.command, self.path)
+            running.seen.append((self.command, self.path))
+            answer = running.fault(self.command, self.path)
             if answer is None or answer.late:
                 connection = http.client.HTTPConnection(host, timeout=30)
                 connection.request(self.command, self.path, body, dict(self.headers))
@@ -155,7 +155,9 @@ def proxy(target: str) -> Iterator[Proxy]:
                 status, headers, content = response.status, response.getheaders(), response.read()
                 connection.close()
             if answer is not None and answer.status is None:
-                self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # as of a process that is killed
+                self.connection.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0)
+                )  # resets the connection, as a killed process does
                 self.close_connection = True
                 self.connection.close()
                 return
@@ -177,11 +179,11 @@ def proxy(target: str) -> Iterator[Proxy]:
             pass
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    made = Proxy(f"http://127.0.0.1:{server.server_address[1]}")
+    running = Proxy(f"http://127.0.0.1:{server.server_address[1]}")
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
-        yield made
+        yield running
     finally:
         server.shutdown()
         server.server_close()
@@ -189,6 +191,6 @@ def proxy(target: str) -> Iterator[Proxy]:
 
 
 def clear(folder: Path) -> None:
-    """Forget what this machine keeps of object storage: as on another machine."""
+    """Clear the local cache of object storage, as on another machine."""
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)

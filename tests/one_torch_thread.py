@@ -1,4 +1,4 @@
-"""One thread of torch per test process: tests run side by side, a core each, and more threads would only wait for each other."""
+"""One thread of torch per test process: tests run in parallel, one core each, and more threads would only wait for each other."""
 
 from __future__ import annotations
 

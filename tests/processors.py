@@ -17,7 +17,7 @@ PROFILES = {
         "NUMBA_CPU_NAME": "haswell",
         "OPENBLAS_CORETYPE": "Haswell",
     },
-    "prescott": {  # SSE4.2 in numpy and numba, which run on nothing older, SSE3 in OpenBLAS
+    "prescott": {  # SSE4.2 in numpy and numba, their minimum, SSE3 in OpenBLAS
         "ATEN_CPU_CAPABILITY": "default",
         "DNNL_MAX_CPU_ISA": "SSE41",
         "GLIBC_TUNABLES": f"glibc.cpu.hwcaps={AVX512},-AVX2,-AVX,-FMA,-FMA4",
@@ -30,7 +30,7 @@ PROFILES = {
 
 
 def environment(profile: str) -> dict[str, str]:
-    """Return a profile's variables, and numpy's features that only this processor has, not the imitated one.
+    """Return the variables of a profile, which also disable the features of numpy that the imitated processor lacks.
 
     numpy warns of a name that is not among its own or that the processor has not, and the tests take warnings as errors.
     """

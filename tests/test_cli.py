@@ -1,4 +1,4 @@
-"""The command line: what it lists, and how it fails."""
+"""The command line: lists, runs and errors."""
 
 import inspect
 import json
@@ -36,18 +36,18 @@ def test_stages_lists_every_setting_with_its_reason():
             assert info.description
 
 
-def test_a_run_with_nothing_to_do_starts_no_executor_and_imports_neither_it_nor_torch(tmp_path):
+def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
     source = {"kind": "pybullet", "licence": "zlib", "up": "y", "files": {"duck": {"file": "duck.obj"}}}
     splits = {"train": 1, "valid": 0, "test": 0}
-    one = {"name": "one", "description": "d", "seed": 0, "splits": splits, "sources": [source]}
-    (tmp_path / "one.yaml").write_text(yaml.safe_dump(one))
+    manifest = {"name": "one", "description": "d", "seed": 0, "splits": splits, "sources": [source]}
+    (tmp_path / "one.yaml").write_text(yaml.safe_dump(manifest))
     command = [*RUN, "--manifest", str(tmp_path / "one.yaml"), "--data", str(tmp_path / "data")]
     assert invoke(*command, "--executor", "serial")[0] == 0
     slow = "assert not {'distributed', 'matplotlib', 'scipy.stats', 'torch'} & sys.modules.keys()"
     program = f"import sys; from pipeline.cli import app; app(sys.argv[1:], standalone_mode=False); {slow}"
-    again = subprocess.run([sys.executable, "-c", program, *command], capture_output=True, text=True, check=False)
-    assert again.returncode == 0, again.stderr
-    assert "up to date, 1 object\n" in again.stdout
+    completed = subprocess.run([sys.executable, "-c", program, *command], capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
+    assert "up to date, 1 object\n" in completed.stdout
 
 
 @pytest.mark.parametrize(
@@ -107,7 +107,7 @@ def test_a_run_with_nothing_to_do_starts_no_executor_and_imports_neither_it_nor_
         (["validate", "/nonexistent"], "holds no records; looked for ARTIFACT/NNNN-of-NNNN.json"),
     ],
 )
-def test_an_error_names_the_thing_and_the_way_out(arguments, message):
+def test_error_names_the_value_and_the_remedy(arguments, message):
     code, output = invoke(*arguments)
     assert code == 1
     assert message in output
@@ -122,7 +122,7 @@ def test_an_error_names_the_thing_and_the_way_out(arguments, message):
         (KeyError("x"), "this is a bug"),
     ],
 )
-def test_every_command_ends_with_words_for_what_it_raises(monkeypatch, raised, message):
+def test_exceptions_of_commands_give_clear_errors(monkeypatch, raised, message):
     def fails():
         raise raised
 
@@ -132,7 +132,7 @@ def test_every_command_ends_with_words_for_what_it_raises(monkeypatch, raised, m
     assert message in output
 
 
-def test_a_model_s_folder_is_no_data_directory(tmp_path):
+def test_model_folder_is_not_a_data_directory(tmp_path):
     (tmp_path / "model.json").write_text("{}")
     code, output = invoke("status", str(tmp_path))
     assert (code, "nothing has been made" in output) == (0, True)
@@ -140,14 +140,14 @@ def test_a_model_s_folder_is_no_data_directory(tmp_path):
     assert (code, "holds no records" in output) == (1, True)
 
 
-def test_a_dry_run_says_what_and_does_nothing(tmp_path):
+def test_dry_run_prints_the_forecast_and_writes_nothing(tmp_path):
     code, output = invoke(*RUN, "--data", str(tmp_path / "data"), "--dry-run")
     assert code == 0
     assert "would make 25 of 25 objects, about" in output
     assert not (tmp_path / "data").exists()
 
 
-def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
+def test_low_disk_space_is_warned_of(tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage._replace(free=1000))
     output = invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100", "--executor", "serial")[1]
@@ -155,14 +155,14 @@ def test_a_disk_with_little_room_is_warned_of(tmp_path, monkeypatch):
     assert "made 1 object" in output
 
 
-def test_a_sweep_runs_no_point_where_one_is_not_valid(tmp_path):
+def test_sweep_with_an_invalid_point_runs_none(tmp_path):
     code, output = invoke("sweep", "train-gcn", "--grid", "gcn_layers=3,1001", "--dry-run", "--data", str(tmp_path))
     assert code == 1
     assert "gcn_layers" in output
     assert "sweeps/" not in output
 
 
-def test_one_object_alone(tmp_path):
+def test_run_of_one_object_leaves_the_others_missing(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]
     status = json.loads(invoke("status", str(tmp_path), "--json")[1])["surfaces"]
@@ -170,13 +170,13 @@ def test_one_object_alone(tmp_path):
     assert "incomplete surfaces: 24 objects not made yet" in invoke("status", str(tmp_path))[1]
 
 
-def test_a_report_of_nothing_speaks_of_no_report(tmp_path):
+def test_report_of_a_missing_folder_names_the_missing_artifact(tmp_path):
     code, output = invoke("report", str(tmp_path / "nowhere"))
     assert code == 1
     assert output.startswith(f"error: {tmp_path}/nowhere/surfaces has not been made"), output
 
 
-def test_a_recipe_of_some_of_the_shards_says_which_has_not_been_made(tmp_path):
+def test_recipe_of_an_incomplete_dataset_names_the_missing_shard(tmp_path):
     command = ["--data", str(tmp_path), "--object", "knife-0000", "--shards", "2", "--set", "points=100", "--executor", "serial"]
     assert invoke(*RUN, *command)[0] == 0
     code, output = invoke("recipe", str(tmp_path))
@@ -184,7 +184,7 @@ def test_a_recipe_of_some_of_the_shards_says_which_has_not_been_made(tmp_path):
     assert "0000-of-0002 has not been made; run sample-surfaces for all shards, then write the recipe" in output
 
 
-def test_one_object_with_other_settings_says_how_it_can_be_looked_at(tmp_path):
+def test_one_object_with_other_settings_is_not_published_and_names_the_remedy(tmp_path):
     folder = tmp_path / "meshes"
     folder.mkdir()
     for name in ("a", "b"):
@@ -197,7 +197,7 @@ def test_one_object_with_other_settings_says_how_it_can_be_looked_at(tmp_path):
     assert "to look at a alone, run each stage from sample-surfaces with another --data" in output
 
 
-def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
+def test_folders_of_meshes_have_separate_data_directories(tmp_path):
     places = []
     for name in ("mugs", "bowls"):
         folder = tmp_path / name
@@ -210,7 +210,7 @@ def test_two_folders_of_meshes_do_not_share_a_data_directory(tmp_path):
     assert f"--data '{places[0]}'" in dry.stdout
 
 
-def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tmp_path):
+def test_failures_with_one_reason_are_reported_together(tmp_path):
     folder = tmp_path / "my meshes"
     folder.mkdir()
     trimesh.creation.box().export(folder / "box.stl")
@@ -222,14 +222,14 @@ def test_objects_that_fail_for_one_reason_are_counted_once_and_named_together(tm
     assert "made 8 objects in" in output
     assert "7 failed" in output
     assert "failed a, b, c, d, e, … (7 objects): ….off" in output
-    one = invoke(*command, "--object", "a", "--retry", "--executor", "serial")[1]
-    assert "failed a: a.off" in one
+    alone = invoke(*command, "--object", "a", "--retry", "--executor", "serial")[1]
+    assert "failed a: a.off" in alone
     later = ["run", "sample-distances", *command[2:-1], "queries=10", "--executor", "serial"]
     assert "; 7 objects failed in an earlier stage" in invoke(*later)[1]
     assert "failed in" not in invoke(*later)[1]
 
 
-def test_an_object_whose_file_cannot_be_read_has_failed_in_this_stage_and_in_no_earlier_one(tmp_path):
+def test_unreadable_file_is_counted_as_a_failure_of_the_first_stage(tmp_path):
     trimesh.creation.box().export(tmp_path / "box.stl")
     (tmp_path / "empty.obj").write_text("")
     command = [*RUN, "--manifest", "directory", "--objects", str(tmp_path), "--data", str(tmp_path / "d"), "--set", "points=100"]
@@ -237,7 +237,7 @@ def test_an_object_whose_file_cannot_be_read_has_failed_in_this_stage_and_in_no_
     assert ", 1 failed failed empty: " in output
 
 
-def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_path):
+def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
     hand = tmp_path / "hand.yaml"
     hand.write_text("name: x\nurdf: x.urdf\nfingres: []\n")
     code, output = invoke("run", "simulate-grasps", "--data", str(tmp_path / "d"), "--dry-run", "--set", f"hand={hand}")
@@ -246,10 +246,10 @@ def test_a_dry_run_reads_the_hand_even_where_there_is_nothing_to_grasp_yet(tmp_p
 
 
 @pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
-def test_a_scheduler_that_asks_nobody_who_they_are_is_warned_of(capsys, address, warns):
+def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
     make_executor(ExecutorName.dask, 0, address)
-    said = " ".join(capsys.readouterr().err.split())
-    assert (f"warning: whoever reaches {address} can run code as you" in said) == warns
+    output = " ".join(capsys.readouterr().err.split())
+    assert (f"warning: whoever reaches {address} can run code as you" in output) == warns
 
 
 def test_help_groups_commands_and_options_under_short_first_lines() -> None:
@@ -265,7 +265,7 @@ def test_help_groups_commands_and_options_under_short_first_lines() -> None:
         assert len(inspect.getdoc(command.callback).splitlines()[0]) <= 80
 
 
-def test_version_is_that_of_the_package() -> None:
+def test_version_equals_the_package_version() -> None:
     assert invoke("--version") == (0, f"vt-pipeline {version('vt-pipeline')}")
 
 
@@ -291,6 +291,6 @@ def test_version_is_that_of_the_package() -> None:
     ],
 )
 def test_shell_completes_names(words: str, completed: list[str]) -> None:
-    asked = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
-    result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=asked)
+    environment = {"_VT_PIPELINE_COMPLETE": "complete_bash", "COMP_WORDS": f"vt-pipeline {words}", "COMP_CWORD": str(len(words.split()))}
+    result = CliRunner().invoke(app, [], prog_name="vt-pipeline", env=environment)
     assert result.output.split() == completed

@@ -13,7 +13,7 @@ from pipeline.console import Meter, console_on, pluralise, print_line, print_tab
 from pipeline.errors import InvalidInput
 
 
-def test_meter_says_without_a_terminal_how_far_the_work_is(monkeypatch, capsys):
+def test_meter_prints_progress_lines_without_a_terminal(monkeypatch, capsys):
     monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
     with Meter(console_on(sys.stdout), "train [x]", 40, "steps", 7) as meter:
         meter.advance()
@@ -23,25 +23,25 @@ def test_meter_says_without_a_terminal_how_far_the_work_is(monkeypatch, capsys):
     assert re.fullmatch(r"train \[x\]: 9 of 40 steps, \d+ s, loss 0.5", lines[1])
 
 
-def test_meter_says_nothing_of_short_work(capsys):
+def test_meter_prints_nothing_for_short_work(capsys):
     with Meter(console_on(sys.stdout), "short", 2, "objects") as meter:
         meter.advance()
         meter.advance()
     assert capsys.readouterr().out == ""
 
 
-def test_control_characters_are_printed_as_their_codes(capsys):
+def test_control_characters_are_printed_as_escapes(capsys):
     meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
     meter._bar.console.print(meter._bar)
     print_table(console_on(sys.stdout), ["\x9b2J"], [["\u202etxt.exe"]])
     print_line("é [bold] :smile: \x1b[31mred\n\udcff\x00\u2028")
-    shown = capsys.readouterr().out
-    assert all(one.isprintable() or one == "\n" for one in shown)
+    output = capsys.readouterr().out
+    assert all(character.isprintable() or character == "\n" for character in output)
     for expected in (r"a\x1b]0;", r"\x9b2J", r"\u202et", r"é [bold] :smile: \x1b[31mred" + "\n" + r"\udcff\x00\u2028"):
-        assert expected in shown
+        assert expected in output
 
 
-def test_an_errors_control_characters_do_not_reach_the_terminal(capsys):
+def test_control_characters_of_errors_do_not_reach_the_terminal(capsys):
     @report_failures()
     def command(error: Exception) -> None:
         raise error
@@ -49,12 +49,12 @@ def test_an_errors_control_characters_do_not_reach_the_terminal(capsys):
     for error in (InvalidInput("a\x1b[2Jb"), KeyError("unforeseen"), RuntimeError("a\x1b[2Jb")):
         with pytest.raises(typer.Exit):
             command(error)
-    shown = capsys.readouterr().err
-    assert "\x1b" not in shown
-    assert r"error: a\x1b[2Jb" in shown
-    assert r"RuntimeError: a\x1b[2Jb" in shown
+    output = capsys.readouterr().err
+    assert "\x1b" not in output
+    assert r"error: a\x1b[2Jb" in output
+    assert r"RuntimeError: a\x1b[2Jb" in output
 
 
-def test_numbers_of_things_are_written_as_people_do():
-    written = [pluralise(1), pluralise(2), *(pluralise(number, what) for what in ("class", "touch", "process") for number in (1, 0))]
-    assert written == ["1 object", "2 objects", "1 class", "0 classes", "1 touch", "0 touches", "1 process", "0 processes"]
+def test_pluralise_agrees_with_the_number():
+    phrases = [pluralise(1), pluralise(2), *(pluralise(number, noun) for noun in ("class", "touch", "process") for number in (1, 0))]
+    assert phrases == ["1 object", "2 objects", "1 class", "0 classes", "1 touch", "0 touches", "1 process", "0 processes"]

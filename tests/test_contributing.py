@@ -1,4 +1,4 @@
-"""The recipes of CONTRIBUTING.md work: followed in a copy of the repository, they add stages, settings, arrays and networks that run."""
+"""The recipes of CONTRIBUTING.md, followed in a copy of the repository, add stages, settings, arrays and networks that run."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ba
 
 
 def code_blocks(recipe: str) -> list[tuple[str, str, str]]:
-    """Language, file and text of a recipe's code blocks that name a file."""
+    """Return language, file and text of the code blocks of a recipe that name a file."""
     section = (ROOT / "CONTRIBUTING.md").read_text().partition(f"\n## {recipe}\n")[2].partition("\n## ")[0]
     return re.findall(r"^```(\w+) (\S+)\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
 
 
 def follow(recipe: str, repository: Path) -> None:
-    """Do what a recipe's code blocks say."""
+    """Apply the code blocks of a recipe."""
     for language, name, text in code_blocks(recipe):
         path = repository / name
         if language == "diff":
@@ -85,12 +85,12 @@ def test_recipe_touches_few_files(recipe):
     assert 1 <= len({name for _, name, _ in code_blocks(recipe)}) <= LIMITS[recipe]
 
 
-def copied(folder: Path, recipes: Sequence[str], *more: str) -> Path:
-    """Copy the repository, and follow recipes in the copy; the code that they add is as style asks for."""
+def copy_with_recipes(folder: Path, recipes: Sequence[str], *more: str) -> Path:
+    """Copy the repository and follow recipes in the copy; ruff must accept the added code."""
     copy = folder / "repository"
     for name in (*COPIED, *more):
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
-        part = ROOT / name  # with what Python and numba have compiled of it
+        part = ROOT / name  # including compiled files of Python and numba
         shutil.copytree(part, copy / name) if part.is_dir() else shutil.copy2(part, copy / name)
     for recipe in recipes:
         follow(recipe, copy)
@@ -100,17 +100,17 @@ def copied(folder: Path, recipes: Sequence[str], *more: str) -> Path:
 
 
 def run_python(copy: Path, *words: str) -> str:
-    """Run the interpreter in a copy of the repository; what it prints."""
+    """Run the interpreter in a copy of the repository; return its output."""
     environment = {**os.environ, "PYTHONPATH": str(copy)}
-    done = subprocess.run([sys.executable, *words], cwd=copy, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    completed = subprocess.run([sys.executable, *words], cwd=copy, env=environment, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    return completed.stdout
 
 
 def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
-    copy = copied(tmp_path, ("Add a stage", "Add a setting", "Add an array"))
+    copy = copy_with_recipes(tmp_path, ("Add a stage", "Add a setting", "Add an array"))
     data, meshes = tmp_path / "data", tmp_path / "meshes"
-    spheres.make_data(data, 1)  # of one ball, called a
+    spheres.make_data(data, 1)  # one ball, called a
     meshes.mkdir()
     trimesh.creation.box().export(meshes / "a.stl")
     manifest = {"name": "balls", "description": "d", "seed": 0, "splits": {"train": 0, "valid": 0, "test": 1}}
@@ -128,8 +128,8 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
         "--executor",
         "serial",
     ]
-    said = run_python(copy, "-c", RUN, *map(str, options))
-    assert "made 1 object " in said
+    output = run_python(copy, "-c", RUN, *map(str, options))
+    assert "made 1 object " in output
     assert "`least_press`" in (copy / "docs" / "settings.md").read_text()
 
     record = json.loads((data / "contact" / "0000-of-0001.json").read_text())
@@ -142,15 +142,15 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
 
 
 def test_family_of_networks_added_by_the_recipe_is_trained_evaluated_reported_and_used(tmp_path):
-    copy = copied(tmp_path, ["Add a family of networks"], "tests")
-    said = run_python(copy, "-c", LEARN, str(tmp_path / "data"))
-    assert "ball-touch: 2 grasps < 1" in said
+    copy = copy_with_recipes(tmp_path, ["Add a family of networks"], "tests")
+    output = run_python(copy, "-c", LEARN, str(tmp_path / "data"))
+    assert "ball-touch: 2 grasps < 1" in output
     mesh = trimesh.load(tmp_path / "data" / "f.ply")
     radii = np.linalg.norm(mesh.vertices - spheres.CENTRE, axis=1)
     assert mesh.is_watertight
     assert abs(np.median(radii) - 0.15) < 0.06  # balls of 10 to 20 cm radius
-    asked = ["make", "--dry-run", "--file", copy / "Makefile", "train", "CONFIGURATIONS=touch ball-touch", f"DATA={tmp_path}"]
-    plan = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    command = ["make", "--dry-run", "--file", copy / "Makefile", "train", "CONFIGURATIONS=touch ball-touch", f"DATA={tmp_path}"]
+    plan = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for stage in ("fit-charts", "train-gcn", "train-ball"):
         assert f"run '{stage}' " in plan
 
@@ -167,6 +167,6 @@ def test_manifest_of_the_recipe_names_two_objects(tmp_path):
     assert len(load_manifest(str(tmp_path / "two.yaml")).objects()) == 2
 
 
-def test_sensor_of_the_recipe_is_a_sensor(tmp_path):
+def test_sensor_of_the_recipe_is_loaded(tmp_path):
     follow("Add a hand, a sensor or a camera", tmp_path)
     assert load_sensor(tmp_path / "my_gel.yaml").shape == (64, 64)

@@ -1,4 +1,4 @@
-"""What the documents name exists: files, functions, links, targets of make, commands and options of vt-pipeline, settings."""
+"""Files, functions, links, make targets, commands, options and settings named in the documents exist."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def shell_of(page: Path) -> str:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_of_documents_lead_somewhere(page):
+def test_links_in_documents_resolve(page):
     links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text())
     assert not [link for link in links if "://" not in link and not (page.parent / link).exists()]
 
@@ -58,8 +58,8 @@ def test_commands_and_options_of_documents_exist(page):
     for line in re.findall(r"vt-pipeline ([a-z][^\n#`]*)", shell_of(page)):
         name, *words = line.split()
         assert name in COMMANDS, line
-        known = {option for parameter in COMMANDS[name].params for option in parameter.opts} | {"--help"}
-        assert {word for word in words if word.startswith("--")} <= known, line
+        options = {option for parameter in COMMANDS[name].params for option in parameter.opts} | {"--help"}
+        assert {word for word in words if word.startswith("--")} <= options, line
         for stage in words[:1] if name == "run" else ():
             assert stage in STAGES or stage in ("STAGE", "measure-contact"), line
 
@@ -78,18 +78,18 @@ def test_targets_of_make_and_settings_in_documents_exist(page):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_commands_of_documents_are_run_or_said_not_to_be(page):
+def test_commands_in_documents_are_run_or_listed_as_not_run(page):
     name = page.relative_to(ROOT).as_posix()
     assert not run_commands.commands(name) or name in {*run_commands.PAGES, *run_commands.NOT_RUN_PAGES}
 
 
-def test_reasons_not_to_run_a_command_are_of_a_command_in_the_documents():
+def test_every_reason_not_to_run_a_command_matches_a_command():
     printed = [command for page in run_commands.PAGES for command in run_commands.commands(page)]
     assert {pattern for command in printed for pattern in run_commands.reasons(command)} == set(run_commands.NOT_RUN)
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_a_page_says_how_each_stage_works_with_a_small_picture(stage):
+def test_every_stage_has_a_page_with_a_small_picture(stage):
     pages = [
         page for page in (ROOT / "docs" / "how-it-works").glob("*.md") if stage in re.findall(r"[\w-]+", page.read_text().splitlines()[0])
     ]
@@ -98,7 +98,7 @@ def test_a_page_says_how_each_stage_works_with_a_small_picture(stage):
     assert f"how-it-works/{pages[0].name}" in (ROOT / "mkdocs.yml").read_text()
 
 
-def test_readme_is_short_and_begins_with_a_picture():
+def test_readme_is_short_and_starts_with_a_picture():
     lines = (ROOT / "README.md").read_text().splitlines()
     assert len(lines) < 120
     assert lines[2].startswith("![")

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command with one line and status 130, wherever it comes."""
+"""Ctrl-C ends a command with one line and status 130 at any time."""
 
 import os
 import signal
@@ -46,27 +46,27 @@ def press() -> None:
 
 @pytest.fixture
 def command(monkeypatch, tmp_path):
-    """Run `vt-pipeline doctor`, in a process of its own, with this in place of what it does."""
+    """Return a function that runs `vt-pipeline doctor` in a separate process with other code in place of its checks."""
 
-    def ended(body: str) -> tuple[int, str]:
+    def run_body(body: str) -> tuple[int, str]:
         def examine():
             exec(body, {"press": press})
             time.sleep(60)
 
         monkeypatch.setattr("pipeline.reports.doctor.examine", examine)
-        end = run(lambda: app(["doctor"]), tmp_path / "log")
-        return end.status, end.output
+        finished = run(lambda: app(["doctor"]), tmp_path / "log")
+        return finished.status, finished.output
 
-    return ended
+    return run_body
 
 
 @pytest.mark.parametrize("body", SWALLOWED.values(), ids=SWALLOWED)
-def test_what_swallows_it_delays_it(body, command):
+def test_swallowed_interrupt_still_ends_the_command(body, command):
     assert command(body) == (130, STOPPED)
 
 
-def test_it_is_raised_once_so_that_what_is_open_is_closed(command):
-    ended = command("""
+def test_interrupt_is_raised_once_so_that_cleanup_finishes(command):
+    result = command("""
 import time
 try:
     press()
@@ -75,11 +75,11 @@ finally:
     time.sleep(1.5)
     print("closed")
 """)
-    assert ended == (130, f"closed\n{STOPPED}")
+    assert result == (130, f"closed\n{STOPPED}")
 
 
 @pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
-def test_a_command_that_is_stopped_while_it_imports_says_one_line(number, word):
+def test_command_stopped_during_imports_prints_one_line(number, word):
     program = f"""
 import os, sys
 class Stops:
@@ -91,5 +91,5 @@ sys.meta_path.insert(0, Stops)
 from pipeline.__main__ import main
 main()
 """
-    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (128 + number, "", f"error: {word}\n")
+    completed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (completed.returncode, completed.stdout, completed.stderr) == (128 + number, "", f"error: {word}\n")

@@ -1,4 +1,4 @@
-"""The import contract of pyproject.toml names every module there is."""
+"""The import contract of pyproject.toml names every module."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 
 
-def test_the_layers_name_every_module_of_the_project():
+def test_import_contract_names_every_module():
     contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
     named = {module.strip() for layer in contract["layers"] for module in layer.replace("|", ":").split(":")}
     modules = {f"pipeline.{path.stem}" for path in (ROOT / "pipeline").iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}

@@ -1,4 +1,4 @@
-"""The Makefile says in which order stages run: its prerequisites are the stages' inputs. It passes values on as they are."""
+"""Prerequisites in the Makefile follow the stages' inputs, and values are passed on unchanged."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ ROOT = Path(__file__).parents[1]
 
 
 def make(*arguments: str) -> str:
-    """Return the output of a dry run of make: commands, and the rules that it works by."""
+    """Return the commands and rules that a dry run of make prints."""
     command = ["make", "--dry-run", "--print-data-base", *arguments]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
 
 
 def stages_before(start: str, prerequisites: Mapping[str, Iterable[str]]) -> set[str]:
     """Find the stages among all direct and indirect prerequisites of a target."""
-    found: set[str] = set()
+    reached: set[str] = set()
     waiting = list(prerequisites.get(start, ()))
     while waiting:
         name = waiting.pop()
-        if name not in found:
-            found.add(name)
+        if name not in reached:
+            reached.add(name)
             waiting += prerequisites.get(name, ())
-    return {stage for name in found if (stage := name.partition(".")[0]) in STAGES}
+    return {stage for name in reached if (stage := name.partition(".")[0]) in STAGES}
 
 
 def rules_of_makefile(*arguments: str) -> dict[str, list[str]]:
-    """Prerequisites by target, those of pattern rules filled in."""
+    """Return the prerequisites of each target, with pattern rules expanded."""
     rules = re.findall(r"^([\w.-]+): ?(.*)$", make(*arguments), re.MULTILINE)
-    return {target: found.replace("|", " ").split() for target, found in rules}
+    return {target: prerequisites.replace("|", " ").split() for target, prerequisites in rules}
 
 
 def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[str]]:
@@ -51,39 +51,39 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
     reads = {
         name: [*(artifact.name for artifact in stage.inputs(chosen[name])), *stage.models(chosen[name])] for name, stage in loaded.items()
     }
-    return {name: [makers[one] for one in found] for name, found in reads.items()}
+    return {name: [makers[artifact_name] for artifact_name in artifact_names] for name, artifact_names in reads.items()}
 
 
 @pytest.mark.parametrize("configuration", GRASP_CONFIGURATIONS)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
     chosen = {f"train-{name}": next(iter(family.configurations)) for name, family in FAMILIES.items() if name}
     chosen[f"train-{family_of(configuration)}"] = configuration
-    trained = {name: {"configuration": one} for name, one in chosen.items()}
+    trained = {name: {"configuration": value} for name, value in chosen.items()}
     read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})
     targets = {name: f"{name}.0" if isinstance(load_stage(name), ObjectStage) else name for name in STAGES}
-    targets |= {name: f"{name}.{one}.0" for name, one in chosen.items()} | {"evaluate": "evaluate.0"}
-    made = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
+    targets |= {name: f"{name}.{value}.0" for name, value in chosen.items()} | {"evaluate": "evaluate.0"}
+    rules = rules_of_makefile(*targets.values(), f"CONFIGURATIONS={configuration}", f"DATA={tmp_path}")
     for name in STAGES:
-        assert stages_before(targets[name], made) == stages_before(name, read), name
+        assert stages_before(targets[name], rules) == stages_before(name, read), name
 
 
-@pytest.mark.parametrize(("asked", "known", "shards"), [("", None, []), ("", 3, [3]), ("2", None, [2]), ("2", 3, [2])])
-def test_the_number_of_shards_is_the_one_asked_for_or_the_datasets_own(asked, known, shards, tmp_path):
-    if known is not None:
-        (tmp_path / "dataset.json").write_text(f'{{"shards":{known}}}')
-    printed = make("sample-surfaces.0", f"DATA={tmp_path}", f"SHARDS={asked}")
+@pytest.mark.parametrize(("requested", "recorded", "shards"), [("", None, []), ("", 3, [3]), ("2", None, [2]), ("2", 3, [2])])
+def test_number_of_shards_is_the_requested_one_or_that_of_the_dataset(requested, recorded, shards, tmp_path):
+    if recorded is not None:
+        (tmp_path / "dataset.json").write_text(f'{{"shards":{recorded}}}')
+    printed = make("sample-surfaces.0", f"DATA={tmp_path}", f"SHARDS={requested}")
     assert [int(number) for number in re.findall(r"--shards (\d+)", printed)] == shards
     assert (
-        len(set(re.findall(r"^render-vision\.(\d+):", make("summary", f"DATA={tmp_path}", f"SHARDS={asked}"), re.MULTILINE)))
+        len(set(re.findall(r"^render-vision\.(\d+):", make("summary", f"DATA={tmp_path}", f"SHARDS={requested}"), re.MULTILINE)))
         == (shards or [1])[0]
     )
 
 
-def test_everything_that_a_target_needs_has_a_rule():
+def test_all_prerequisites_have_rules():
     written = "".join((ROOT / name).read_text() for name in ("Makefile", "tools/development.mk"))
     targets = re.findall(r"^([a-z-]+):.*## ", written, re.MULTILINE)
     assert {"dataset", "test-sensors", "test-hands", "showcase"} <= set(targets)
-    make(*(target for target in targets if target != "reproduce"))  # which runs make even then
+    make(*(target for target in targets if target != "reproduce"))  # reproduce runs make even in a dry run
 
 
 # ---- values
@@ -95,12 +95,12 @@ HOSTILE = (
     *(f"a; touch {CANARY}", f"a & touch {CANARY} &", f"|touch {CANARY}", f"> {CANARY}", f"a\ttouch {CANARY} #", f"# touch {CANARY}"),
     *("a b  c ", "a\\", "*", "~", "%", "a%b:c=d|e", "$@ $< $*", "\x1b[31m", "é\u202e", "--help", "a,b)c(", "x" * 10_000),
 )
-FACTS = 'case $2 in *ensurepip*) echo "3.12 yes yes /usr"; exit ;; esac'  # what tools/install.sh asks a Python
+FACTS = 'case $2 in *ensurepip*) echo "3.12 yes yes /usr"; exit ;; esac'  # answers the questions of tools/install.sh
 PASSED = ("manifest", "preset", "data", "objects", "units", "up")
 
 
 class Workplace:
-    """A copy of the Makefile with programs that write down what they are called with."""
+    """A copy of the Makefile with programs that log their arguments."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -139,22 +139,22 @@ def workplace(tmp_path):
 
 
 @pytest.mark.parametrize("value", HOSTILE, ids=lambda value: value[:30])
-def test_a_value_reaches_programs_as_it_is(value, workplace):
+def test_values_reach_vt_pipeline_unchanged(value, workplace):
     values = {name.upper(): value for name in (*PASSED, "set", "workers")}
-    given = [f"{name}={one}" for name, one in values.items()]
-    for arguments, environment in ((given, {}), ([], values)):
+    assignments = [f"{name}={text}" for name, text in values.items()]
+    for arguments, environment in ((assignments, {}), ([], values)):
         assert workplace.make("-n", "summary", "sample-surfaces.0", *arguments, **environment).returncode == 0
         assert workplace.calls() == []
         assert workplace.make("sample-surfaces.0", *arguments, **environment).returncode == 0
-        taken = value.lstrip() if arguments else value  # make itself leaves leading blanks out
+        taken = value.lstrip() if arguments else value  # make drops leading blanks
         options = [word for name in PASSED for word in (f"--{name}", taken)]
-        options += [word for one in taken.split() for word in ("--set", one)]
+        options += [word for text in taken.split() for word in ("--set", text)]
         assert workplace.calls() == [["run", "sample-surfaces", *options, "--workers", taken, "--shard", "0"]]
         workplace.log.unlink()
 
 
 @pytest.mark.parametrize("target", ["summary", "renderings", "test-hands", "showcase"])
-def test_values_that_other_programs_take_reach_them_as_they_are(target, workplace):
+def test_values_reach_other_programs_unchanged(target, workplace):
     (workplace.root / ".venv-showcase").mkdir()
     (workplace.root / ".venv-showcase" / "installed").touch()
     (workplace.root / ".venv-hands").mkdir()
@@ -165,7 +165,7 @@ def test_values_that_other_programs_take_reach_them_as_they_are(target, workplac
 
 
 @pytest.mark.parametrize("value", [one for one in HOSTILE if len(one) < 100], ids=lambda value: value[:30])
-def test_names_of_networks_and_seeds_run_nothing_else(value, workplace):
+def test_hostile_configurations_and_seeds_run_no_other_command(value, workplace):
     for arguments, environment in ((("report", f"CONFIGURATIONS={value}", f"SEEDS={value}"), {}), (("report",), {"SEEDS": value})):
         workplace.make("-n", *arguments, **environment)
         assert workplace.calls() == []
@@ -175,11 +175,11 @@ def test_names_of_networks_and_seeds_run_nothing_else(value, workplace):
 
 
 @pytest.mark.parametrize("name", ["DATA", "SHARDS", "VENV", "PYTHON", "LONG", "CONFIGURATIONS"])
-def test_a_value_of_two_lines_is_refused(name, workplace):
+def test_value_with_a_line_break_is_refused(name, workplace):
     for arguments, environment in (((f"{name}=a\ntouch {CANARY}",), {}), ((), {name: f"a\ntouch {CANARY}"})):
-        done = workplace.make("-i", "sample-surfaces.0", *arguments, **environment)
-        assert done.returncode != 0
-        assert f"{name} has a line break" in done.stderr
+        result = workplace.make("-i", "sample-surfaces.0", *arguments, **environment)
+        assert result.returncode != 0
+        assert f"{name} has a line break" in result.stderr
         assert workplace.calls() == []
 
 
@@ -197,32 +197,32 @@ def test_environments_may_have_any_name(value, workplace):
     assert workplace.calls() == [["-m", "venv", f"y {value}"], install]
 
 
-def test_a_target_may_have_any_name(workplace):
+def test_hostile_targets_run_no_other_command(workplace):
     for name in (f"sample-surfaces.0;touch {CANARY}", f"sample-surfaces.`touch {CANARY}`", f"installed-';touch {CANARY};'"):
         workplace.make("-n", name)
         workplace.make(name)
 
 
 @pytest.mark.parametrize(
-    ("name", "meant"),
+    ("name", "suggestion"),
     [
         *(("UNIT", "UNITS"), ("MANIFET", "MANIFEST"), ("preset", "PRESET"), ("CONFIGURATION", "CONFIGURATIONS"), ("Worker", "WORKERS")),
         *(("FOO", ""), ("BIN", "")),
     ],
 )
-def test_a_variable_that_there_is_not_is_named(name, meant, workplace):
-    done = workplace.make("help", f"{name}=$(shell touch {CANARY})")
-    assert done.returncode != 0
-    assert f"there is no variable {name}" in done.stderr
-    assert (f", did you mean {meant}? there are MANIFEST" if meant else "; there are MANIFEST") in done.stderr
+def test_unknown_variable_is_named(name, suggestion, workplace):
+    result = workplace.make("help", f"{name}=$(shell touch {CANARY})")
+    assert result.returncode != 0
+    assert f"there is no variable {name}" in result.stderr
+    assert (f", did you mean {suggestion}? there are MANIFEST" if suggestion else "; there are MANIFEST") in result.stderr
     assert workplace.make("help", **{name: "mm"}).returncode == 0
 
 
 @pytest.mark.parametrize("seeds", ["x", "0 1.5", "-1", "0,1"])
-def test_seeds_that_are_no_numbers_stop_before_the_first_stage(seeds, workplace):
-    done = workplace.make("report", f"SEEDS={seeds}")
-    assert done.returncode != 0
-    assert f"SEEDS is {seeds}; it must be whole numbers" in done.stderr
+def test_invalid_seeds_stop_before_the_first_stage(seeds, workplace):
+    result = workplace.make("report", f"SEEDS={seeds}")
+    assert result.returncode != 0
+    assert f"SEEDS is {seeds}; it must be whole numbers" in result.stderr
     assert workplace.calls() == []
 
 
@@ -232,14 +232,14 @@ def test_tables_are_printed_once(target, pages, workplace):
     assert [call for call in workplace.calls() if call[0] == "report"] == [["report", "d", *pages]]
 
 
-def test_every_stage_is_told_which_networks_are_asked_for(workplace):
-    given = ["--set", "evaluate.configurations=[toch,none]"]
+def test_configurations_are_passed_to_every_stage(workplace):
+    option = ["--set", "evaluate.configurations=[toch,none]"]
     for targets in (["report"], ["train"], ["evaluate.0"], ["train-gcn.none.0", "dataset"]):
         assert workplace.make(*targets, "CONFIGURATIONS=toch none").returncode == 0
         calls = [call for call in workplace.calls() if call[0] == "run"]
         assert calls
         for call in calls:
-            assert any(call[at : at + 2] == given for at in range(len(call)))
+            assert any(call[at : at + 2] == option for at in range(len(call)))
         workplace.log.unlink()
 
 
@@ -247,37 +247,37 @@ def test_every_stage_is_told_which_networks_are_asked_for(workplace):
 
 
 @pytest.mark.parametrize("shards", ["0", "-1", "1.5", "10000", "99999999999", "x", "$(touch canary)", "'", "1 2", "07"])
-def test_a_number_of_shards_that_is_none_is_refused(shards, workplace):
-    done = workplace.make("-n", "dataset", f"SHARDS={shards}")
-    assert done.returncode != 0
-    assert f"SHARDS is {shards}; it must be a whole number, 1 to 9999" in done.stderr
+def test_invalid_number_of_shards_is_refused(shards, workplace):
+    result = workplace.make("-n", "dataset", f"SHARDS={shards}")
+    assert result.returncode != 0
+    assert f"SHARDS is {shards}; it must be a whole number, 1 to 9999" in result.stderr
 
 
 @pytest.mark.parametrize(
     "shards", ["0", "-1", "99999999999", "9999999", '"3"', "3.5", "null", "$(touch canary)", "'`touch canary`'", "[" * 10**6]
 )
-def test_a_damaged_number_of_shards_is_refused_where_it_is_needed_and_nowhere_else(shards, workplace):
+def test_damaged_number_of_shards_is_refused_only_where_it_is_needed(shards, workplace):
     (workplace.root / "d").mkdir()
     (workplace.root / "d" / "dataset.json").write_text(f'{{"shards": {shards}}}')
-    done = workplace.make("-n", "dataset", "DATA=d")
-    assert done.returncode != 0
-    assert "d/dataset.json is damaged" in done.stderr
+    result = workplace.make("-n", "dataset", "DATA=d")
+    assert result.returncode != 0
+    assert "d/dataset.json is damaged" in result.stderr
     assert workplace.make("help", "DATA=d").returncode == 0
     assert workplace.make("-n", "test", "DATA=d").returncode == 0
     assert workplace.make("-n", "dataset", "DATA=d", "SHARDS=2").returncode == 0
 
 
-def test_a_dataset_that_is_no_file_does_not_hold_make_up(workplace):
+def test_pipe_in_place_of_a_dataset_description_does_not_block_make(workplace):
     os.mkfifo(workplace.root / "dataset.json")
     assert "./dataset.json is damaged" in workplace.make("-n", "dataset", "DATA=.").stderr
 
 
-def test_shards_in_object_storage_are_asked_for_by_what_is_installed(workplace):
-    asked = ("-n", "summary", "DATA=s3://bucket/'`touch canary`")
+def test_shards_in_object_storage_are_read_by_the_installed_package(workplace):
+    command = ("-n", "summary", "DATA=s3://bucket/'`touch canary`")
     workplace.program(workplace.root / ".venv" / "bin" / "python", f'[ "$3" = "s3://bucket/\'\\`touch {CANARY}\\`" ] && echo 2')
-    assert len(re.findall("run 'render-vision' .* --shards 2 --shard '[01]'", workplace.make(*asked).stdout)) == 2
+    assert len(re.findall("run 'render-vision' .* --shards 2 --shard '[01]'", workplace.make(*command).stdout)) == 2
     workplace.program(workplace.root / ".venv" / "bin" / "python", "echo away >&2; exit 1")
-    assert "cannot be reached" in workplace.make(*asked).stderr
+    assert "cannot be reached" in workplace.make(*command).stderr
     (workplace.root / ".venv" / "installed").unlink()
-    assert "run `make setup` first" in workplace.make(*asked).stderr
-    assert workplace.make("help", *asked[2:]).returncode == 0
+    assert "run `make setup` first" in workplace.make(*command).stderr
+    assert workplace.make("help", *command[2:]).returncode == 0

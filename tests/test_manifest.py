@@ -1,4 +1,4 @@
-"""Manifests: what is listed, how it is split, and what is refused with which words."""
+"""Manifests: listed objects, splits, and errors."""
 
 from collections import Counter
 from pathlib import Path
@@ -53,7 +53,7 @@ def test_every_built_in_manifest_loads():
         assert load_manifest(name).name == name
 
 
-def test_toy_needs_nothing_and_has_every_split():
+def test_toy_needs_no_files_and_has_every_split():
     objects = load_manifest("toy").objects()
     assert [item.object_id for item in objects] == sorted(item.object_id for item in objects)
     assert Counter(item.category for item in objects) == dict.fromkeys(["bottle", "cellphone", "knife", "rifle", "object"], 5)
@@ -74,17 +74,17 @@ def test_toy_needs_nothing_and_has_every_split():
         ((0.05, 0.05, 0.9), 4, [1, 1, 2]),
     ],
 )
-def test_no_split_with_a_share_is_empty_where_there_are_enough_objects(shares, objects, sizes):
+def test_split_sizes_follow_the_shares_and_are_not_empty_if_possible(shares, objects, sizes):
     assert _sizes(shares, objects) == sizes
 
 
-def test_pybullet_objects_are_the_thousand_and_four():
+def test_pybullet_objects_manifest_has_1004_objects():
     objects = load_manifest("pybullet-objects").objects()
     assert len(objects) == 1004
     assert {"duck", "mug", "teddy", "bunny", "random-000", "random-999"} <= {item.object_id for item in objects}
 
 
-def test_the_warehouse_layout_is_read_and_counted(tmp_path):
+def test_warehouse_layout_is_read_and_counted(tmp_path):
     root = warehouse(tmp_path, bottle=4, knife=2, cellphone=2, rifle=2)
     loaded = load_manifest("warehouse").model_dump()
     loaded["sources"][0]["counts"] = {"bottle": 4, "knife": 2, "cellphone": 2, "rifle": 2}
@@ -96,7 +96,7 @@ def test_the_warehouse_layout_is_read_and_counted(tmp_path):
     assert objects[0].source["up"] == "y"
 
 
-def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
+def test_model_without_a_file_is_listed_and_fails_when_read(tmp_path):
     root = warehouse(tmp_path, bottle=2)
     synset = load_manifest("warehouse").sources[0].synsets["bottle"]
     (root / synset / "half-downloaded").mkdir()
@@ -107,7 +107,7 @@ def test_a_model_without_a_file_is_listed_and_fails_when_it_is_read(tmp_path):
         fingerprint(next(item.source for item in objects if "half" in item.object_id))
 
 
-def test_renderings_lie_beside_the_meshes_and_decide_nothing_of_them(tmp_path):
+def test_renderings_are_found_beside_the_meshes_and_do_not_change_fingerprints(tmp_path):
     single = load_manifest("single-image")
     for place in ("ShapeNetCore.v1/04090263/abc/model.obj", "ShapeNetCore.v1/03624134/abc/model.obj"):
         (tmp_path / place).parent.mkdir(parents=True)
@@ -127,18 +127,18 @@ def test_renderings_lie_beside_the_meshes_and_decide_nothing_of_them(tmp_path):
         single.objects(tmp_path / "empty")
 
 
-def test_the_supplements_counts_are_kept(tmp_path):
+def test_warehouse_with_other_counts_than_the_supplement_is_refused(tmp_path):
     root = warehouse(tmp_path, bottle=1, knife=1, cellphone=1, rifle=1)
     with pytest.raises(InvalidInput, match="holds 1 models of bottle, the manifest counts 487; complete or prune"):
         load_manifest("warehouse").objects(root)
 
 
-def test_a_missing_class_names_where_it_was_looked_for(tmp_path):
+def test_missing_class_is_named_with_the_expected_path(tmp_path):
     with pytest.raises(InvalidInput, match=r"no models of bottle in .*02876657; looked for MODEL/models/model_normalized.obj"):
         load_manifest("warehouse").objects(warehouse(tmp_path, knife=1))
 
 
-def test_a_source_that_states_its_split_is_left_out_of_the_drawing():
+def test_source_with_a_split_is_left_out_of_the_random_split():
     drawn = {"kind": "procedural", "licence": "x", "seed": 0, "count": {"bottle": 4}}
     stated = {"kind": "pybullet", "licence": "x", "split": "test", "files": {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj"}}}
     alone, both = ({item.object_id: item.split for item in manifest(*sources).objects()} for sources in ((drawn,), (drawn, stated)))
@@ -147,7 +147,7 @@ def test_a_source_that_states_its_split_is_left_out_of_the_drawing():
     assert Counter(item.split for item in manifest(drawn, stated, splits=counts).objects()) == {"train": 2, "valid": 1, "test": 3}
 
 
-def test_splits_that_count_must_count_right(tmp_path):
+def test_split_counts_must_sum_to_the_number_of_objects(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match=r"1298 \+ 258 \+ 175 = 1731 objects, 1 were found"):
         manifest(folder("directory", tmp_path), splits={"train": 1298, "valid": 258, "test": 175}).objects()
@@ -155,7 +155,7 @@ def test_splits_that_count_must_count_right(tmp_path):
         manifest(folder("directory", tmp_path, split="test"), splits={"train": 1, "valid": 1, "test": 0}).objects()
 
 
-def test_a_source_without_objects_is_refused_beside_others_too(tmp_path):
+def test_source_without_objects_is_refused_beside_others(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match="manifest m: a pybullet source names no objects; give it some"):
         manifest(folder("directory", tmp_path), {"kind": "pybullet", "licence": "x"}).objects()
@@ -175,7 +175,7 @@ def test_entries_of_a_folder_are_bounded(tmp_path, monkeypatch):
         manifest(folder("directory", tmp_path)).objects()
 
 
-def test_a_shapenet_models_textures_lie_beside_its_meshes(tmp_path):
+def test_textures_of_a_shapenet_model_are_companions(tmp_path):
     (item,) = manifest({"kind": "shapenet", "licence": "x", "up": "y", "synsets": {"mug": "1"}}).objects(shapenet_mug(tmp_path))
     assert "../images/a.png" in fingerprint(item.source)["file"]["companions"]
 
@@ -229,21 +229,24 @@ LAYOUTS = {
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_a_folder_per_object_is_recognised(tmp_path, layout):
+def test_layout_of_a_folder_is_recognised(tmp_path, layout):
     files, expected = LAYOUTS[layout]
     for name in files:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(CUBE)
-    made = manifest(folder("directory"))
-    found = {item.object_id: (item.category, str(Path(item.source["file"]).relative_to(tmp_path))) for item in made.objects(tmp_path)}
-    assert found == expected
-    said = "\n".join(made.remarks(tmp_path))
-    assert ("a folder per object: " in said) == (layout not in ("classes", "a class with one file"))
+    directory_manifest = manifest(folder("directory"))
+    objects = {
+        item.object_id: (item.category, str(Path(item.source["file"]).relative_to(tmp_path)))
+        for item in directory_manifest.objects(tmp_path)
+    }
+    assert objects == expected
+    remarks = "\n".join(directory_manifest.remarks(tmp_path))
+    assert ("a folder per object: " in remarks) == (layout not in ("classes", "a class with one file"))
     left_out = len(files) - len(expected)
-    assert (f"left out {left_out} file" in said) == (left_out > 0)
+    assert (f"left out {left_out} file" in remarks) == (left_out > 0)
 
 
-def test_a_manifest_states_layout_and_category_of_a_folder(tmp_path):
+def test_layout_and_category_of_a_folder_can_be_stated(tmp_path):
     for name in ("a/textured.obj", "b/textured.obj", "c/x.obj", "c/y.obj"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(CUBE)
@@ -256,7 +259,7 @@ def test_a_manifest_states_layout_and_category_of_a_folder(tmp_path):
     assert listed["folders"] == {"a": "food", "b": "food", "c": "food"}
 
 
-def test_a_folder_gives_ids_and_categories(tmp_path):
+def test_ids_and_categories_come_from_paths_in_a_folder(tmp_path):
     for name in ("cups/a b.obj", "cups/c.obj", "cups/c.stl", "bare.PLY", ".hidden/x.obj", "cups/notes.txt"):
         file = tmp_path / name
         file.parent.mkdir(exist_ok=True)
@@ -281,26 +284,26 @@ def test_a_folder_gives_ids_and_categories(tmp_path):
         ([], "has no column object_id, category, file, up"),
     ],
 )
-def test_a_catalogue_that_cannot_be_used_is_named_with_the_reason(tmp_path, lines, problem):
+def test_unusable_catalogue_is_named_with_the_reason(tmp_path, lines, problem):
     (tmp_path / "catalogue.csv").write_bytes("\n".join(lines).encode(errors="surrogateescape"))
     with pytest.raises(InvalidInput, match=f"catalogue.csv.*{problem}"):
         manifest(folder("catalogue")).objects(tmp_path)
 
 
-def test_up_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
+def test_empty_up_in_a_catalogue_is_that_of_the_source(tmp_path):
     lines = "object_id,category,file,up,licence\na,cup,a.obj,,CC0\nb,cup,b.obj,z,CC0\n"
     (tmp_path / "catalogue.csv").write_text(lines, encoding="utf-8-sig")  # with a byte-order mark, as spreadsheets save it
     ups = {item.object_id: item.source["up"] for item in manifest(folder("catalogue", up="x")).objects(tmp_path)}
     assert ups == {"a": "x", "b": "z"}
 
 
-def test_the_unit_is_the_sources_where_a_catalogue_says_nothing(tmp_path):
+def test_empty_unit_in_a_catalogue_is_that_of_the_source(tmp_path):
     (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,metres_per_unit\na,cup,a.obj,,0.001\nb,cup,b.obj,,\n")
     objects = manifest(folder("catalogue", metres_per_unit=1.0)).objects(tmp_path)
     assert {item.object_id: item.source["metres_per_unit"] for item in objects} == {"a": 0.001, "b": 1.0}
 
 
-def test_paths_count_from_the_manifest(tmp_path, monkeypatch):
+def test_paths_are_relative_to_the_manifest(tmp_path, monkeypatch):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "meshes" / "a.obj").write_text(CUBE)
     described = manifest(folder("directory", "meshes")).model_dump(mode="json")
@@ -312,18 +315,18 @@ def test_paths_count_from_the_manifest(tmp_path, monkeypatch):
         load_manifest(str(tmp_path / "mine.yml"))
 
 
-def test_household_says_how_to_get_it(tmp_path, monkeypatch):
+def test_missing_household_objects_are_reported_with_the_command_that_gets_them(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput, match=r"data/meshes/household is no folder; give a folder .*`make household`"):
         load_manifest("household").objects()
 
 
-def test_a_folder_that_no_source_takes_is_refused(tmp_path):
+def test_objects_folder_that_no_source_uses_is_refused(tmp_path):
     with pytest.raises(InvalidInput, match="manifest toy names its own objects: leave --objects"):
         load_manifest("toy").objects(tmp_path)
 
 
-def test_a_folder_goes_to_the_source_that_names_none(tmp_path):
+def test_objects_folder_goes_to_the_source_without_a_path(tmp_path):
     for name in "abc":
         (tmp_path / name).mkdir()
         (tmp_path / name / f"{name}.obj").write_text(CUBE)
@@ -336,14 +339,14 @@ def test_a_folder_goes_to_the_source_that_names_none(tmp_path):
             manifest(*sources).objects(tmp_path / "b")
 
 
-def test_no_folder_and_an_empty_one_are_errors_with_a_way_out(tmp_path):
+def test_missing_and_empty_folders_are_errors_with_a_remedy(tmp_path):
     with pytest.raises(InvalidInput, match="give a folder of meshes with --objects DIR"):
         load_manifest("directory").objects()
     with pytest.raises(InvalidInput, match="no mesh files below"):
         load_manifest("directory").objects(tmp_path)
 
 
-def test_a_checksum_that_differs_is_an_error(tmp_path):
+def test_different_checksum_is_an_error(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     right = checksum(manifest(folder("directory", tmp_path)).sources[0].find(None))
     assert len(manifest(folder("directory", tmp_path, sha256=right)).objects()) == 1
@@ -368,21 +371,21 @@ def test_a_checksum_that_differs_is_an_error(tmp_path):
         ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: .* \(it is 'mm'\)"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
+def test_fault_in_a_manifest_file_is_named(tmp_path, change, reason):
     path = tmp_path / "mine.yaml"
     path.write_text(yaml.safe_dump(load_manifest("directory").model_dump(mode="json") | change))
     with pytest.raises(InvalidInput, match=reason):
         load_manifest(str(path))
 
 
-def test_an_unknown_manifest_lists_the_known():
+def test_unknown_manifest_lists_the_built_in_ones():
     with pytest.raises(
         InvalidInput, match="built in are directory, four-classes, household, one-of-each, procedural, pybullet-objects, single-image, toy"
     ):
         load_manifest("moon")
 
 
-def test_two_objects_of_one_name_are_an_error(tmp_path):
+def test_duplicate_object_names_are_an_error(tmp_path):
     (tmp_path / "a.obj").write_text(CUBE)
     with pytest.raises(InvalidInput, match="two objects are called a"):
         manifest(folder("directory", tmp_path), folder("directory", tmp_path)).objects()
@@ -391,7 +394,7 @@ def test_two_objects_of_one_name_are_an_error(tmp_path):
         manifest(drawn | {"seed": 0}, drawn | {"seed": 1}).objects()
 
 
-def test_files_of_the_pybullet_wheel_point_up_as_their_source_says_unless_they_say():
+def test_up_of_a_pybullet_file_overrides_that_of_its_source():
     files = {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj", "up": "x"}}
     named = manifest({"kind": "pybullet", "licence": "x", "up": "y", "files": files})
     assert {item.object_id: item.source["up"] for item in named.objects()} == {"duck": "y", "bunny": "x"}
@@ -400,7 +403,7 @@ def test_files_of_the_pybullet_wheel_point_up_as_their_source_says_unless_they_s
         manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "dukc.obj"}}}).objects()
 
 
-def test_an_object_is_what_its_files_hold_wherever_they_lie(tmp_path):
+def test_fingerprint_depends_on_file_contents_and_not_on_their_folder(tmp_path):
     prints = []
     for name in ("here", "there"):
         (tmp_path / name).mkdir()
@@ -424,12 +427,12 @@ def test_names_with_control_characters_are_refused(tmp_path, character):
         load_manifest(str(tmp_path / "m.yaml"))
 
 
-def test_names_in_any_script_are_taken():
+def test_names_in_any_script_are_accepted():
     source = {"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": "می\u200cخواهم 杯\u3000"}
     assert manifest(source).objects()[0].category == source["category"]
 
 
-def test_entry_of_another_kind_of_source_is_named(tmp_path):
+def test_entry_of_another_source_kind_is_named(tmp_path):
     source = "{kind: directory, licence: CC0, path: ., files: {can: {file: can.obj, up: z}}}"
     path = tmp_path / "own.yaml"
     path.write_text(f"name: own\ndescription: d\nseed: 0\nsplits: {{train: 1, valid: 0, test: 0}}\nsources:\n  - {source}\n")

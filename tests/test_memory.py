@@ -1,4 +1,4 @@
-"""Memory stays flat: a worker that has processed many objects is no larger than one that has processed some."""
+"""Memory of workers stays flat over many objects."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ ASSIGNMENTS = [
     *("train-unet.width=2", "train-unet.epochs=1", "fit-charts.max_iterations=10"),
 ]
 GROWTH_MB = 30
-"""Less than a tenth of a megabyte an object: below every leak known of these libraries (0.2 and 13 MB)."""
+"""Less than 0.1 MB per object: below every known leak of these libraries (0.2 and 13 MB)."""
 
 
-def children() -> dict[str, float]:
+def usage_of_children() -> dict[str, float]:
     """Measure the resident memory of this process's children, in MB, and count their open files."""
     megabytes, files = 0.0, 0
     for status in Path("/proc").glob("[0-9]*/status"):
@@ -44,14 +44,14 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in GRASP_STAGES:
         stage = load_stage(name)
-        if isinstance(stage, DatasetStage) and name != "train-unet":  # whose model fit-charts reads
+        if isinstance(stage, DatasetStage) and name != "train-unet":  # fit-charts reads its model
             continue
         (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
         if isinstance(plan.output, ShardOutput):
             units, work = [unit for unit in plan.units if not unit.failure], Work(stage, plan.settings, tmp_path, plan.model_digests)
             with Dask() as executor:
-                seen = [children() for _ in executor.run(work, units)]
-            print(f"{name}: {seen[49]} at object 50, {seen[-1]} at object {len(seen)}")
-            assert seen[-1]["megabytes"] - seen[49]["megabytes"] < GROWTH_MB
-            assert seen[-1]["files"] <= seen[49]["files"]
+                usage = [usage_of_children() for _ in executor.run(work, units)]
+            print(f"{name}: {usage[49]} at object 50, {usage[-1]} at object {len(usage)}")
+            assert usage[-1]["megabytes"] - usage[49]["megabytes"] < GROWTH_MB
+            assert usage[-1]["files"] <= usage[49]["files"]
         run(plan, errors)

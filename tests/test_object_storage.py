@@ -1,4 +1,4 @@
-"""Every stage with its data in object storage, by the command line: what is made is what is made on a disk, whatever the server does."""
+"""Every stage run from the command line gives the same digests in object storage as on a disk, even if the server restarts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def address(request) -> Iterator[str]:
             yield address
 
 
-def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monkeypatch, tmp_path):  # noqa: F811
+def test_every_stage_gives_the_same_digests_as_on_a_disk(address, manifest, made, monkeypatch, tmp_path):  # noqa: F811
     use(monkeypatch, address, tmp_path / "cache")
     data = f"s3://{BUCKET}/four"
     for stage in GRASP_STAGES:
@@ -48,7 +48,7 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
         assert "up to date" in vt(*run_of(stage, manifest, data))
     assert vt("validate", data).count(": valid") == 7 * 3 + 5 - 7 * _empty(data)
     assert files_below(place(data) / ".work") == {}
-    here, there = (GraspDataset(where, ["tactile_image", "local_points"], split=None) for where in (made, data))
+    here, there = (GraspDataset(directory, ["tactile_image", "local_points"], split=None) for directory in (made, data))
     assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("tactile_image", "local_points"))
     assert open_artifact(data, "touch").depth.equals(open_artifact(made, "touch").depth)
     vt("summary", data)
@@ -59,17 +59,17 @@ def test_every_stage_makes_what_it_makes_on_a_disk(address, manifest, made, monk
 
 
 def _empty(data: str) -> int:
-    """How many of three shards no object is in."""
+    """Count the shards, of three, that hold no object."""
     return 3 - sum(name.endswith(".json") for name in list_folder(place(data) / "surfaces"))
 
 
-def test_a_server_that_is_killed_and_started_again_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811
+def test_restarted_server_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811
     use(monkeypatch, seaweed.address, tmp_path / "cache")
     data, stages = f"s3://{BUCKET}/killed", [name for name in GRASP_STAGES if name.startswith(("sample", "simulate"))]
-    away = threading.Event()
+    finished = threading.Event()
 
     def kill_and_start() -> None:
-        while not away.wait(8):
+        while not finished.wait(8):
             seaweed.kill()
             time.sleep(3)
             seaweed.start()
@@ -80,7 +80,7 @@ def test_a_server_that_is_killed_and_started_again_is_waited_for(seaweed, manife
         for stage in stages:
             vt(*run_of(stage, manifest, data, "--executor", "serial"))
     finally:
-        away.set()
+        finished.set()
         killer.join()
     artifacts = ("surfaces", "grasps", "touch")
     assert {name: digests(data)[name] for name in artifacts} == {name: digests(made)[name] for name in artifacts}

@@ -1,4 +1,4 @@
-"""A toy shard through every stage there is, by the command line: made, skipped, killed, split, changed."""
+"""Every stage, run from the command line on four objects: made, skipped, killed, resharded, changed."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ UNEXPLAINED = ("min D", "looked up", "2A/", "closure 0", "sampling floor", "supp
 SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
 PARALLEL = ("simulate-grasps", "render-vision")
 SEEN = {"train-unet": 3, "train-touch": 3, "train-gcn": 3, "train-implicit": 3}
-"""How many of the four objects a dataset stage looks at."""
+"""Number of the four objects that a dataset stage reads."""
 
 
 @pytest.fixture(scope="module")
 def manifest(tmp_path_factory) -> Path:
-    """Four objects: two modelled, two from files."""
+    """Write a manifest of four objects: two procedural, two from files."""
     path = tmp_path_factory.mktemp("manifest") / "four.yaml"
     sources = [
         {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 1, "knife": 1}},
@@ -76,9 +76,9 @@ def run_of(stage: str, manifest: Path, data: Path, *more: str) -> list[str]:
 
 def vt(*arguments: str | Path) -> str:
     """Run a command of `vt-pipeline` in this process, where torch is imported once, and return its output."""
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    return done.output
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    assert result.exit_code == 0, result.output
+    return result.output
 
 
 def digests(data: Path) -> dict[str, str]:
@@ -90,19 +90,19 @@ def digests(data: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def made(manifest, tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    for stage in GRASP_STAGES:  # what draws or simulates, in processes of its own too
+    for stage in GRASP_STAGES:  # grasps and renderings also run in worker processes
         vt(*run_of(stage, manifest, data, *(("--workers", "2") if stage in PARALLEL else ("--executor", "serial"))))
     return data
 
 
-def test_every_artifact_is_there_and_valid(made):
+def test_every_artifact_exists_and_is_valid(made):
     artifacts = {load_stage(name).output.name for name in SHARDED}
     folders = {"models/unet", "models/touch", "models/gcn/occluded-touch", "models/implicit/implicit-unoccluded", "evaluation"}
     assert set(digests(made)) == artifacts | folders
     assert vt("validate", str(made)).count(": valid") == len(artifacts | folders) + (made / "report").exists()
 
 
-def test_again_nothing_is_done_and_no_file_changes(manifest, made):
+def test_second_run_changes_no_file(manifest, made):
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     for stage in GRASP_STAGES:
         assert f"up to date, {SEEN.get(stage, 4)} objects" in vt(*run_of(stage, manifest, made))
@@ -110,22 +110,22 @@ def test_again_nothing_is_done_and_no_file_changes(manifest, made):
 
 
 @pytest.mark.slow
-def test_killed_in_every_stage_and_run_again_the_digests_are_equal(manifest, made, tmp_path):
+def test_killed_and_continued_stages_give_equal_digests(manifest, made, tmp_path):
     for stage in GRASP_STAGES:
-        kept = ".work/models/**/.checkpoint.safetensors" if stage.startswith("train") else ".work/*/rows/*/*.row"
+        leftovers = ".work/models/**/.checkpoint.safetensors" if stage.startswith("train") else ".work/*/rows/*/*.row"
         if stage != "evaluate":  # one model of one object: nothing to keep
-            kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, kept)
-        again = vt(*run_of(stage, manifest, tmp_path, "--executor", "serial"))
-        assert "made 4 objects" not in again  # at least one piece was kept
+            kill_midway(run_of(stage, manifest, tmp_path, "--workers", "1"), tmp_path, leftovers)
+        output = vt(*run_of(stage, manifest, tmp_path, "--executor", "serial"))
+        assert "made 4 objects" not in output  # at least one piece was kept
     assert digests(tmp_path) == digests(made)
 
 
-def kill_midway(run: list[str], data: Path, kept: str) -> None:
+def kill_midway(run: list[str], data: Path, leftovers: str) -> None:
     """Kill a run, and nothing else, as soon as it has finished an object or step; its workers must end by themselves."""
     command = [sys.executable, "-m", "pipeline", *run]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
     try:
-        while not [*data.glob(kept)]:
+        while not [*data.glob(leftovers)]:
             assert process.poll() is None, "the run ended before it could be killed"
             time.sleep(0.002)
     finally:
@@ -145,9 +145,9 @@ def group_lives(group: int) -> bool:
     return True
 
 
-def test_shards_change_no_digest(manifest, made, tmp_path):
+def test_digests_do_not_depend_on_shards(manifest, made, tmp_path):
     for stage in SHARDED:
-        if stage == "fit-charts":  # with the model that is there: whole runs are compared above
+        if stage == "fit-charts":  # with the model made above: whole runs are compared in another test
             shutil.copytree(made / "models", tmp_path / "models")
             for family in ("gcn", "implicit"):
                 shutil.rmtree(tmp_path / "models" / family)
@@ -155,7 +155,7 @@ def test_shards_change_no_digest(manifest, made, tmp_path):
             vt(*run_of(stage, manifest, tmp_path, "--shards", "2", "--shard", str(number), "--executor", "serial"))
     whole = digests(made)
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
-    assert len(digests(tmp_path)) == len(SHARDED) + 2  # of the models that were copied: those that read tactile images
+    assert len(digests(tmp_path)) == len(SHARDED) + 2  # the copied models that read tactile images
     vt("reshard", str(tmp_path), "3")
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
     assert "up to date" in vt(*run_of("simulate-touch", manifest, tmp_path))
@@ -169,15 +169,15 @@ print(json.dumps([CliRunner().invoke(app, arguments).output for arguments in jso
 """
 
 
-@pytest.mark.slow  # tests/engine/test_keys.py holds the same of hashes
-def test_a_changed_line_in_a_kernel_rebuilds_what_stands_on_it_and_nothing_else(manifest, made, tmp_path):
+@pytest.mark.slow  # tests/engine/test_keys.py checks the hashes
+def test_changed_kernel_makes_only_dependent_stages_run_again(manifest, made, tmp_path):
     for package in ("pipeline", "stages", "schemas", "data_manifests"):
         shutil.copytree(ROOT / package, tmp_path / package)
     source = tmp_path / "pipeline/kernels/touch/tactile_image.py"
     source.write_text(source.read_text() + "\nCHANGED = True\n")
-    asked = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
-    said = json.loads(subprocess.check_output(asked, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
-    assert [stage for stage, words in zip(GRASP_STAGES, said, strict=True) if "would " in words] == [
+    command = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
+    outputs = json.loads(subprocess.check_output(command, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
+    assert [stage for stage, words in zip(GRASP_STAGES, outputs, strict=True) if "would " in words] == [
         "simulate-touch",
         "simulate-presses",
         "train-touch",
@@ -195,11 +195,11 @@ def test_grasps_are_read_as_tensors(made):
     assert item["tactile_image"].shape == (4, 100, 100, 3)
     depth, count = item["depth"].numpy(), item["local_count"].numpy()
     np.testing.assert_array_equal(count, (depth < np.float32(6.8e-3)).sum(axis=(1, 2)))
-    everyone = {split: GraspDataset(made, ["points"], split).items for split in ("train", "valid", "test")}
-    assert len({name for items in everyone.values() for name, _ in items}) == 4
+    items_of_split = {split: GraspDataset(made, ["points"], split).items for split in ("train", "valid", "test")}
+    assert len({name for items in items_of_split.values() for name, _ in items}) == 4
 
 
-def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_path):
+def test_recomputed_points_equal_the_stored_points_bit_for_bit(manifest, made, tmp_path):
     shutil.copytree(made, tmp_path / "stored")
     vt(*run_of("simulate-touch", manifest, tmp_path / "stored", "--set", "store_points=true"))
     names = ("local_points", "local_count")
@@ -209,7 +209,7 @@ def test_recomputed_points_are_the_stored_ones_to_the_bit(manifest, made, tmp_pa
             np.testing.assert_array_equal(stored[index][name].numpy(), recomputed[index][name].numpy())
 
 
-def test_a_split_or_array_that_is_not_there_is_named(made, tmp_path):
+def test_missing_artifact_or_array_is_named(made, tmp_path):
     with pytest.raises(StoreError, match="no artifact has an array taste"):
         GraspDataset(made, ["taste"])
     with pytest.raises(StoreError, match="surfaces has not been made; run `vt-pipeline run sample-surfaces` first"):
@@ -227,7 +227,7 @@ def test_xarray_opens_the_same_store_with_labels(made):
     assert grasps.sel(object="duck").category == "object"
 
 
-def test_a_summary_draws_contact_sheets_once(made):
+def test_summary_draws_contact_sheets_once(made):
     first = vt("summary", str(made))
     assert "% successful" in first
     sheets = sorted(made.glob("contact-sheet*.png"))
@@ -237,21 +237,21 @@ def test_a_summary_draws_contact_sheets_once(made):
     assert [path.stat().st_mtime_ns for path in sheets] == before
 
 
-def test_a_summary_without_images_is_its_statistics(made, tmp_path):
+def test_summary_without_renderings_prints_statistics_only(made, tmp_path):
     for name in ("surfaces", "grasps", "touch"):
         shutil.copytree(made / name, tmp_path / name)
-    said = vt("summary", tmp_path)
-    assert "% successful" in said
-    assert "no contact sheets: vision has not been made" in said
+    output = vt("summary", tmp_path)
+    assert "% successful" in output
+    assert "no contact sheets: vision has not been made" in output
 
 
-def test_a_report_says_what_was_evaluated_and_draws_it(made):
-    alone = vt("report", str(made), "--no-pages")
-    said = vt("report", str(made))
-    assert said.startswith(alone)
-    assert "report: " not in alone
-    assert said.count("Table 3:") == 1
-    assert "Do the orderings of Smith et al. 2020 hold?" in said
+def test_report_shows_tables_figures_and_scenes_of_the_evaluation(made):
+    tables = vt("report", str(made), "--no-pages")
+    output = vt("report", str(made))
+    assert output.startswith(tables)
+    assert "report: " not in tables
+    assert output.count("Table 3:") == 1
+    assert "Do the orderings of Smith et al. 2020 hold?" in output
     report = made / "report"
     assert (report / "figures" / "reconstructions.png").stat().st_size > 10_000
     with Image.open(report / "figures" / "local-shape.png") as picture:
@@ -267,8 +267,8 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
     assert pages["index.html"].count("figures/overview-") == 6
     assert "reconstruction: occluded-touch" in pages["index.html"]
     for name, page in pages.items():
-        shown = re.sub(r'data:[^"]+', "", page)
-        assert not [words for words in UNEXPLAINED if words in shown], name
+        visible = re.sub(r'data:[^"]+', "", page)
+        assert not [words for words in UNEXPLAINED if words in visible], name
     test = GraspDataset(made, ["points"], "test").items[0][0]
     assert re.search(r'<option value="occluded-touch-[15]" selected>occluded-touch, [15] grasps?, [0-9.]+ mm', pages[f"{test}.html"])
     scene = trimesh.load(io.BytesIO(scene_of(report / "objects" / "duck.mesh.js")), file_type="glb")
@@ -281,7 +281,7 @@ def test_a_report_says_what_was_evaluated_and_draws_it(made):
 
 
 @pytest.mark.slow
-def test_a_report_of_another_training_alone_shows_its_results(made, tmp_path):
+def test_report_shows_the_results_of_another_training_seed(made, tmp_path):
     data = shutil.copytree(made, tmp_path / "data")
     (data / "evaluation.json").rename(data / "evaluation-seed-1.json")
     shutil.rmtree(data / "report", ignore_errors=True)
@@ -290,7 +290,7 @@ def test_a_report_of_another_training_alone_shows_its_results(made, tmp_path):
     assert (data / "report" / "figures" / "reconstructions.png").exists()
 
 
-def test_a_scene_of_one_object_becomes_a_file(made, tmp_path):
+def test_export_writes_the_scene_of_one_object(made, tmp_path):
     vt("export", made, tmp_path / "duck.glb", "--object", "duck")
     nodes = set(trimesh.load(tmp_path / "duck.glb").graph.nodes)
     assert {"object", "grasp-0-hand", "grasp-4-sensors"} <= nodes
@@ -302,38 +302,38 @@ def scene_of(script: Path) -> bytes:
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/guide/reading.md"])
-def test_python_in_the_documents_runs(page, made):
+def test_python_code_in_the_documents_runs(page, made):
     blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / page).read_text(), re.MULTILINE | re.DOTALL)
     assert blocks
     for block in blocks:
         exec(block.replace("data/toy/draft", str(made)), {})  # as a reader would paste it
 
 
-def test_one_grasp_becomes_a_mesh_file(made, tmp_path):
+def test_predict_writes_a_mesh_file_for_one_grasp(made, tmp_path):
     test = GraspDataset(made, ["points"], "test").items[0][0]
-    asked = ["--data", str(made), "--object", test, "--grasp", "2", "--configuration", "occluded-touch"]
-    vt("predict", str(tmp_path / "out.ply"), *asked)
+    options = ["--data", str(made), "--object", test, "--grasp", "2", "--configuration", "occluded-touch"]
+    vt("predict", str(tmp_path / "out.ply"), *options)
     apart, joined = (trimesh.load(tmp_path / name, process=False) for name in ("out.ply", "out-joined.ply"))
     assert len(apart.vertices) >= 1824
     assert len(joined.vertices) == len(apart.vertices) - 1824 + 1154
     assert np.isfinite(apart.vertices).all()
-    said = vt("predict", str(tmp_path / "closed.ply"), *asked, "--surface", "closed", "--resolution", "32")
-    assert "closed.ply: closed, " in said
+    output = vt("predict", str(tmp_path / "closed.ply"), *options, "--surface", "closed", "--resolution", "32")
+    assert "closed.ply: closed, " in output
     assert trimesh.load(tmp_path / "closed.ply", process=False).is_watertight
 
 
-def test_a_sweep_trains_every_point_once_and_ranks_them(manifest, made):
+def test_sweep_trains_every_point_once_and_ranks_them(manifest, made):
     sets = [part for assignment in [*ASSIGNMENTS, "train-gcn.configuration=none", "train-gcn.epochs=1"] for part in ("--set", assignment)]
-    asked = ["sweep", "train-gcn", "--manifest", str(manifest), "--data", str(made), *sets]
-    first = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
+    command = ["sweep", "train-gcn", "--manifest", str(manifest), "--data", str(made), *sets]
+    first = vt(*command, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
     assert first.count("up to date") == 0
     assert "best loss" in first
-    again = vt(*asked, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
+    again = vt(*command, "--grid", "gcn_features=6,12", "--grid", "learning_rate=1e-3")
     assert again.count("up to date") == 2
-    assert vt(*asked, "--dry-run").count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
+    assert vt(*command, "--dry-run").count("sweeps/train-gcn/none/") == 3**3  # the supplement's grid
 
 
-def test_the_overview_picture_shows_a_test_object(made, tmp_path):
+def test_overview_picture_shows_a_test_object(made, tmp_path):
     (object_id,) = ObjectRows(made, ["points"], "test").object_ids
     draw_overview(made, object_id, tmp_path / "overview.png")
     assert (tmp_path / "overview.png").stat().st_size > 10_000

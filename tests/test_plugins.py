@@ -1,4 +1,4 @@
-"""Packages that bring sensors, stages and schemas: the example is installed and used, broken ones are named and break nothing else."""
+"""Packages can add sensors, stages and schemas; broken packages are named and do not affect other commands."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ print(json.dumps([imported, "vt_press.stage" in sys.modules, said]))
 
 
 def install(folder: Path, name: str, groups: dict[str, dict[str, str]], files: dict[str, str]) -> None:
-    """Lay down what `pip install --target` would: the files, and the metadata with the entry points."""
+    """Write the files and the metadata with entry points that `pip install --target` would write."""
     for file, text in files.items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_text(text)
@@ -60,18 +60,18 @@ def install_example(folder: Path) -> None:
 
 
 def run_with(site: Path, *commands: list[str]) -> tuple[bool, bool, list[tuple[int, str]]]:
-    """Run commands in one process that finds packages in `site`: whether the example is imported before and after, and what they say."""
+    """Run commands in one process that finds packages in `site`; return whether the example is imported before and after, and outputs."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(EXAMPLE.parents[1])]), "PYTHONDONTWRITEBYTECODE": "1"}
-    asked = [sys.executable, "-c", COMMANDS, json.dumps(commands)]
-    done = subprocess.run(asked, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    before, after, said = json.loads(done.stdout)
-    return before, after, [(code, words) for code, words in said]
+    command = [sys.executable, "-c", COMMANDS, json.dumps(commands)]
+    completed = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
+    before, after, outputs = json.loads(completed.stdout)
+    return before, after, [(code, words) for code, words in outputs]
 
 
 @pytest.fixture(scope="module")
 def balls_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
-    """Touches of one ball, and the options that name its manifest."""
+    """Make touches of one ball; return its data directory and the options that name its manifest."""
     folder = tmp_path_factory.mktemp("balls")
     balls.make_data(folder / "data", 1)
     (folder / "meshes").mkdir()
@@ -82,16 +82,16 @@ def balls_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]
     return folder / "data", ["--manifest", str(folder / "balls.yaml"), "--objects", str(folder / "meshes"), "--data", str(folder / "data")]
 
 
-def test_stage_of_another_package_runs_is_read_and_follows_its_code(balls_run: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_stage_of_another_package_runs_and_its_key_follows_its_code(balls_run: tuple[Path, list[str]], tmp_path: Path) -> None:
     data, options = balls_run
     site = tmp_path / "site"
     install_example(site)
     run = ["run", "measure-press", *options]
     serial = [*run, "--executor", "serial"]
-    read = (
+    expression = (
         f"__import__('pipeline.dataset.object_rows').dataset.object_rows.ObjectRows({str(data)!r}, ['press'], 'test').read('press', 'a')[0]"
     )
-    before, after, said = run_with(
+    before, after, outputs = run_with(
         site,
         [*run, "--workers", "1"],
         serial,
@@ -99,19 +99,19 @@ def test_stage_of_another_package_runs_is_read_and_follows_its_code(balls_run: t
         ["validate", str(data)],
         ["stages"],
         [*serial, "--set", "leest=1"],
-        ["=", read],
+        ["=", expression],
         ["check", "gel_25mm", "--picture", str(tmp_path / "gel.png")],
         ["=", "__import__('stages.registry').registry.load_trade('measure-press').metric"],
         ["tradeoff", "fly"],
     )
-    words = [line for _, line in said]
+    words = [line for _, line in outputs]
     assert (before, after) == (False, True)
     assert words[8] == "press missed"
     assert re.search("unknown trade fly.*simulate-touch.*measure-press", words[9])
     assert "made 1 object " in words[0]
     assert "up to date, 1 object" in words[1]
     assert "press" in words[2]
-    assert said[3][0] == 0, words[3]
+    assert outputs[3][0] == 0, words[3]
     assert "press/0000-of-0001.json" in words[3].replace(" ", "")
     assert "measure-press How deep each touch presses into the gel. reads touch; writes press" in words[4]
     assert "did you mean least?" in words[5]
@@ -144,13 +144,13 @@ def test_broken_packages_are_named_and_other_commands_work(balls_run: tuple[Path
     install(site, "vt-broken", groups, {f"vt_broken/{name}": text for name, text in (files | sensors).items()})
     shutil.copytree(data, damaged := tmp_path / "damaged")
     shutil.copytree(data / "touch", damaged / "wing")
-    new = ["--dry-run", "--data", str(tmp_path / "data")]
-    _, _, said = run_with(
+    dry_run = ["--dry-run", "--data", str(tmp_path / "data")]
+    _, _, outputs = run_with(
         site,
         ["run", "fly", *options],
         ["run", "simulate-touch", *options],
-        ["run", "sample-surfaces", *new, "--set", "hand=allegro_right"],
-        ["run", "simulate-grasps", *new, "--set", "hand=nobody"],
+        ["run", "sample-surfaces", *dry_run, "--set", "hand=allegro_right"],
+        ["run", "simulate-grasps", *dry_run, "--set", "hand=nobody"],
         ["stages"],
         ["status", str(data)],
         ["validate", str(data)],
@@ -159,8 +159,8 @@ def test_broken_packages_are_named_and_other_commands_work(balls_run: tuple[Path
         ["status", str(damaged)],
         ["validate", str(damaged)],
     )
-    assert [code for code, _ in said] == [1, 1, 0, 1, 0, 0, 0, 1, 0, 1, 1]
-    words = [line for _, line in said]
+    assert [code for code, _ in outputs] == [1, 1, 0, 1, 0, 0, 0, 1, 0, 1, 1]
+    words = [line for _, line in outputs]
     assert "fly of package vt-broken: vt_broken.stage:Fly cannot be imported: ModuleNotFoundError: No module named 'rotor'" in words[0]
     assert "line 1); fix it, or `pip uninstall vt-broken`" in words[0]
     assert "stage simulate-touch is provided by more than one package: vt-pipeline, vt-broken" in words[1]

@@ -1,4 +1,4 @@
-"""Presses as the library makes them: of reliefs, of objects to a depth, and with an elastic gel."""
+"""Presses of the library: reliefs, objects to a depth, elastic gels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def facing(distance: float) -> np.ndarray:
     return pose_at(np.zeros(3), np.array([0.0, 0.6, 0.8]), distance)
 
 
-def test_a_relief_and_the_object_that_it_is_of_give_the_same_touch():
+def test_relief_and_mesh_of_one_shape_give_the_same_touch():
     relief, ball = vt.press(RELIEF, SENSOR, depth=6e-4), vt.press(BALL, SENSOR, facing(0.012), depth=6e-4)
     deep = relief.contact & ball.contact
     assert deep.sum() > 0.95 * relief.contact.sum()
@@ -36,24 +36,24 @@ def test_a_relief_and_the_object_that_it_is_of_give_the_same_touch():
     assert relief.gel.contact.sum() <= relief.contact.sum()
 
 
-def test_an_object_without_a_depth_is_pressed_where_the_pose_says():
+def test_press_without_a_depth_equals_touch_at_the_pose():
     pose = facing(RADIUS + SENSOR.w - 3e-4)
     assert (vt.press(BALL, SENSOR, pose).depth == vt.touch(BALL, SENSOR, pose).depth).all()
 
 
-def test_an_elastic_gel_gives_pressure_and_force_and_the_rest_none():
+def test_only_elastic_gels_give_pressure_and_force():
     touch, deeper = vt.press(RELIEF, ELASTIC, depth=5e-4), vt.press(RELIEF, ELASTIC, depth=6e-4)
     stiff = 2e5 / (1 - 0.48**2)
     assert touch.force == pytest.approx(4 / 3 * stiff * np.sqrt(RADIUS) * 5e-4**1.5, rel=0.05)  # Hertz has a paraboloid, not a ball
     assert deeper.force > touch.force
     assert touch.pressure.sum() * np.prod(ELASTIC.pitch) == pytest.approx(touch.force)
-    assert touch.contact_area == pytest.approx(np.pi * RADIUS * 5e-4, rel=0.06)  # half of what the ball cuts out of the gel's plane
+    assert touch.contact_area == pytest.approx(np.pi * RADIUS * 5e-4, rel=0.06)  # half the area that the ball cuts out of the gel's plane
     assert len(touch.points) == (touch.pressure > 0).sum()
     with pytest.raises(vt.InvalidInput, match="sensor gelsight has no elastic gel, so pressure is not known; give its file `gel:"):
         _ = vt.press(RELIEF, SENSOR, depth=5e-4).force
 
 
-def test_noise_is_drawn_where_a_generator_is_given():
+def test_noise_is_drawn_with_a_generator_only():
     noisy = SENSOR.model_copy(update={"noise": 2.0})
     clean = vt.press(RELIEF, noisy, depth=5e-4).image.astype(int)
     assert 1 < np.abs(vt.press(RELIEF, noisy, depth=5e-4, rng=np.random.default_rng(0)).image - clean).mean() < 3
@@ -63,7 +63,7 @@ def test_noise_is_drawn_where_a_generator_is_given():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "error", "message"),
+    ("call", "error", "message"),
     [
         (lambda: vt.press(RELIEF, SENSOR), TypeError, "give its depth and no pose"),
         (lambda: vt.press(RELIEF, SENSOR, np.eye(4), depth=1e-3), TypeError, "give its depth and no pose"),
@@ -80,6 +80,6 @@ def test_noise_is_drawn_where_a_generator_is_given():
         (lambda: vt.load_sensor("gelsight", shape=(1, 1)), vt.InvalidInput, "these are 1 x 1"),
     ],
 )
-def test_what_cannot_be_pressed_is_named(wrong, error, message):
+def test_what_cannot_be_pressed_is_named(call, error, message):
     with pytest.raises(error, match=message):
-        wrong()
+        call()

@@ -1,4 +1,4 @@
-"""The four stages of a dataset give the same bytes on every processor, as far as this one can imitate others."""
+"""The four stages of a dataset give the same bytes on every processor that this one can imitate."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ app(["status", data, "--json"], standalone_mode=False)
 
 
 def digests(folder: Path, **variables: str) -> dict[str, str]:
-    """Compute the digest of each artifact of a small dataset, made in a process with these environment variables."""
+    """Make a small dataset in a process with these environment variables; return the digest of each artifact."""
     manifest = folder / "manifest.yaml"
     splits = {"train": 1.0, "valid": 0.0, "test": 0.0}
     manifest.write_text(yaml.safe_dump({"name": "small", "description": "d", "seed": 0, "splits": splits, "sources": OBJECTS}))
     command = [sys.executable, "-c", MAKE, str(manifest), str(folder / "data"), *SETTINGS]
-    done = subprocess.run(command, env={**os.environ, **variables}, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    report = json.loads(done.stdout.partition("status\n")[2])
+    completed = subprocess.run(command, env={**os.environ, **variables}, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    report = json.loads(completed.stdout.partition("status\n")[2])
     assert len(report) == 4
     assert not any(artifact["failures"] for artifact in report.values()), report
     return {name: artifact["digest"] for name, artifact in report.items()}
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory) -> dict[str, str]:
+def reference_digests(tmp_path_factory) -> dict[str, str]:
     """Compute the digests with all of this processor's features."""
     return digests(tmp_path_factory.mktemp("here"))
 
 
 @pytest.mark.parametrize("profile", [pytest.param("haswell", marks=pytest.mark.slow), "prescott"])
-def test_a_dataset_has_the_same_digests_as_on_another_processor(profile, here, tmp_path) -> None:
+def test_digests_do_not_depend_on_the_processor(profile, reference_digests, tmp_path) -> None:
     variables = environment(profile)
     del variables["GLIBC_TUNABLES"]  # PyBullet takes sines from the C library: without FMA, joints rest up to 2e-15 rad elsewhere
-    assert digests(tmp_path, **variables) == here
+    assert digests(tmp_path, **variables) == reference_digests

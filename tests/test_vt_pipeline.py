@@ -26,7 +26,7 @@ def poses(count: int) -> np.ndarray:
     return np.stack([pose_at(RADIUS * axis, -axis, SENSOR.w - PRESSED) for axis in axes])
 
 
-def test_touch_of_a_ball_is_that_of_the_kernels_and_of_a_sphere() -> None:
+def test_touch_of_a_ball_matches_the_kernels_and_the_sphere() -> None:
     (pose,) = poses(1)
     touch = vt.touch(BALL, SENSOR, pose)
     exact = ray_depth(BALL.faces, pose, SENSOR)
@@ -36,7 +36,7 @@ def test_touch_of_a_ball_is_that_of_the_kernels_and_of_a_sphere() -> None:
     assert touch.contact_area == pytest.approx(np.pi * (2 * RADIUS * PRESSED - PRESSED**2), rel=0.02)
     assert touch.points.shape == touch.normals.shape == (touch.contact.sum(), 3)
     radii = np.linalg.norm(touch.points, axis=1)
-    assert np.abs(radii - RADIUS).max() < 5e-5  # the mesh lies so far inside the sphere
+    assert np.abs(radii - RADIUS).max() < 5e-5  # distance of the mesh from the sphere
     cosine = (touch.points / radii[:, None] * touch.normals).sum(axis=1)
     assert np.median(cosine) > 0.999
     assert cosine.min() > 0.95
@@ -44,8 +44,8 @@ def test_touch_of_a_ball_is_that_of_the_kernels_and_of_a_sphere() -> None:
     assert np.abs(touch.difference).max() > 20
 
 
-def test_object_and_sensor_move_together_and_apart(rng: np.random.Generator) -> None:
-    """Moved both alike, nothing changes but the points' place."""
+def test_touch_depends_only_on_the_relative_pose_of_object_and_sensor(rng: np.random.Generator) -> None:
+    """Moving both alike changes only the positions of the points."""
     (pose,) = poses(1)
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = random_rotation(rng), rng.uniform(-1, 1, 3)
@@ -57,19 +57,19 @@ def test_object_and_sensor_move_together_and_apart(rng: np.random.Generator) -> 
     assert not vt.touch(BALL, SENSOR, pose, object_pose=away).success
 
 
-def test_many_touches_are_those_of_one_at_a_time_for_any_number_of_processes() -> None:
-    some = poses(7)
-    alone, shared = vt.touch_many(BALL, SENSOR, some, workers=1), vt.touch_many(BALL, SENSOR, some, workers=3)
+def test_touch_many_equals_single_touches_for_any_number_of_processes() -> None:
+    sensor_poses = poses(7)
+    alone, shared = vt.touch_many(BALL, SENSOR, sensor_poses, workers=1), vt.touch_many(BALL, SENSOR, sensor_poses, workers=3)
     assert len(shared) == 7
-    for number, pose in enumerate(some):
-        one = vt.touch(BALL, SENSOR, pose)
+    for number, pose in enumerate(sensor_poses):
+        single = vt.touch(BALL, SENSOR, pose)
         for many in (alone, shared):
-            assert (many[number].depth == one.depth).all()
-            assert (many.image[number] == one.image).all()
+            assert (many[number].depth == single.depth).all()
+            assert (many.image[number] == single.image).all()
     assert len(vt.touch_many(BALL, SENSOR, np.zeros((0, 4, 4)))) == 0
 
 
-def test_a_pose_that_is_no_motion_and_a_file_that_is_no_mesh_are_refused(tmp_path: Path) -> None:
+def test_pose_that_is_not_rigid_and_invalid_mesh_file_are_refused(tmp_path: Path) -> None:
     with pytest.raises(vt.InvalidInput, match="not a rigid motion"):
         vt.touch(BALL, SENSOR, 2 * np.eye(4))
     with pytest.raises(vt.InvalidInput, match="not a rigid motion"):
@@ -79,7 +79,7 @@ def test_a_pose_that_is_no_motion_and_a_file_that_is_no_mesh_are_refused(tmp_pat
         vt.load_object(tmp_path / "mug.glb")
 
 
-def test_files_names_and_a_single_pose_are_taken_as_they_are(tmp_path: Path) -> None:
+def test_files_sensor_names_and_a_single_pose_are_accepted(tmp_path: Path) -> None:
     MESH.export(tmp_path / "ball.stl")
     pose = np.eye(4)
     pose[2, 3] = -RADIUS - 0.004
@@ -89,19 +89,19 @@ def test_files_names_and_a_single_pose_are_taken_as_they_are(tmp_path: Path) -> 
     many = vt.touch_many(loaded, "gel_16mm", pose)
     assert len(many) == 1
     assert (many[0].depth == by_name.depth).all()
-    for shown in (loaded, by_name, many):
-        assert len(repr(shown)) < 100
+    for value in (loaded, by_name, many):
+        assert len(repr(value)) < 100
 
 
-def test_an_untouched_image_is_that_of_a_sensor_its_name_or_its_file() -> None:
+def test_untouched_image_accepts_a_sensor_or_its_name() -> None:
     np.testing.assert_array_equal(vt.untouched_image("gel_16mm"), vt.untouched_image(vt.load_sensor("gel_16mm")))
 
 
-def test_a_sensor_is_shown_in_a_line() -> None:
+def test_sensor_is_printed_in_one_line() -> None:
     assert str(vt.load_sensor("gelsight_mini")) == "Sensor(gelsight_mini, (240, 320) pixels, 20.3 mm wide)"
 
 
-def test_what_is_neither_object_nor_sensor_is_named() -> None:
+def test_wrong_object_or_sensor_argument_is_named() -> None:
     with pytest.raises(vt.InvalidInput, match=r"nope\.obj: file not found"):
         vt.load_object("nope.obj")
     with pytest.raises(TypeError, match="this is int"):
@@ -111,7 +111,7 @@ def test_what_is_neither_object_nor_sensor_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("call", "message"),
     [
         (
             lambda: vt.touch(BALL, SENSOR, np.stack([np.eye(4)] * 2)),
@@ -135,13 +135,13 @@ def test_what_is_neither_object_nor_sensor_is_named() -> None:
         (lambda: vt.grasp(BALL, seed="x"), "seed is a whole number"),
     ],
 )
-def test_what_is_of_a_wrong_type_is_named(wrong, message) -> None:
+def test_argument_of_a_wrong_type_is_named(call, message) -> None:
     with pytest.raises(TypeError, match=message):
-        wrong()
+        call()
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("call", "message"),
     [
         (lambda: vt.load_object((MESH.faces, MESH.vertices)), "faces hold numbers of .* vertices, integers from 0"),
         (lambda: vt.load_object((MESH.vertices, MESH.faces + 10**6)), "these are int64 from 1000000"),
@@ -154,35 +154,35 @@ def test_what_is_of_a_wrong_type_is_named(wrong, message) -> None:
         (lambda: vt.grasp(BALL, atempts=3), "there is no entry atempts, did you mean attempts?"),
     ],
 )
-def test_what_cannot_be_used_is_named(wrong, message) -> None:
+def test_unusable_argument_is_named(call, message) -> None:
     with pytest.raises(vt.InvalidInput, match=message):
-        wrong()
+        call()
 
 
-def test_a_mesh_file_is_loaded_in_metres(tmp_path: Path) -> None:
+def test_scale_converts_a_mesh_file_to_metres(tmp_path: Path) -> None:
     MESH.copy().apply_scale(1000).export(tmp_path / "ball.stl")
     assert np.ptp(vt.load_object(tmp_path / "ball.stl", scale=1e-3).mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)
 
 
-def test_a_package_of_the_users_that_hides_ours_is_named(tmp_path: Path) -> None:
+def test_user_package_that_hides_ours_is_named(tmp_path: Path) -> None:
     (tmp_path / "stages").mkdir()
     (tmp_path / "stages" / "__init__.py").write_text("")
     root = Path(vt.__file__).parents[1]
     program = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(root)!r}]; import vt_pipeline"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 1
-    assert "vt_pipeline needs its own package 'stages'" in done.stderr
-    assert str(tmp_path / "stages") in done.stderr
+    completed = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert completed.returncode == 1
+    assert "vt_pipeline needs its own package 'stages'" in completed.stderr
+    assert str(tmp_path / "stages") in completed.stderr
 
 
 @pytest.mark.slow
-def test_grasps_of_a_bottle_touch_where_they_say() -> None:
+def test_touched_fingers_of_grasps_match_simulated_touches() -> None:
     mesh = trimesh.creation.cylinder(radius=0.03, height=0.4, sections=64).subdivide()
     bar = vt.load_object((mesh.vertices, mesh.faces))
-    found = vt.grasp(bar, attempts=12, grasps=2, seed=1)
-    assert found.fingers == ("index", "middle", "ring", "thumb")
-    assert len(found) == 2
-    for poses_of_grasp, touched in zip(found.sensor_pose, found.touched, strict=True):
-        felt = [vt.touch(bar, sensor, pose).success for sensor, pose in zip(found.sensors, poses_of_grasp, strict=True)]
-        assert felt == touched.tolist()
-    assert found.touched.any()
+    grasps = vt.grasp(bar, attempts=12, grasps=2, seed=1)
+    assert grasps.fingers == ("index", "middle", "ring", "thumb")
+    assert len(grasps) == 2
+    for poses_of_grasp, touched in zip(grasps.sensor_pose, grasps.touched, strict=True):
+        successes = [vt.touch(bar, sensor, pose).success for sensor, pose in zip(grasps.sensors, poses_of_grasp, strict=True)]
+        assert successes == touched.tolist()
+    assert grasps.touched.any()

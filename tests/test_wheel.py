@@ -1,4 +1,4 @@
-"""The wheel holds all that the commands need: they run from it in an empty folder, without the clone."""
+"""Commands run from the wheel in an empty folder, without the clone."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def unpacked(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "built"]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
-    (built,) = (folder / "built").glob("*.whl")
-    with zipfile.ZipFile(built) as archive:
+    (wheel_file,) = (folder / "built").glob("*.whl")
+    with zipfile.ZipFile(wheel_file) as archive:
         archive.extractall(folder / "unpacked")
     return folder / "unpacked"
 
@@ -56,12 +56,12 @@ def files_below(folder: Path) -> set[str]:
     return {path.as_posix() for path in files if "__pycache__" not in path.parts}
 
 
-def test_the_wheel_holds_every_file_of_the_packages(unpacked):
+def test_wheel_holds_every_file_of_the_packages(unpacked):
     assert files_below(unpacked) == files_below(ROOT)
     assert (unpacked / "vt_pipeline" / "py.typed").exists()
-    (facts,) = unpacked.glob("*.dist-info")
-    assert {path.name for path in unpacked.iterdir()} == {*PACKAGES, facts.name}
-    assert "vt-pipeline = pipeline.__main__:main" in (facts / "entry_points.txt").read_text()
+    (metadata,) = unpacked.glob("*.dist-info")
+    assert {path.name for path in unpacked.iterdir()} == {*PACKAGES, metadata.name}
+    assert "vt-pipeline = pipeline.__main__:main" in (metadata / "entry_points.txt").read_text()
 
 
 @pytest.mark.slow
@@ -71,9 +71,9 @@ def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp
     paths = [unpacked, sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "OMP_NUM_THREADS": "1"}
     run = [sys.executable, "-S", "-c", RUN, unpacked]  # -S: no .pth file adds the clone
-    done = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert str(unpacked / "vt_pipeline") in done.stdout
-    assert "read by the network that ships for gelsight_mini" in done.stdout
+    completed = subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert str(unpacked / "vt_pipeline") in completed.stdout
+    assert "read by the network that ships for gelsight_mini" in completed.stdout
     for name in wheel.WRITTEN:
         assert (tmp_path / name).stat().st_size > 0

@@ -1,4 +1,4 @@
-"""The Kubernetes template: the API's schema accepts it, and its script calls vt-pipeline as the command line is."""
+"""The Kubernetes template is valid by the API's schema, and its script uses existing options of vt-pipeline."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ VALUES = {entry["name"]: entry.get("value") for entry in CONTAINER["env"]}
 
 
 @pytest.mark.parametrize("version", ["1.29", "1.37"])
-def test_the_schema_of_the_api_accepts_it(version):
+def test_template_is_valid_by_the_api_schema(version):
     kubernetes_validate.validate(JOB, version, strict=True)
 
 
-def test_the_schema_refuses_what_is_misspelt():
+def test_misspelt_entry_is_refused_by_the_api_schema():
     misspelt = copy.deepcopy(JOB)
     misspelt["spec"]["completionmode"] = misspelt["spec"].pop("completionMode")
     with pytest.raises(kubernetes_validate.ValidationError, match="completionmode"):
         kubernetes_validate.validate(misspelt, "1.37", strict=True)
 
 
-def test_there_is_a_pod_per_shard():
+def test_job_has_a_pod_per_shard():
     assert VALUES["SHARDS"] == str(JOB["spec"]["completions"])
 
 
-def test_its_script_runs_each_stage_for_its_shard_until_one_fails(tmp_path: Path):
+def test_script_runs_each_stage_for_its_shard_until_one_fails(tmp_path: Path):
     program = tmp_path / "vt-pipeline"
     program.write_text('#!/bin/bash\necho "$@"\n[ "$2" != render-vision ]\n')
     program.chmod(0o755)
-    given = {name: value or "8" for name, value in VALUES.items()}  # Kubernetes itself fills in the number of cores
-    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "JOB_COMPLETION_INDEX": "5", **given}
+    variables = {name: value or "8" for name, value in VALUES.items()}  # Kubernetes fills in the number of cores
+    environment = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "JOB_COMPLETION_INDEX": "5", **variables}
     command = [*CONTAINER["command"], *CONTAINER["args"]]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    lines = [line.split() for line in done.stdout.splitlines()]
+    completed = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert completed.returncode == 1
+    lines = [line.split() for line in completed.stdout.splitlines()]
     assert [line[:2] for line in lines] == [["run", stage] for stage in ("sample-surfaces", "simulate-grasps", "render-vision")]
     run = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
     for line in lines:
-        found = run.make_context("run", line[1:]).params
-        assert (found["shard"], found["shards"], found["workers"]) == (5, JOB["spec"]["completions"], 8)
+        parameters = run.make_context("run", line[1:]).params
+        assert (parameters["shard"], parameters["shards"], parameters["workers"]) == (5, JOB["spec"]["completions"], 8)

@@ -1,4 +1,4 @@
-"""A user's folder of meshes: units, up-axis, textures beside the file, what is left out, and the way back to the file."""
+"""A user's folder of meshes: units, up-axis, textures, files left out, and the placement that leads back to the file."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def run(folder: Path, data: Path, *more: str) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    made = tmp_path / "my own meshes"
-    made.mkdir()
-    trimesh.Trimesh(CORNERS + [1000, 0, 0], FACES, process=False).export(made / "wedge.ply")
-    return made
+    meshes = tmp_path / "my own meshes"
+    meshes.mkdir()
+    trimesh.Trimesh(CORNERS + [1000, 0, 0], FACES, process=False).export(meshes / "wedge.ply")
+    return meshes
 
 
-def test_object_to_world_and_back(folder: Path, tmp_path: Path) -> None:
-    """The stored vertices are those of the file, placed; in mm and y up their distances are the file's / 1000."""
+def test_placement_maps_file_vertices_to_the_world_and_back(folder: Path, tmp_path: Path) -> None:
+    """The stored vertices are the placed vertices of the file; with mm and y up, distances are those of the file / 1000."""
     output = run(folder, tmp_path / "d", "--units", "mm", "--up", "y")
     assert "scaled to a diagonal" not in output
     names = ["placement", "source_file", "source_sha256", "licence", "metres_per_unit"]
@@ -59,12 +59,12 @@ def test_object_to_world_and_back(folder: Path, tmp_path: Path) -> None:
     assert len(str(checksum)) == 64
 
 
-def test_without_units_objects_are_scaled_and_that_is_said(folder: Path, tmp_path: Path) -> None:
+def test_objects_without_units_are_scaled_and_reported(folder: Path, tmp_path: Path) -> None:
     output = run(folder, tmp_path / "d")
     assert "1 object scaled to a diagonal of 0.5 m; --units mm (make: UNITS=mm)" in output
 
 
-def test_file_that_states_its_unit_among_others_that_do_not_is_named(folder: Path, tmp_path: Path) -> None:
+def test_file_with_a_unit_among_files_without_is_warned_of(folder: Path, tmp_path: Path) -> None:
     trimesh.Trimesh(CORNERS / 100, FACES, process=False).export(folder / "mug.glb")
     mixed = "warning: sizes are mixed: 1 object (mug) not scaled, because files or manifest state a unit; write a manifest with a folder"
     look = ["check", "directory", "--picture", str(tmp_path / "a.png")]
@@ -87,7 +87,7 @@ def test_gltf_keeps_its_metres_and_its_up_axis(folder: Path) -> None:
     assert (item.source["up"], item.source["metres_per_unit"]) == ("z", 0.01)
 
 
-def test_files_that_are_no_objects_are_named_with_the_reason(folder: Path, tmp_path: Path) -> None:
+def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tmp_path: Path) -> None:
     (folder / "part.step").write_text("x")
     (tmp_path / "elsewhere").mkdir()
     (folder / "linked").symlink_to(tmp_path / "elsewhere")
@@ -96,7 +96,7 @@ def test_files_that_are_no_objects_are_named_with_the_reason(folder: Path, tmp_p
     assert "left out 1 file (linked): links to folders are not followed" in output
 
 
-def test_textures_that_are_not_there_are_counted_and_said(folder: Path, tmp_path: Path) -> None:
+def test_missing_textures_are_counted_and_reported(folder: Path, tmp_path: Path) -> None:
     (folder / "bare.mtl").write_text("newmtl a\nKd 1 0 0\nmap_Kd textures/gone.png\n")
     lines = [
         "mtllib bare.mtl",

@@ -12,6 +12,6 @@ BALL = trimesh.creation.icosphere(subdivisions=2)
 
 def test_mesh_row_round_trip_keeps_all_bits() -> None:
     mesh = Mesh.bare(BALL.vertices * 1e-3 + 1e3, BALL.faces)
-    again = read_mesh(mesh_row(mesh))
-    assert again.triangles.tobytes() == mesh.triangles.tobytes()
-    assert again.look.textures == ()
+    restored = read_mesh(mesh_row(mesh))
+    assert restored.triangles.tobytes() == mesh.triangles.tobytes()
+    assert restored.look.textures == ()

@@ -1,4 +1,4 @@
-"""Objects are read through one class: whatever is asked for, in any order, with bounded memory."""
+"""`ObjectRows` reads any arrays of objects in any order with bounded memory."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ def data(tmp_path_factory):
 
 
 @pytest.mark.parametrize("megabytes", [0, 1, 1000])
-def test_what_is_read_is_what_is_stored_whatever_is_kept(data, megabytes, rng):
+def test_arrays_read_in_any_order_equal_the_stored_ones_for_any_cache_size(data, megabytes, rng):
     rows, directory = ObjectRows(data, ARRAYS, "test", cache_megabytes=megabytes), DataDirectory(data)
-    asked = [(name, object_id, grasp) for name in ARRAYS for object_id in rows.object_ids for grasp in (None, 0, 3)]
-    for number in rng.permutation(2 * len(asked)):
-        name, object_id, grasp = asked[number // 2]
+    queries = [(name, object_id, grasp) for name in ARRAYS for object_id in rows.object_ids for grasp in (None, 0, 3)]
+    for number in rng.permutation(2 * len(queries)):
+        name, object_id, grasp = queries[number // 2]
         stored = directory.collection(artifact_of(name)).view(object_id)[name]
         by_grasp = grasp is not None and "grasp" in artifact_of(name).arrays[name].dims
         np.testing.assert_array_equal(rows.read(name, object_id, grasp), stored[grasp] if by_grasp else stored)
 
 
-def test_what_is_kept_is_bounded(data):
+def test_cache_is_bounded(data):
     limit = 200_000  # bytes
     rows = ObjectRows(data, ARRAYS, "test", cache_megabytes=limit / 1e6)
     for object_id in rows.object_ids:
@@ -54,7 +54,7 @@ def test_what_is_kept_is_bounded(data):
             assert rows._cache._bytes <= max(limit, last.nbytes, max(array.nbytes for array in rows._cache._arrays.values()))
 
 
-def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch):
+def test_arrays_without_a_grasp_axis_are_read_once_per_object(data, monkeypatch):
     reads: Counter[str] = Counter()
     genuine = Shard.read
     monkeypatch.setattr(Shard, "read", lambda shard, name, index=...: (reads.update([name]), genuine(shard, name, index))[1])
@@ -65,16 +65,16 @@ def test_arrays_of_the_object_are_read_once_and_not_per_grasp(data, monkeypatch)
 
 
 def test_one_grasp_is_read_without_the_others(data, monkeypatch):
-    asked: list[tuple[bool, ...]] = []
+    indices: list[tuple[bool, ...]] = []
     genuine = Shard.read
     monkeypatch.setattr(
         Shard,
         "read",
-        lambda shard, name, index=...: (asked.append(tuple(isinstance(part, int) for part in index[:2])), genuine(shard, name, index))[1],
+        lambda shard, name, index=...: (indices.append(tuple(isinstance(part, int) for part in index[:2])), genuine(shard, name, index))[1],
     )
     rows = ObjectRows(data, ["depth"], "test")
     assert rows.read("depth", "b", 3).shape == rows.read("depth", "b", 0)[None].shape[1:]
-    assert asked == [(True, True), (True, False)], "by object and grasp, then the whole object"
+    assert indices == [(True, True), (True, False)], "by object and grasp, then the whole object"
 
 
 def test_one_camera_is_read_without_the_others(tmp_path):
@@ -82,8 +82,8 @@ def test_one_camera_is_read_without_the_others(tmp_path):
     row = {"unoccluded": images, "occluded": np.stack([images, 255 - images]), "segmentation": np.tile(images[..., 0], (3, 1, 1, 1))}
     constants = {"camera": cameras, "projection": np.zeros((3, 3, 4))}
     items = ball_dataset.objects(2)
-    given: Any = ball_dataset.Given(VISION, lambda unit: row, (), constants, {})
-    pack(Request(stage=given, settings=Settings(), objects=items, manifest="m", preset="draft", seed=0, data=tmp_path), lambda unit: row)
+    stage: Any = ball_dataset.Given(VISION, lambda unit: row, (), constants, {})
+    pack(Request(stage=stage, settings=Settings(), objects=items, manifest="m", preset="draft", seed=0, data=tmp_path), lambda unit: row)
     rows = ObjectRows(tmp_path, ["unoccluded", "occluded", "segmentation"], None)
     name, shard = rows.object_ids[0], DataDirectory(tmp_path).collection(VISION).first
     for array, axis in (("unoccluded", 1), ("occluded", 2), ("segmentation", 2)):
@@ -99,12 +99,12 @@ def test_one_camera_is_read_without_the_others(tmp_path):
         rows.read("depth", name)
 
 
-def test_texts_are_read_as_other_arrays_are(data):
+def test_string_arrays_are_read(data):
     assert ObjectRows(data, ["category"], "test").read("category", "b") == "knife"
     assert {item["split"] for item in GraspDataset(data, ["split"], "test")} == {"test"}
 
 
-def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
+def test_cached_arrays_are_read_only_and_tensors_are_writable(data):
     rows = ObjectRows(data, ["points"], "test")
     with pytest.raises(ValueError, match="read-only"):
         rows.read("points", "a")[0] = 0
@@ -120,18 +120,18 @@ def test_what_is_shared_cannot_be_changed_and_tensors_can(data):
         (["local_count", "smell"], "test", "no artifact has an array smell"),
     ],
 )
-def test_what_is_not_there_is_named(data, arrays, split, words):
+def test_unknown_arrays_and_empty_splits_are_named(data, arrays, split, words):
     with pytest.raises(StoreError, match=words):
         ObjectRows(data, arrays, split)
 
 
-def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_shards(data, tmp_path_factory):
+def test_xarray_has_coordinates_for_any_number_of_shards(data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shards")
     ball_dataset.make_data(folder, 3)
     list(reshard(DataDirectory(folder), 3))
     rows = ObjectRows(data, ["depth", "joint_angles"], "test")
-    for where in (data, folder):
-        touch, grasps = open_artifact(where, "touch"), open_artifact(where, "grasps")
+    for directory in (data, folder):
+        touch, grasps = open_artifact(directory, "touch"), open_artifact(directory, "grasps")
         finger = str(touch.sensor[1].item())
         assert touch.depth.chunks is None or set(touch.depth.chunks[0]) == {1}, "an object is read without the others of its shard"
         np.testing.assert_array_equal(touch.depth.sel(object="b", sensor=finger, grasp=4), rows.read("depth", "b", 4)[1])
@@ -140,7 +140,7 @@ def test_objects_grasps_sensors_and_joints_are_coordinates_for_any_number_of_sha
         assert str(touch.category.sel(object="b").item()) == "knife"
 
 
-def test_a_shard_in_which_every_object_failed_takes_arrays_and_sizes_from_the_others(tmp_path):
+def test_shard_of_failed_objects_takes_arrays_and_sizes_from_the_others(tmp_path):
     ball_dataset.make_data(tmp_path, 3, ungrasped="b")
     list(reshard(DataDirectory(tmp_path), 4))  # b is alone in the first shard of three
     rows = ObjectRows(tmp_path, ["depth", "occluded"], None)
@@ -154,7 +154,7 @@ def test_a_shard_in_which_every_object_failed_takes_arrays_and_sizes_from_the_ot
         np.testing.assert_array_equal(opened[array].sel(object="c"), rows.read(array, "c"))
 
 
-def test_an_artifact_that_is_not_there_is_named(tmp_path):
+def test_unknown_or_missing_artifact_is_named(tmp_path):
     with pytest.raises(StoreError, match="unknown artifact taste; choose from surfaces"):
         open_artifact(tmp_path, "taste")
     with pytest.raises(StoreError, match="touch has not been made"):
@@ -173,28 +173,32 @@ def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
 
 
 @pytest.mark.parametrize("sensors", [[], None, [{"name": "x", "width": "wide"}]])
-def test_a_dataset_whose_sensor_cannot_be_used_is_refused(data, monkeypatch, sensors):
+def test_unusable_sensor_attributes_are_refused(data, monkeypatch, sensors):
     rows = ObjectRows(data, ["tactile_image"], "test")
     monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensors": sensors})
     with pytest.raises(StoreError, match=r"its sensor cannot be used .*--check"):
         rows.sensor()
 
 
-def test_fingers_with_different_sensors_have_no_one_sensor(data, monkeypatch):
+def test_hand_with_different_sensors_has_no_single_sensor(data, monkeypatch):
     rows = ObjectRows(data, ["tactile_image"], "test")
-    one = rows.attributes("touch")["sensors"][0]
-    monkeypatch.setattr(ObjectRows, "attributes", lambda self, artifact: {"sensors": [one, {**one, "name": "thin", "w": one["w"] / 2}]})
-    assert [sensor.w for sensor in rows.sensors()] == [one["w"], one["w"] / 2]
+    sensor_entry = rows.attributes("touch")["sensors"][0]
+    monkeypatch.setattr(
+        ObjectRows,
+        "attributes",
+        lambda self, artifact: {"sensors": [sensor_entry, {**sensor_entry, "name": "thin", "w": sensor_entry["w"] / 2}]},
+    )
+    assert [sensor.w for sensor in rows.sensors()] == [sensor_entry["w"], sensor_entry["w"] / 2]
     with pytest.raises(StoreError, match=r"the fingers wear different sensors \(gel_16mm, thin\).* needs a hand that wears one"):
         rows.sensor()
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
+def test_missing_folder_is_named(tmp_path) -> None:
     with pytest.raises(StoreError, match=r"folder .*/nowhere does not exist; give a data directory"):
         ObjectRows(tmp_path / "nowhere", ["points"])
 
 
-def test_difference_images_are_tactile_images_minus_the_untouched_ones(data):
+def test_difference_image_is_tactile_image_minus_untouched_image(data):
     rows = ObjectRows(data, ["difference"], None)
     tactile_image, untouched = (rows.read(name, "b").astype(int) for name in ("tactile_image", "untouched"))
     assert (rows.read("difference", "b") == tactile_image - untouched).all()

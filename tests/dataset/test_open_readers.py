@@ -1,4 +1,4 @@
-"""Readers that stay open while what they read is replaced and collected: they end in words, and never with zeros."""
+"""Open readers of replaced and collected groups get a clear error and never zeros."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AGAIN = "it was replaced since it was opened: open the dataset again, or run the
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def original(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 4)
     for name in ("vision", "charts", "distances"):
@@ -40,8 +40,8 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def data(made, tmp_path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "data"))
+def data(original, tmp_path) -> Path:
+    return Path(shutil.copytree(original, tmp_path / "data"))
 
 
 def split_otherwise(data: Path) -> None:
@@ -51,12 +51,12 @@ def split_otherwise(data: Path) -> None:
 
 
 def make_again(data: Path) -> None:
-    """Run the stages with another seed, in one shard; the rows are those of before, so that all of it belongs together."""
+    """Run the stages with another seed in one shard; the rows stay equal, so that all artifacts match."""
     for stage in (stage for stage in ball_dataset.stages() if stage.output in (SURFACES, GRASPS, TOUCH)):
-        asked: Any = Request(
+        wanted: Any = Request(
             stage=stage, settings=Settings(), manifest="balls", objects=ball_dataset.objects(4), preset="draft", seed=1, data=data
         )
-        pack(asked, stage.row)
+        pack(wanted, stage.row)
     collect_everything(DataDirectory(data), older_than=-1)
 
 
@@ -64,27 +64,27 @@ replaced = pytest.mark.parametrize("replace", [split_otherwise, make_again])
 
 
 @replaced
-def test_rows_of_a_replaced_group_are_an_error_that_names_object_file_and_remedy(data, replace: Callable[[Path], None]):
+def test_reading_rows_of_a_replaced_group_names_object_file_and_remedy(data, replace: Callable[[Path], None]):
     rows, dataset = ObjectRows(data, ARRAYS, None, cache_megabytes=0), GraspDataset(data, ARRAYS, None)
     first = dataset[0]
     for name in ARRAYS:
         rows.read(name, "a", 1)
     replace(data)
     for name in ARRAYS:
-        with pytest.raises(StoreError, match=AGAIN) as ended:
+        with pytest.raises(StoreError, match=AGAIN) as error:
             rows.read(name, "b", 1)
-        assert str(DataDirectory(data).root) in str(ended.value)
+        assert str(DataDirectory(data).root) in str(error.value)
     with pytest.raises(StoreError, match=rf"touch/0000-of-0001-\w+\.zarr: depth of b .*chunk is missing: 'depth/c/.*{AGAIN}"):
         rows.read("depth", "b", 1)
     with pytest.raises(StoreError, match=AGAIN):
         dataset[len(dataset) - 1]
-    again = GraspDataset(data, ARRAYS, None)
-    np.testing.assert_array_equal(again[0]["depth"], first["depth"])
-    assert (again[len(again) - 1]["depth"] > 0).all()
+    reopened = GraspDataset(data, ARRAYS, None)
+    np.testing.assert_array_equal(reopened[0]["depth"], first["depth"])
+    assert (reopened[len(reopened) - 1]["depth"] > 0).all()
 
 
 @replaced
-def test_a_row_and_its_mesh_of_a_replaced_group_are_an_error(data, replace: Callable[[Path], None]):
+def test_reading_a_mesh_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None]):
     view = DataDirectory(data).collection(SURFACES).view("b")
     vertices = view["meshes/vertices"]
     assert vertices.any()
@@ -96,19 +96,19 @@ def test_a_row_and_its_mesh_of_a_replaced_group_are_an_error(data, replace: Call
 
 
 @pytest.mark.parametrize(("replace", "shards"), [(make_again, 1), (split_otherwise, 2)])
-def test_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None], shards: int):
+def test_loading_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None], shards: int):
     if shards > 1:
         list(reshard(DataDirectory(data), shards))
     touch = open_artifact(data, "touch")
     assert float(touch.depth.sel(object="a").min()) > 0
     replace(data)
-    chosen = (
+    selections = (
         lambda: touch.depth.sel(object=["b", "c"]),
         lambda: touch.depth[1, 2, 3],
         lambda: touch.tactile_image.isel(grasp=1),
         lambda: touch,
     )
-    for read in chosen:
+    for read in selections:
         with pytest.raises(StoreError, match=AGAIN):
             read().load()
     assert float(open_artifact(data, "touch").depth.min()) > 0
@@ -134,7 +134,7 @@ def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Ca
 
 
 @pytest.mark.parametrize("shards", [1, 2])
-def test_values_that_xarray_chooses_are_those_of_the_rows(data, shards: int):
+def test_xarray_selections_equal_the_rows(data, shards: int):
     if shards > 1:
         list(reshard(DataDirectory(data), shards))
     touch, rows = pickle.loads(pickle.dumps(open_artifact(data, "touch"))), ObjectRows(data, ["depth"], None)
@@ -145,7 +145,7 @@ def test_values_that_xarray_chooses_are_those_of_the_rows(data, shards: int):
     assert touch.depth.encoding["chunks"] == (1, 1, 4, 100, 100)
 
 
-def test_an_array_that_was_left_out_is_not_in_its_row(data):
+def test_row_view_contains_only_the_written_arrays(data):
     view = DataDirectory(data).collection(SURFACES).view("a")
     assert "metres_per_unit" not in view
     assert "placement" in view

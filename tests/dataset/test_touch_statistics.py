@@ -1,4 +1,4 @@
-"""Which datasets' figures can be compared with the paper's."""
+"""Only datasets with the paper's object sizes are compared with its figures."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.stages.ball_dataset import Given, objects, surfaces
     [((0, 0), 0.5, True), ((0, 0.001), 0.5, False), ((0, 0), 0.3, False)],
     ids=["scaled", "one of real size", "scaled otherwise"],
 )
-def test_figures_are_compared_with_the_papers_only_if_every_object_has_its_size(
+def test_paper_sizes_require_the_paper_diagonal_for_every_object(
     tmp_path: Path, metres_per_unit: tuple[float, float], diagonal: float, expected: bool
 ) -> None:
     units = dict(zip("ab", metres_per_unit, strict=True))

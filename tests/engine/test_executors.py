@@ -1,4 +1,4 @@
-"""Worker processes that die, and sessions that cannot be opened."""
+"""Workers that die, hang or cannot start, full disks and unreachable schedulers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from tests.engine.tiny_stages import CONSOLE, MakeNoise, NoiseSettings, TakeMean
 
 
 class DiesOpening(MakeNoise):
-    """Kills its process while it opens, until `flag` is there; the flag is set by the first to die where `once`."""
+    """Kills its process while a session opens, unless `flag` exists; with `once`, the first process that dies creates it."""
 
     def __init__(self, flag: Path, once: bool) -> None:
         super().__init__()
@@ -51,7 +51,7 @@ class DiesOpening(MakeNoise):
 
 
 class NotesItsEnd(MakeNoise):
-    """Leaves a file when its session is closed, called by whether the thread is the one that opened it."""
+    """Writes a file when its session closes; its name says whether the same thread opened the session."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -65,7 +65,7 @@ class NotesItsEnd(MakeNoise):
         (self.folder / ("closed there" if threading.get_ident() == opener else "closed elsewhere")).touch()
 
 
-def test_workers_close_what_they_opened_in_the_thread_that_opened_it(tmp_path):
+def test_workers_close_sessions_in_the_thread_that_opened_them(tmp_path):
     run(request(tmp_path / "data", stage=NotesItsEnd(tmp_path), executor=Dask()))
     assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
 
@@ -82,16 +82,16 @@ def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
         assert [(result.failure, result.bug) for result in results] == [(None, None)] * 4
 
 
-def test_an_object_that_never_ends_is_given_up_with_its_worker_and_the_others_go_on(tmp_path):
+def test_object_beyond_its_time_limit_fails_and_the_others_are_processed(tmp_path):
     run(request(tmp_path, items=objects(3, b="hang"), settings={"object_seconds": 1}, executor=Dask()))
     assert "it took longer than object_seconds = 1; simplify the mesh, or raise it" in published(tmp_path).failure("b").reason
     assert published(tmp_path).failure("c") is None
 
 
 @pytest.mark.slow
-def test_of_a_bundle_that_dies_only_the_objects_to_blame_fail(tmp_path):
+def test_only_the_crashing_and_hanging_objects_of_a_bundle_fail(tmp_path):
     items = objects(16, h="crash", j="hang")
-    run(request(tmp_path, items=items, settings={"object_seconds": 6}, executor=Dask()))  # longer than a worker takes to be replaced
+    run(request(tmp_path, items=items, settings={"object_seconds": 6}, executor=Dask()))  # longer than replacing a worker takes
     failed = {item.object_id: failure.reason for item in items if (failure := published(tmp_path).failure(item.object_id))}
     assert failed.keys() == {"h", "j"}
     assert "its process died each time" in failed["h"]
@@ -99,40 +99,40 @@ def test_of_a_bundle_that_dies_only_the_objects_to_blame_fail(tmp_path):
 
 
 @pytest.mark.parametrize(("rate", "share", "size"), [(0.0, 100, 1), (0.1, 100, 1), (7, 100, 14), (1e6, 100, 50), (1e6, 1.5, 1)])
-def test_bundles_take_about_two_seconds_and_leave_work_for_the_others(rate, share, size):
+def test_bundle_size_is_about_two_seconds_of_work_and_at_most_a_fair_share(rate, share, size):
     assert dask_executor._bundle_size(rate, share) == size
 
 
-def test_a_stage_that_cannot_start_fails_no_object(tmp_path):
+def test_session_that_cannot_open_ends_the_run_and_fails_no_object(tmp_path):
     with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
         run(request(tmp_path, stage=MakeNoise(broken=True)))
     assert run(request(tmp_path)) == 5
 
 
 @pytest.mark.slow
-def test_a_worker_that_is_killed_while_it_opens_is_started_again(tmp_path):
+def test_worker_killed_while_opening_its_session_is_restarted(tmp_path):
     assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=Dask())) == 5
 
 
-def test_a_worker_that_always_dies_while_it_opens_ends_the_run_in_words(tmp_path):
+def test_worker_that_always_dies_while_opening_its_session_gives_a_clear_error(tmp_path):
     with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time while it opened .* fewer --workers"):
         run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=False), executor=Dask()))
 
 
 @pytest.mark.parametrize("executor", [Serial(), Dask()])
-def test_a_disk_that_is_full_ends_the_run_with_its_path_and_loses_nothing(tmp_path, executor):
-    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, most))  # workers inherit it; what is cut short is a file of any object
+def test_full_disk_gives_an_error_with_the_path_and_the_next_run_completes(tmp_path, executor):
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # workers inherit the limit
     try:
         with pytest.raises(StoreError, match=r"noise/0000-of-0001 cannot be written: File too large; make room there, then run again"):
             run(request(tmp_path / "data", settings={"samples": 1000}, executor=executor))
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (hard_limit, hard_limit))
     assert run(request(tmp_path / "data", settings={"samples": 1000})) == 5
     assert not any(problems_below(tmp_path / "data").values())
 
 
-def test_other_faults_of_the_machine_are_not_taken_for_a_full_disk(tmp_path, monkeypatch):
+def test_too_many_open_files_is_not_reported_as_a_full_disk(tmp_path, monkeypatch):
     def write(*_: object, **__: object) -> None:
         raise OSError(errno.EMFILE, "Too many open files")
 
@@ -141,14 +141,14 @@ def test_other_faults_of_the_machine_are_not_taken_for_a_full_disk(tmp_path, mon
         run(request(tmp_path))
 
 
-def test_memory_that_runs_out_is_the_objects_failure_and_the_others_go_on(tmp_path):
+def test_out_of_memory_fails_the_object_and_the_others_are_processed(tmp_path):
     run(request(tmp_path, items=objects(3, b="memory")))
     assert "memory ran out; with more memory, or the mesh made smaller" in published(tmp_path).failure("b").reason
     assert published(tmp_path).failure("c") is None
 
 
 @pytest.mark.slow
-def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
+def test_worker_without_a_nanny_is_replaced(tmp_path):
     plan = plan_of(request(tmp_path))
     work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
@@ -158,13 +158,13 @@ def test_a_worker_that_nobody_watches_over_any_more_is_replaced(tmp_path):
 
 
 class _Cluster:
-    """A scheduler and a worker, each a process of its own as on a cluster, with certificates as the guide makes them."""
+    """A scheduler and a worker in separate processes, as on a cluster, with certificates as in the guide."""
 
     def __init__(self, folder: Path) -> None:
-        made = Security.temporary()
+        security = Security.temporary()
         self.certificate, self.key = folder / "dask.crt", folder / "dask.key"
-        self.certificate.write_text(made.tls_ca_file)
-        self.key.write_text(made.tls_client_key)
+        self.certificate.write_text(security.tls_ca_file)
+        self.key.write_text(security.tls_client_key)
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
@@ -183,12 +183,12 @@ class _Cluster:
 
     def kill(self) -> None:
         for process in self.running:
-            process.kill()  # the worker's own process ends with it
+            process.kill()  # ends the worker's process, too
             process.wait()
 
 
 @pytest.mark.slow
-def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path, monkeypatch):
+def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     run(request(tmp_path / "here"))
     plan = plan_of(request(tmp_path / "there"))
     cluster = _Cluster(tmp_path)
@@ -212,18 +212,18 @@ def test_a_cluster_that_is_killed_and_started_again_gives_the_same(tmp_path, mon
     assert digest(tmp_path / "there") == digest(tmp_path / "here")
 
 
-def test_workers_that_stay_see_inputs_that_were_made_again_and_write_temporary_files_where_dask_clears_them(tmp_path):
+def test_reused_workers_read_replaced_inputs_and_keep_temporary_files_in_dask_scratch_space(tmp_path):
     with Dask() as executor:
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
             assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
         profiling = executor._connect().run(dask.config.get, "distributed.worker.profile.enabled")
-        assert [*profiling.values()] == [False]  # else a worker grows by 0.1 MB per second
+        assert [*profiling.values()] == [False]  # profiling makes a worker grow by 0.1 MB per second
         (temporary,) = executor._connect().run(tempfile.mkdtemp).values()
-        assert Path(temporary).parent.parent.name == "dask-scratch-space"  # which Dask clears
+        assert Path(temporary).parent.parent.name == "dask-scratch-space"  # Dask clears this folder
 
 
-def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch):
+def test_workers_that_start_too_late_give_an_error_with_a_remedy(monkeypatch):
     def late(*_: object, **__: object) -> None:
         raise TimeoutError
 
@@ -232,13 +232,13 @@ def test_workers_that_do_not_start_in_time_are_named_with_a_way_out(monkeypatch)
         Dask(2)._connect()
 
 
-def test_a_scheduler_that_is_not_there_is_named(monkeypatch):
+def test_unreachable_scheduler_is_named(monkeypatch):
     monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
     with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
         Dask(scheduler="tcp://127.0.0.1:9")._connect()
 
 
-def test_a_scheduler_that_asks_for_certificates_is_named():
+def test_scheduler_that_needs_certificates_gives_an_error_with_the_guide():
     with pytest.raises(
         StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none .*speed-and-accuracy"
     ):

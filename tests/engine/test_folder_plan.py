@@ -1,4 +1,4 @@
-"""Dataset stages: run once, skipped, made again when anything they depend on changes, and never half there."""
+"""Dataset stages run once, are skipped when up to date, run again when a dependency changes, and publish whole folders only."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RECORD = Path("models/average.json")
 
 
 def make(data: Path, stage: Average | None = None, **changes: Any) -> bool:
-    """Run it; whether it made anything."""
+    """Run a stage; return whether it made anything."""
     stage = stage or Average()
     run_plan(plan_of(request(data, stage, **changes)), CONSOLE)
     return stage.made > 0
@@ -31,14 +31,14 @@ def record(data: Path) -> FolderRecord:
     return DataDirectory(data).folder("models/average")
 
 
-def test_it_is_made_once_and_recorded(tmp_path):
+def test_folder_is_made_once_and_recorded(tmp_path):
     run(request(tmp_path))
     assert make(tmp_path)
     before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     assert not make(tmp_path)
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
-    made = record(tmp_path)
-    assert (made.stage, set(made.files), made.facts) == ("average", {"mean.json"}, {"resumed": False})
+    folder_record = record(tmp_path)
+    assert (folder_record.stage, set(folder_record.files), folder_record.facts) == ("average", {"mean.json"}, {"resumed": False})
     assert problems_below(tmp_path)[tmp_path / RECORD] == []
 
 
@@ -52,7 +52,7 @@ def test_objects_that_failed_are_not_counted(tmp_path):
         plan_of(request(tmp_path / "other", Average(), items=other))
 
 
-def test_settings_seed_and_rows_of_its_splits_make_it_again_others_do_not(tmp_path):
+def test_folder_is_made_again_for_changed_settings_seed_or_rows_of_its_splits_only(tmp_path):
     items = [*objects(3), *[item for item in objects(5, split="test") if item.object_id in "de"]]
     run(request(tmp_path, items=items))
     assert make(tmp_path, items=items)
@@ -67,7 +67,7 @@ def test_settings_seed_and_rows_of_its_splits_make_it_again_others_do_not(tmp_pa
     assert make(tmp_path, items=items)
 
 
-def test_what_a_failed_run_left_is_continued_and_nothing_is_published_meanwhile(tmp_path):
+def test_failed_run_publishes_nothing_and_is_continued(tmp_path):
     run(request(tmp_path))
     with pytest.raises(StageError, match="no more"):
         make(tmp_path, Average(dies=True))
@@ -77,7 +77,7 @@ def test_what_a_failed_run_left_is_continued_and_nothing_is_published_meanwhile(
     assert not list((tmp_path / ".work/models/average").glob("*/"))
 
 
-def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
+def test_finished_unpublished_folder_is_published_without_computing(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     plan = plan_of(request(tmp_path, Average()))
@@ -92,7 +92,7 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert not make(tmp_path)
     assert (folder / "mean.json").exists()
     unpublish()
-    work.rename(folder)  # and killed before its record was there
+    work.rename(folder)  # as if killed before the record was written
     assert not make(tmp_path)
     assert record(tmp_path).location == folder.name
     assert not list(work.parent.glob("*/"))
@@ -101,7 +101,7 @@ def test_what_was_finished_but_not_published_is_not_made_again(tmp_path):
     assert make(tmp_path), "it is not what was written"
 
 
-def test_hidden_files_are_kept_until_a_folder_is_finished_and_belong_to_none(tmp_path, monkeypatch):
+def test_hidden_files_are_kept_until_a_folder_is_finished_and_are_not_published(tmp_path, monkeypatch):
     class Learns(Average):
         def make(self, job: DatasetJob) -> dict[str, Any]:
             (job.folder / ".checkpoint").write_text("all that was learned")
@@ -121,14 +121,14 @@ def test_hidden_files_are_kept_until_a_folder_is_finished_and_belong_to_none(tmp
     assert not list(tmp_path.rglob(".checkpoint"))
 
 
-def test_a_file_that_was_deleted_is_made_again(tmp_path):
+def test_deleted_file_is_made_again(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     (DataDirectory(tmp_path).folder_path("models/average") / "mean.json").unlink()
     assert make(tmp_path), "up to date means complete"
 
 
-def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
+def test_missing_input_is_named_with_the_command_that_makes_it(tmp_path):
     with pytest.raises(StoreError, match="noise has not been made"):
         make(tmp_path)
     run(request(tmp_path))
@@ -141,7 +141,7 @@ def test_an_input_that_is_not_there_is_an_error_that_says_so(tmp_path):
         make(tmp_path, Average(reads=("models/seed-1/gcn/touch",)))
 
 
-def test_a_manifest_that_has_changed_since_the_objects_were_made_is_refused(tmp_path):
+def test_manifest_that_differs_from_the_rows_is_refused(tmp_path):
     run(request(tmp_path))
     fewer, moved = objects(4), [*objects(4), *objects(5, split="test")[4:]]
     for items, now in ((fewer, "not there"), (moved, "in split test")):
@@ -153,7 +153,7 @@ def test_a_manifest_that_has_changed_since_the_objects_were_made_is_refused(tmp_
         make(tmp_path, items=objects(5))
 
 
-def test_a_model_made_from_what_has_changed_since_is_refused_and_reported(tmp_path):
+def test_model_of_outdated_inputs_is_refused_and_reported_by_status(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     assert make(tmp_path, Average(reads=("models/average",)))
@@ -180,7 +180,7 @@ def test_an_outdated_score_names_the_command_that_makes_it(tmp_path, name, maker
         check_origins(DataDirectory(tmp_path), [f"scores/{name}"])
 
 
-def test_a_changed_or_missing_file_is_found(tmp_path):
+def test_changed_or_missing_file_is_reported(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     file = DataDirectory(tmp_path).folder_path("models/average") / "mean.json"
@@ -190,7 +190,7 @@ def test_a_changed_or_missing_file_is_found(tmp_path):
     assert "mean.json is missing; delete" in problems_below(tmp_path)[tmp_path / RECORD][0]
 
 
-def test_two_runs_of_one_folder_do_not_meet(tmp_path):
+def test_second_run_of_a_folder_is_refused_while_the_first_is_at_work(tmp_path):
     run(request(tmp_path))
 
     class Nested(Average):
@@ -202,7 +202,7 @@ def test_two_runs_of_one_folder_do_not_meet(tmp_path):
     assert make(tmp_path, Nested())
 
 
-def test_a_record_that_names_an_artifact_nobody_knows_is_refused(tmp_path):
+def test_record_of_an_unknown_artifact_is_refused(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
     foreign = record(tmp_path).model_copy(update={"inputs": {"passwords": "0" * 64}})

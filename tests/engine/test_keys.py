@@ -1,4 +1,4 @@
-"""Keys change with what decides results, and with nothing else."""
+"""Keys change with the code and data that decide results, and with nothing else."""
 
 from __future__ import annotations
 
@@ -43,23 +43,23 @@ STAGE_MODULES = sorted({type(load_stage(name)).__module__ for name in STAGES})
 MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", *STAGE_MODULES)
 
 
-def test_a_module_that_was_renamed_is_an_error_and_no_empty_hash():
+def test_missing_module_is_an_error_and_not_an_empty_hash():
     with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
         sources_hash("pipeline.reports.gone")
 
 
-def test_layers_that_decide_no_result_are_there():
+def test_layers_left_out_of_the_hash_exist():
     for layer in NO_RESULTS:
         path = ROOT / layer.replace(".", "/")
         assert path.is_dir() or path.with_suffix(".py").is_file(), layer
 
 
-def test_an_object_that_is_modelled_is_keyed_by_the_code_that_makes_it():
+def test_procedural_object_is_keyed_by_the_code_of_its_maker():
     knife, bottle = (source_key({"procedural": name, "variant": 0, "seed": 0})["maker"] for name in ("knife", "bottle"))
     assert knife != bottle
 
 
-def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
+def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
     expected = {
         "pipeline/toy_objects/knife.py": ["pipeline.toy_objects.knife"],
         "pipeline/rng.py": [
@@ -88,15 +88,15 @@ def test_a_change_rehashes_what_it_decides_and_nothing_else(tmp_path):
     }
     for package in ("pipeline", "stages", "schemas"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.obj"))
-    asked = [sys.executable, "-c", SCRIPT, json.dumps([list(expected), MODULES])]
-    said = subprocess.run(asked, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True)
-    found = json.loads(said.stdout)
-    assert "stages.render_vision.stage" not in found["pipeline/rng.py"]
-    assert set(expected.pop("pipeline/rng.py")) <= set(found.pop("pipeline/rng.py"))
-    assert found == expected
+    command = [sys.executable, "-c", SCRIPT, json.dumps([list(expected), MODULES])]
+    completed = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True)
+    rehashed = json.loads(completed.stdout)
+    assert "stages.render_vision.stage" not in rehashed["pipeline/rng.py"]
+    assert set(expected.pop("pipeline/rng.py")) <= set(rehashed.pop("pipeline/rng.py"))
+    assert rehashed == expected
 
 
-def test_code_is_read_in_its_own_encoding(tmp_path: Path) -> None:
+def test_source_files_are_decoded_by_their_declared_encoding(tmp_path: Path) -> None:
     hashes = set()
     for encoding in ("utf-8", "latin-1"):
         (path := tmp_path / f"{encoding}.py").write_bytes(f"# -*- coding: {encoding} -*-\nMICRO = 'µ'\n".encode(encoding))
@@ -104,7 +104,7 @@ def test_code_is_read_in_its_own_encoding(tmp_path: Path) -> None:
     assert len(hashes) == 1
 
 
-def test_code_is_hashed_alike_by_every_version_of_python() -> None:
+def test_syntax_hash_is_equal_for_every_version_of_python() -> None:
     code = "def f(x, *, y=None) -> str:\n    'Say.'\n    return [f'{x!r:>3}', (), None]\n"
     assert syntax(ast.parse(code)) == (
         "(Module body=[(FunctionDef name='f' args=(arguments args=[(arg arg='x')] kwonlyargs=[(arg arg='y')] kw_defaults=[(Constant)]) "

@@ -1,4 +1,4 @@
-"""What other users of the machine can do to a run's workers, and Ctrl-C while they start."""
+"""Local clusters are closed to other users of the machine, and Ctrl-C ends a run while its workers start."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from pipeline.store.temporary import private_folder
 
 
 async def _answers(address: str, arguments: dict[str, Any]) -> bool:
-    """Whether a server, which would run code as well, answers."""
+    """Return whether a server answers; one that answers would also run code."""
     try:
         comm = await connect(address, timeout=0.3, **arguments)
         await comm.write({"op": "identity", "reply": True})
@@ -39,7 +39,7 @@ async def _answers(address: str, arguments: dict[str, Any]) -> bool:
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
-    """Make a run's scratch folder, its clock set back since, in a shared folder where other users own Dask's default."""
+    """Start a cluster whose temporary folder is shared and holds another user's Dask folder, with the clock ahead at start."""
     folder = tmp_path_factory.mktemp("tmp")
     tomorrow = SimpleNamespace(now=lambda tz: datetime.datetime.now(tz) + datetime.timedelta(days=1))
     (folder / "dask-scratch-space").mkdir()
@@ -52,7 +52,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
             yield executor._connect()
 
 
-def test_whoever_lacks_the_certificate_of_a_run_can_use_neither_its_scheduler_nor_its_workers(client):
+def test_scheduler_and_workers_refuse_clients_without_the_certificate_of_the_run(client):
     own, other = (security.get_connection_args("client") for security in (client.security, OneRunSecurity.temporary()))
     nannies = [worker.address for worker in client.cluster.workers.values()]
     for address in [client.scheduler.address, *client.nthreads(), *nannies]:
@@ -61,7 +61,7 @@ def test_whoever_lacks_the_certificate_of_a_run_can_use_neither_its_scheduler_no
         assert not asyncio.run(_answers(address.replace("tls://", "tcp://"), {}))
 
 
-def test_web_servers_of_a_run_show_nothing(client):
+def test_web_servers_of_a_run_serve_no_pages(client):
     ports = [client.cluster.scheduler.http_server.port]
     ports += [worker["services"]["dashboard"] for worker in client.scheduler_info()["workers"].values()]
     for port in ports:
@@ -70,23 +70,23 @@ def test_web_servers_of_a_run_show_nothing(client):
                 urllib.request.urlopen(f"http://127.0.0.1:{port}/{page}", timeout=60)
 
 
-def test_python_looks_for_modules_in_no_folder_that_other_users_write_to(client):
-    (theirs,) = client.run(lambda: sys.path).values()
-    below = [Path(folder).relative_to(tempfile.tempdir) for folder in (*sys.path, *theirs) if folder.startswith(f"{tempfile.tempdir}/")]
+def test_workers_import_from_no_folder_that_other_users_can_write(client):
+    (imported,) = client.run(lambda: sys.path).values()
+    below = [Path(folder).relative_to(tempfile.tempdir) for folder in (*sys.path, *imported) if folder.startswith(f"{tempfile.tempdir}/")]
     assert {path.parts[0] for path in below} == {f"vt-pipeline-{os.getuid()}"}
     assert private_folder().stat().st_mode & 0o777 == 0o700
 
 
 def _children(process: int) -> list[bytes]:
     """Return the command lines of a process's children."""
-    found = []
+    files = []
     for thread in Path(f"/proc/{process}/task").iterdir():
-        found += [Path(f"/proc/{child}/cmdline") for child in (thread / "children").read_text().split()]
-    return [path.read_bytes() for path in found if path.exists()]
+        files += [Path(f"/proc/{child}/cmdline") for child in (thread / "children").read_text().split()]
+    return [path.read_bytes() for path in files if path.exists()]
 
 
 @pytest.mark.parametrize(("number", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")])
-def test_a_run_that_is_stopped_while_its_workers_start_ends_in_words(tmp_path, number, status, word):
+def test_run_stopped_while_its_workers_start_ends_with_one_line(tmp_path, number, status, word):
     command = [sys.executable, "-m", "pipeline", "run", "sample-surfaces", "--data", str(tmp_path), "--workers", "2"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True) as run:
         while run.poll() is None and not any(b"spawn_main" in child for child in _children(run.pid)):
@@ -95,5 +95,5 @@ def test_a_run_that_is_stopped_while_its_workers_start_ends_in_words(tmp_path, n
             os.killpg(run.pid, number)  # as a terminal does
         else:
             run.send_signal(number)
-        _, said = run.communicate()
-    assert (run.returncode, said) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")
+        _, message = run.communicate()
+    assert (run.returncode, message) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")

@@ -1,4 +1,4 @@
-"""Data in object storage: the same arrays, digests and guarantees as on a disk."""
+"""Data in object storage have the same arrays, digests and guarantees as on a disk."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def data(server, monkeypatch, tmp_path) -> Place:
 @pytest.fixture
 def faults(data, server, monkeypatch, tmp_path) -> Iterator[Proxy]:
     """Put a proxy in front of `data`."""
-    with proxy(server) as made:
-        use(monkeypatch, made.address, tmp_path / "cache")
+    with proxy(server) as running_proxy:
+        use(monkeypatch, running_proxy.address, tmp_path / "cache")
         monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"backoff": BRIEF})
-        yield made
+        yield running_proxy
 
 
-def all_three(data: Place, **changes) -> None:
+def run_all_stages(data: Place, **changes) -> None:
     for stage in (MakeNoise(), TakeMean(), Average()):
         run(request(data, stage, **changes))
 
@@ -62,27 +62,27 @@ def digests(data: Place) -> tuple[object, ...]:
     return digest(data), digest(data, MEAN), DataDirectory(data).folder("models/average").files
 
 
-def test_digests_are_those_of_a_disk(data, tmp_path):
-    all_three(tmp_path / "disk")
+def test_digests_equal_those_on_a_disk(data, tmp_path):
+    run_all_stages(tmp_path / "disk")
     run(request(data, executor=Dask(2), shards=3))
-    all_three(data)
+    run_all_stages(data)
     assert digests(data) == digests(tmp_path / "disk")
     assert not any(problems_below(data).values())
     before = files_below(data)
-    all_three(data)
+    run_all_stages(data)
     assert files_below(data) == before, "a second run writes nothing"
     assert not [name for name in before if name.startswith(".work")]
 
 
-def test_another_number_of_shards(data):
-    all_three(data)
+def test_reshard_keeps_digests_and_leaves_nothing_to_compute(data):
+    run_all_stages(data)
     before = digests(data)
     assert all(files_below(group) for group in reshard(DataDirectory(data), 3))
     assert digests(data) == before
     assert [run(request(data, stage)) for stage in (MakeNoise(), TakeMean(), Average())] == [0, 0, 0]
 
 
-def test_what_is_damaged_is_found_and_made_again(data):
+def test_damaged_or_missing_chunk_is_detected_and_made_again(data):
     run(request(data))
     before, (group,) = digest(data), [shard.path for shard in published(data).shards]
     content = read_bytes(group / "values/c/0/0/0")
@@ -95,7 +95,7 @@ def test_what_is_damaged_is_found_and_made_again(data):
     assert run(request(data)), "a file that is missing is missed"
 
 
-def test_a_run_that_ends_early_is_continued_on_another_machine(data, tmp_path):
+def test_unfinished_run_is_continued_on_another_machine(data, tmp_path):
     run(request(data, items=objects(3, b="bad")))
     assert read_account(data).artifacts[0].failures == {"b": {"stage": "make-noise", "reason": "it is bad; make it good"}}
     with pytest.raises(InvalidInput, match="it is bad"):
@@ -104,7 +104,7 @@ def test_a_run_that_ends_early_is_continued_on_another_machine(data, tmp_path):
     assert run(request(data, items=objects(4, c="bad"))) == 1, "what was finished before is kept, in object storage"
 
 
-def test_a_folder_half_filled_is_continued_on_another_machine(data, tmp_path):
+def test_unfinished_folder_is_continued_on_another_machine(data, tmp_path):
     run(request(data))
     with pytest.raises(StageError, match="no more"):
         run_plan(plan_of(request(data, Average(dies=True))), CONSOLE)
@@ -114,20 +114,20 @@ def test_a_folder_half_filled_is_continued_on_another_machine(data, tmp_path):
     assert not [name for name in files_below(data) if name.startswith(".work")]
 
 
-def test_what_a_killed_run_had_not_sent_yet_is_sent_by_the_next(data):
+def test_files_not_sent_by_a_killed_run_are_sent_by_the_next(data):
     folder = data / "work"
-    (left := storage.cache_of(folder) / "row").parent.mkdir(parents=True)
-    left.write_text("made, not sent")
+    (unsent := storage.cache_of(folder) / "row").parent.mkdir(parents=True)
+    unsent.write_text("made, not sent")
     with pytest.raises(KeyboardInterrupt), local_copy(folder, send=True):
         raise KeyboardInterrupt
     assert read_bytes(folder / "row") == b"made, not sent"
 
 
-def test_a_model_is_read_from_a_copy_that_is_compared_with_its_record(data, tmp_path):
-    all_three(data)
+def test_local_copy_of_a_model_is_checked_against_its_record(data, tmp_path):
+    run_all_stages(data)
     run(request(data, Average(reads=("models/average",))))
-    for kept in (tmp_path / "cache").rglob("mean.json"):
-        kept.write_text("{}")
+    for copy in (tmp_path / "cache").rglob("mean.json"):
+        copy.write_text("{}")
     assert DataDirectory(data).verified_folder("models/average").joinpath("mean.json").read_text() != "{}"
     write_atomically(DataDirectory(data).folder_path("models/average") / "mean.json", b"{}")
     clear(tmp_path / "cache")
@@ -135,7 +135,7 @@ def test_a_model_is_read_from_a_copy_that_is_compared_with_its_record(data, tmp_
         DataDirectory(data).verified_folder("models/average")
 
 
-def test_of_two_runs_the_one_that_comes_late_publishes_nothing_else(data, monkeypatch, tmp_path):
+def test_later_of_two_concurrent_runs_is_refused_and_publishes_nothing(data, monkeypatch, tmp_path):
     late, early = (request(data, items=objects(3), settings={"samples": samples}) for samples in (40, 50))
 
     def write_late(*arguments, **options):
@@ -153,7 +153,7 @@ def test_of_two_runs_the_one_that_comes_late_publishes_nothing_else(data, monkey
     assert published(data).first.read("values").shape == (3, 40, 3)
 
 
-def test_two_runs_that_make_the_same_both_succeed(data, monkeypatch, tmp_path):
+def test_concurrent_runs_of_the_same_rows_both_succeed(data, monkeypatch, tmp_path):
     def write_late(*arguments, **options):
         monkeypatch.setattr(publish, "write_group", write_group)
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "another machine"))
@@ -165,7 +165,7 @@ def test_two_runs_that_make_the_same_both_succeed(data, monkeypatch, tmp_path):
     assert not any(problems_below(data).values())
 
 
-def test_a_conditional_put_succeeds_once_and_is_recognised_when_its_answer_was_lost(data, faults):
+def test_conditional_put_succeeds_once_and_is_recognised_after_a_lost_answer(data, faults):
     record = data / "record.json"
     create(record, b"first")
     create(record, b"second")
@@ -180,7 +180,7 @@ def test_a_conditional_put_succeeds_once_and_is_recognised_when_its_answer_was_l
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_requests_whose_connections_break_are_made_again(data, faults, late):
+def test_requests_with_broken_connections_are_retried(data, faults, late):
     broken = iter([Answer(None, late)] * 6)
     faults.fault = lambda method, path: next(broken, None) if method in ("PUT", "POST", "DELETE") else None
     assert replace_version(data / "record.json", b"mine", None)
@@ -191,7 +191,7 @@ def test_requests_whose_connections_break_are_made_again(data, faults, late):
 
 
 @pytest.mark.parametrize("status", [409, 412])
-def test_a_conflict_that_nobody_has_won_is_tried_again(data, faults, status):
+def test_conflict_without_a_winner_is_retried(data, faults, status):
     refusals = iter([Answer(status)] * 3)
     faults.fault = lambda method, path: next(refusals, None) if method == "PUT" else None
     assert replace_version(data / "record.json", b"mine", None)
@@ -199,20 +199,20 @@ def test_a_conflict_that_nobody_has_won_is_tried_again(data, faults, status):
 
 
 @pytest.mark.parametrize("status", [500, 503, None])
-def test_a_server_that_fails_now_and_then_changes_nothing(data, faults, tmp_path, status):
+def test_intermittent_server_errors_do_not_change_the_digest(data, faults, tmp_path, status):
     answers = itertools.cycle([Answer(status, late=True), None, None, Answer(status), None, None, None])
     faults.fault = lambda method, path: next(answers)
-    for where in (data, tmp_path / "disk"):
-        run(request(where))
+    for place_of_data in (data, tmp_path / "disk"):
+        run(request(place_of_data))
     assert digest(data) == digest(tmp_path / "disk")
 
 
-def test_an_open_reader_of_what_was_split_otherwise_and_collected_ends_in_words(data):
+def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
     run(request(data))
     names = ("values", "reach", "lists/numbers")
     shard = published(data).shard("b")
     assert all(shard.view("b")[name].any() for name in names)
-    view = shard.view("b")  # which has read nothing yet
+    view = shard.view("b")  # has read nothing yet
     list(reshard(DataDirectory(data), 2))
     garbage.collect_everything(DataDirectory(data), older_than=-1)
     for name in names:
@@ -221,7 +221,7 @@ def test_an_open_reader_of_what_was_split_otherwise_and_collected_ends_in_words(
     assert published(data).view("b")["values"].any()
 
 
-def test_a_server_that_is_gone_is_told_in_words(data, faults, monkeypatch):
+def test_unreachable_server_gives_an_error_with_a_remedy(data, faults, monkeypatch):
     run(request(data))
     monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"max_retries": 1})
     storage._client.cache_clear()
@@ -234,7 +234,7 @@ def test_a_server_that_is_gone_is_told_in_words(data, faults, monkeypatch):
     assert not any(problems_below(data).values())
 
 
-def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
+def test_garbage_is_old_and_named_by_no_record(data, monkeypatch):
     run(request(data))
     run(request(data, settings={"samples": 9}))
     (replaced,) = garbage.all_unreferenced(DataDirectory(data))
@@ -248,7 +248,7 @@ def test_garbage_is_what_no_record_names_and_is_old(data, monkeypatch):
     assert not any(problems_below(data).values())
 
 
-def test_places_that_cannot_be_are_refused():
+def test_unsupported_scheme_is_refused():
     with pytest.raises(InvalidInput, match=r"ftp://x/y cannot hold data; give a folder, or s3://BUCKET/PREFIX"):
         place("ftp://x/y")
     assert place("data/toy") == Path("data/toy")

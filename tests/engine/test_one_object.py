@@ -1,4 +1,4 @@
-"""`--object`: one object through several stages, then the others, to the same bytes."""
+"""`--object` takes one object through several stages; runs of the others then give the same bytes."""
 
 import hashlib
 from pathlib import Path
@@ -24,22 +24,22 @@ def contents(data: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("shards", [1, 2])
-def test_an_object_passes_through_the_stages_and_the_others_follow_to_the_same_bytes(tmp_path, shards):
-    one, whole = tmp_path / "one", tmp_path / "whole"
+def test_objects_run_alone_and_then_the_rest_give_the_same_bytes_as_one_run(tmp_path, shards):
+    separate, whole = tmp_path / "one", tmp_path / "whole"
     for name in "cb":
         for stage in STAGES:
-            assert run(request(one, stage=stage, shards=shards, only=name)) == 1
-            assert run(request(one, stage=stage, shards=shards, only=name)) == 0
-    assert sorted(published(one)) == sorted(published(one, MEAN)) == ["b", "c"]
+            assert run(request(separate, stage=stage, shards=shards, only=name)) == 1
+            assert run(request(separate, stage=stage, shards=shards, only=name)) == 0
+    assert sorted(published(separate)) == sorted(published(separate, MEAN)) == ["b", "c"]
     for stage in STAGES:
-        assert run(request(one, stage=stage)) == 3
-        assert run(request(one, stage=stage, only="a")) == 0
+        assert run(request(separate, stage=stage)) == 3
+        assert run(request(separate, stage=stage, only="a")) == 0
         run(request(whole, stage=stage, shards=shards))
-    assert contents(one) == contents(whole)
-    assert not any(problems_below(one).values())
+    assert contents(separate) == contents(whole)
+    assert not any(problems_below(separate).values())
 
 
-def test_an_incomplete_shard_says_what_it_lacks(tmp_path):
+def test_incomplete_shard_lists_its_missing_objects(tmp_path):
     run(request(tmp_path, only="b"))
     assert list(published(tmp_path).missing) == ["a", "c", "d", "e"]
     assert published(tmp_path).failure("a").reason == "not made yet"
@@ -50,14 +50,14 @@ def test_an_incomplete_shard_says_what_it_lacks(tmp_path):
     assert (foreseen.missing, foreseen.up_to_date) == (1, False)
 
 
-def test_a_stage_without_the_object_s_input_says_what_to_run(tmp_path):
+def test_stage_without_the_input_of_an_object_is_refused(tmp_path):
     run(request(tmp_path, only="b"))
-    for asked in (request(tmp_path, stage=TakeMean(), only="a"), request(tmp_path, stage=TakeMean()), request(tmp_path, stage=Average())):
+    for wanted in (request(tmp_path, stage=TakeMean(), only="a"), request(tmp_path, stage=TakeMean()), request(tmp_path, stage=Average())):
         with pytest.raises(StoreError, match="has no object a; "):
-            plan_of(asked)
+            plan_of(wanted)
 
 
-def test_no_published_row_is_lost(tmp_path):
+def test_run_of_one_object_replaces_no_published_rows(tmp_path):
     run(request(tmp_path))
     before = digest(tmp_path)
     other = {"settings": {"samples": 9}}
@@ -73,23 +73,23 @@ def test_no_published_row_is_lost(tmp_path):
     assert run(request(tmp_path, **other)) == 4
 
 
-def test_rows_of_a_killed_run_wait_for_the_run_of_all_objects(tmp_path):
+def test_rows_of_a_killed_run_are_published_by_the_run_of_all_objects(tmp_path):
     leave_row(request(tmp_path), "a")
     run(request(tmp_path, only="b"))
     assert list(published(tmp_path)) == ["b"]
     assert run(request(tmp_path)) == 3
 
 
-def test_an_object_that_left_the_manifest_is_not_missing_any_more(tmp_path):
+def test_object_removed_from_the_manifest_is_not_missing(tmp_path):
     for name in "ab":
         run(request(tmp_path, items=objects(3), only=name))
     run(request(tmp_path, items=objects(2)))
     assert not published(tmp_path).missing
     record = (tmp_path / "noise" / "0000-of-0001.json").read_text()
-    assert '"missing"' not in record  # versions that do not know it read records of complete shards
+    assert '"missing"' not in record  # so that older versions can read records of complete shards
 
 
-def test_resharding_keeps_what_is_missing(tmp_path):
+def test_reshard_keeps_the_list_of_missing_objects(tmp_path):
     for stage in STAGES:
         run(request(tmp_path, stage=stage, shards=2, only="b"))
         run(request(tmp_path, stage=stage, only="c"))

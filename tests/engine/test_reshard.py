@@ -1,4 +1,4 @@
-"""Objects are split into another number of shards: nothing is computed, nothing is lost on the way."""
+"""Reshard changes the number of shards without computing or losing rows."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import MEAN, NOISE, MakeNoise, TakeMean, digest, objects, published, request, run
 
 
-def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
+def test_run_with_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=4))
     whole = digest(tmp_path), digest(tmp_path, MEAN)
@@ -43,7 +43,7 @@ def test_another_number_of_shards_is_refused_and_reshard_changes_it(tmp_path):
         assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0], "None takes the dataset's number"
 
 
-def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
+def test_killed_reshard_changes_nothing_for_readers(tmp_path):
     run(request(tmp_path, shards=2))
     whole = digest(tmp_path)
     halfway = reshard(DataDirectory(tmp_path), 4)
@@ -58,7 +58,7 @@ def test_a_reshard_that_is_killed_changes_nothing_that_readers_see(tmp_path):
     assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
 
 
-def test_what_was_split_otherwise_is_kept_for_its_readers(tmp_path):
+def test_replaced_groups_are_kept_for_their_readers(tmp_path):
     run(request(tmp_path, shards=2))
     groups = list((tmp_path / "noise").glob("*-of-0002-*.zarr"))
     for group in groups:
@@ -68,7 +68,7 @@ def test_what_was_split_otherwise_is_kept_for_its_readers(tmp_path):
     assert all(group.exists() for group in groups)
 
 
-def test_what_a_run_publishes_while_shards_are_split_is_not_lost(tmp_path):
+def test_rows_published_during_a_reshard_are_not_lost(tmp_path):
     run(request(tmp_path, shards=2))
     halfway = reshard(DataDirectory(tmp_path), 4)
     next(halfway)
@@ -81,7 +81,7 @@ def test_what_a_run_publishes_while_shards_are_split_is_not_lost(tmp_path):
     assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0]
 
 
-def test_a_run_that_ends_after_shards_were_split_keeps_its_rows_for_the_next(tmp_path):
+def test_run_that_ends_after_a_reshard_keeps_its_rows_for_the_next_run(tmp_path):
     run(request(tmp_path, shards=2))
     halfway = reshard(DataDirectory(tmp_path), 4)
     next(halfway)
@@ -100,7 +100,7 @@ def test_a_run_that_ends_after_shards_were_split_keeps_its_rows_for_the_next(tmp
     assert list(published(tmp_path, MEAN)) == list("abcde")
 
 
-def test_a_dataset_that_cannot_be_written_is_named_with_what_to_do(tmp_path):
+def test_unwritable_dataset_gives_an_error_with_a_remedy(tmp_path):
     run(request(tmp_path))
     shutil.rmtree(tmp_path / ".work")
     (tmp_path / ".work").write_text("a read-only disk ends in an OSError, too")
@@ -110,7 +110,7 @@ def test_a_dataset_that_cannot_be_written_is_named_with_what_to_do(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["read_bytes", "read_record"])
-def test_a_reader_that_opens_while_shards_are_replaced_sees_all_objects(tmp_path, monkeypatch, name):
+def test_reader_that_opens_during_a_reshard_sees_all_objects(tmp_path, monkeypatch, name):
     run(request(tmp_path, shards=2))
     read = getattr(directory_module, name)
 
@@ -123,7 +123,7 @@ def test_a_reader_that_opens_while_shards_are_replaced_sees_all_objects(tmp_path
     assert list(DataDirectory(tmp_path).collection(NOISE)) == list("abcde")
 
 
-def test_what_is_replaced_while_it_is_checked_is_no_problem(tmp_path, monkeypatch):
+def test_reshard_during_validation_is_not_reported_as_a_problem(tmp_path, monkeypatch):
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=2))
     check, checks = validate._record_problems, itertools.count()
@@ -138,9 +138,9 @@ def test_what_is_replaced_while_it_is_checked_is_no_problem(tmp_path, monkeypatc
     assert next(checks) > 4, "it looked again"
 
 
-def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
+def test_reshard_is_refused_while_a_run_is_at_work(tmp_path):
     run(request(tmp_path, shards=2))
-    for artifact in ("noise", "mean"):  # of the second nothing has been published yet
+    for artifact in ("noise", "mean"):  # `mean` has not been published yet
         with (
             exclusive_lock(DataDirectory(tmp_path).shard_lock(artifact, 0, 2), tmp_path),
             pytest.raises(StoreError, match="by another run"),
@@ -148,7 +148,7 @@ def test_shards_are_not_split_while_a_run_is_at_work(tmp_path):
             list(reshard(DataDirectory(tmp_path), 4))
 
 
-def test_xarray_says_why_objects_of_every_shard_failed(tmp_path):
+def test_xarray_attributes_list_the_failures_of_all_shards(tmp_path):
     items = objects(6, a="bad", b="bad", c="bad", d="bad", e="bad")
     run(request(tmp_path, items=items, shards=3))
     assert open_artifact(tmp_path, "noise").attrs["failures"].keys() == set("abcde")

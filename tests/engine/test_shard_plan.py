@@ -1,4 +1,4 @@
-"""Object stages: skipped, resumed, failing, split into shards, done by workers."""
+"""Object stages: skipped, resumed, failing, split into shards, run by workers."""
 
 import os
 import shutil
@@ -36,7 +36,7 @@ def test_a_second_run_does_nothing_and_touches_no_file(tmp_path):
     assert stamps(tmp_path) == before
 
 
-def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path):
+def test_settings_that_change_results_make_rows_again_and_speed_settings_do_not(tmp_path):
     run(request(tmp_path))
     assert run(request(tmp_path, settings={"batch": 3})) == 0
     assert run(request(tmp_path, settings={"samples": 51})) == 5
@@ -45,10 +45,10 @@ def test_what_changes_results_rebuilds_and_what_changes_speed_does_not(tmp_path)
 
 
 @pytest.mark.parametrize(("shards", "workers"), [pytest.param(4, 1, marks=pytest.mark.slow), (7, 2)])
-def test_shards_and_workers_change_no_digest(tmp_path, shards, workers):
-    for data, how in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
-        run(request(data, **how))
-        run(request(data, stage=TakeMean(), **how))
+def test_digest_does_not_depend_on_shards_or_workers(tmp_path, shards, workers):
+    for data, options in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
+        run(request(data, **options))
+        run(request(data, stage=TakeMean(), **options))
     assert digest(tmp_path / "one") == digest(tmp_path / "other")
     assert digest(tmp_path / "one", MEAN) == digest(tmp_path / "other", MEAN)
 
@@ -61,7 +61,7 @@ class StopsAfterTwo(Serial):
         raise KeyboardInterrupt
 
 
-def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path):
+def test_interrupted_run_is_continued(tmp_path):
     run(request(tmp_path / "whole"))
     with pytest.raises(KeyboardInterrupt):
         run(request(tmp_path / "cut", executor=StopsAfterTwo()))
@@ -83,12 +83,12 @@ def test_a_run_that_ends_in_the_middle_continues_where_it_stopped(tmp_path):
     ],
     ids=["seed", "manifest", "schema", "asset", "category"],
 )
-def test_whatever_an_output_is_a_function_of_belongs_to_its_key(tmp_path, change):
-    before, after = (plan_of(request(tmp_path, **asked)) for asked in ({}, change))
+def test_key_depends_on_everything_that_decides_the_output(tmp_path, change):
+    before, after = (plan_of(request(tmp_path, **options)) for options in ({}, change))
     assert before.key != after.key
 
 
-def test_inputs_of_different_making_are_not_combined(tmp_path):
+def test_inputs_made_from_different_rows_are_refused(tmp_path):
     run(request(tmp_path))
     run(request(tmp_path, stage=TakeMean()))
     run(request(tmp_path, settings={"samples": 7}))
@@ -99,7 +99,7 @@ def test_inputs_of_different_making_are_not_combined(tmp_path):
     assert run(request(tmp_path, stage=Compare())) == 5
 
 
-def test_what_an_input_was_made_from_is_checked_too(tmp_path):
+def test_origins_of_an_input_are_checked(tmp_path):
     run(request(tmp_path))
     run(request(tmp_path, stage=TakeMean()))
     assert run(request(tmp_path, stage=Halve())) == 5
@@ -109,20 +109,20 @@ def test_what_an_input_was_made_from_is_checked_too(tmp_path):
         plan_of(request(tmp_path, stage=Halve()))
     with pytest.raises(StoreError, match="mean of a was made from other noise than the current ones; run take-mean again"):
         check_origins(DataDirectory(tmp_path), ["mean"])
-    shutil.rmtree(tmp_path / "noise")  # deleted to save room: then there is nothing to compare with
+    shutil.rmtree(tmp_path / "noise")  # deleted to save space: there is nothing to compare with
     plan_of(request(tmp_path, stage=Halve()))
 
 
-def test_a_shard_is_made_of_inputs_whose_other_shards_are_not_made_again_yet(tmp_path):
+def test_shard_needs_only_its_own_shard_of_the_inputs(tmp_path):
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=2))
-    for shard in (0, 1):  # as `make` goes through them, each through all stages
+    for shard in (0, 1):  # `make` takes each shard through all stages
         for stage in (MakeNoise(), TakeMean()):
             assert run(request(tmp_path, stage=stage, settings={"samples": 7}), shard)
     assert not any(problems_below(tmp_path).values())
 
 
-def test_labels_that_an_input_changed_are_taken_over_and_nothing_is_computed(tmp_path):
+def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):
     for stage in (MakeNoise(), TakeMean(), MakeNoise(asset="finger")):
         run(request(tmp_path, stage=stage))
     assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["thumb"]
@@ -131,7 +131,7 @@ def test_labels_that_an_input_changed_are_taken_over_and_nothing_is_computed(tmp
     assert plan_of(request(tmp_path, stage=TakeMean())).up_to_date()
 
 
-def test_a_data_directory_of_other_objects_is_not_written_over(tmp_path):
+def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
     before = stamps(tmp_path / "noise")
@@ -148,7 +148,7 @@ def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
     assert not shard.read("values").any()
 
 
-def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_path):
+def test_repaired_object_is_published_at_once_and_other_failures_stay(tmp_path):
     mended = tmp_path / "mended"
     items = objects(4, b=f"until {mended}", c="bad")
     run(request(tmp_path, items=items))
@@ -157,7 +157,7 @@ def test_an_object_that_was_mended_is_packed_at_once_and_the_others_stay(tmp_pat
     assert [published(tmp_path).failure(name) is None for name in "abcd"] == [True, True, False, True]
 
 
-def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
+def test_missing_description_file_ends_a_dry_run(tmp_path):
     with (
         patch.object(MakeNoise, "assets", lambda *_: [description_path("sensor", "nope.yaml")]),
         pytest.raises(StageError, match=r"make-noise: there is no sensor 'nope\.yaml'; built in are"),
@@ -165,15 +165,15 @@ def test_a_description_file_that_is_missing_ends_a_dry_run_too(tmp_path):
         list(forecast(request(tmp_path)))
 
 
-def test_a_dry_run_foresees_the_shard_that_is_asked_for(tmp_path):
-    asked = request(tmp_path, stage=TakeMean(), shards=5)
-    assert [foreseen.total for _, foreseen in forecast(asked)] == [3, 0, 0, 1, 1], "before its inputs have been made"
-    assert [foreseen.missing for _, foreseen in forecast(asked, 0)] == [3]
+def test_dry_run_forecasts_the_chosen_shard(tmp_path):
+    mean_request = request(tmp_path, stage=TakeMean(), shards=5)
+    assert [foreseen.total for _, foreseen in forecast(mean_request)] == [3, 0, 0, 1, 1], "before its inputs have been made"
+    assert [foreseen.missing for _, foreseen in forecast(mean_request, 0)] == [3]
     with pytest.raises(StoreError, match="there is no shard 9 of 5"):
-        list(forecast(asked, 9))
+        list(forecast(mean_request, 9))
 
 
-def test_failures_are_tried_again_when_asked(tmp_path):
+def test_failures_are_tried_again_with_retry_only(tmp_path):
     flag = tmp_path / "mended"
     items = objects(3, b=f"until {flag}")
     run(request(tmp_path, items=items))
@@ -184,40 +184,40 @@ def test_failures_are_tried_again_when_asked(tmp_path):
     assert published(tmp_path).failure("b") is None
 
 
-def test_a_dry_run_counts_failures_that_wait_and_are_tried_again(tmp_path):
+def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
     items = objects(3, b="bad")
     for name in "ab":
         leave_row(request(tmp_path, items=items), name)
-    foreseen = [[one.missing for _, one in forecast(request(tmp_path, items=items, **asked))] for asked in ({}, {"retry": True})]
-    assert foreseen == [[1], [2]]
+    missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
+    assert missing == [[1], [2]]
     assert run(request(tmp_path, items=items, retry=True)) == 2
 
 
-def test_strict_refuses_what_failed_before(tmp_path):
+def test_strict_refuses_objects_that_failed_before(tmp_path):
     run(request(tmp_path, items=objects(3, b="bad"), only="b"))
     with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
 
 
 def test_a_shard_without_objects_needs_no_inputs(tmp_path):
-    """Of 5 shards 1 and 2 have none of a to e; they are asked for before any input has been made."""
-    asked = request(tmp_path, stage=TakeMean(), shards=5)
-    assert [run(asked, shard) for shard in (1, 2)] == [0, 0]
+    """Shards 1 and 2 of 5 hold none of a to e; they run before any input has been made."""
+    mean_request = request(tmp_path, stage=TakeMean(), shards=5)
+    assert [run(mean_request, shard) for shard in (1, 2)] == [0, 0]
     with pytest.raises(StoreError, match="noise has not been made"):
-        run(asked, 4)
+        run(mean_request, 4)
 
 
-def test_a_shard_whose_only_object_is_gone_is_withdrawn(tmp_path):
-    """Of 4 shards b is alone in the second."""
+def test_shard_without_remaining_objects_is_withdrawn(tmp_path):
+    """The second of 4 shards holds b alone."""
     for stage in (MakeNoise(), TakeMean()):
         run(request(tmp_path, stage=stage, shards=4))
     assert "b" in published(tmp_path)
-    left = [item for item in objects(5) if item.object_id != "b"]
-    (foreseen,) = [one for _, one in forecast(request(tmp_path, items=left, shards=4), 1)]
+    remaining = [item for item in objects(5) if item.object_id != "b"]
+    (foreseen,) = [planned for _, planned in forecast(request(tmp_path, items=remaining, shards=4), 1)]
     assert not foreseen.up_to_date
     assert foreseen.total == 0
     for stage in (MakeNoise(), TakeMean()):
-        assert run(request(tmp_path, stage=stage, items=left, shards=4)) == 0
+        assert run(request(tmp_path, stage=stage, items=remaining, shards=4)) == 0
     assert sorted(published(tmp_path)) == sorted(published(tmp_path, MEAN)) == list("acde")
     assert len(list((tmp_path / "noise").glob("0001-of-0004-*.zarr"))) == 1, "kept for its readers"
     assert not any(lines for lines in problems_below(tmp_path).values())
@@ -231,7 +231,7 @@ def test_objects_of_another_manifest_are_not_dropped(tmp_path):
     assert run(request(tmp_path, items=objects(7), manifest="other")) == 2, "one that has more takes over"
 
 
-def test_a_failure_under_other_settings_is_not_this_runs(tmp_path):
+def test_failure_under_other_settings_is_ignored(tmp_path):
     mended = tmp_path / "mended"
     items = objects(3, b=f"until {mended}")
     run(request(tmp_path, items=items))
@@ -241,16 +241,16 @@ def test_a_failure_under_other_settings_is_not_this_runs(tmp_path):
     assert failures(plan_of(with_more)) == {}
 
 
-def test_an_object_more_is_made_alone(tmp_path):
+def test_added_object_is_made_alone(tmp_path):
     run(request(tmp_path, shards=3))
     assert run(request(tmp_path, count=6)) == 1
     assert len(published(tmp_path)) == 6
 
 
-def test_what_was_replaced_is_collected_and_what_a_record_names_never(tmp_path):
+def test_replaced_group_is_collected_and_the_recorded_group_is_kept(tmp_path):
     run(request(tmp_path))
     old = published(tmp_path).first.path
-    os.utime(old, (0, 0))  # what counts is when it was replaced, not when it was written
+    os.utime(old, (0, 0))  # the time of the replacement counts, not that of writing
     run(request(tmp_path, settings={"samples": 9}))
     new = published(tmp_path).first.path
     assert old.exists(), "readers may still use it"
@@ -260,7 +260,7 @@ def test_what_was_replaced_is_collected_and_what_a_record_names_never(tmp_path):
     assert not any(problems_below(tmp_path).values())
 
 
-def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
+def test_changed_split_is_published_without_computing(tmp_path):
     run(request(tmp_path))
     whole = digest(tmp_path)
     assert run(request(tmp_path, items=objects(5, split="test"))) == 0
@@ -268,7 +268,7 @@ def test_another_split_is_packed_again_and_nothing_computed(tmp_path):
     assert digest(tmp_path) != whole
 
 
-def test_artifacts_with_other_splits_do_not_belong_together(tmp_path):
+def test_inputs_with_different_splits_are_refused(tmp_path):
     for stage, split in ((MakeNoise(), "train"), (TakeMean(), "train"), (MakeNoise(), "test")):
         run(request(tmp_path, stage=stage, items=objects(5, split=split)))
     other = (
@@ -280,7 +280,7 @@ def test_artifacts_with_other_splits_do_not_belong_together(tmp_path):
     assert run(request(tmp_path, stage=Compare(), items=objects(5, split="test"))) == 5
 
 
-def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
+def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_path):
     items = objects(6, b="bad", c="crash")
     run(request(tmp_path, items=items, executor=Dask(2)))
     noise = published(tmp_path)
@@ -297,7 +297,7 @@ def test_each_failure_is_kept_with_its_reason_and_the_others_go_on(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "pipe"])
-def test_a_file_without_a_key_is_its_objects_failure_and_the_others_go_on(tmp_path, content):
+def test_unreadable_file_fails_its_object_and_the_others_are_processed(tmp_path, content):
     file = tmp_path / "b.gltf"
     os.mkfifo(file) if content is None else file.write_bytes(content)
     items = [Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train"), *objects(1)]
@@ -307,17 +307,19 @@ def test_a_file_without_a_key_is_its_objects_failure_and_the_others_go_on(tmp_pa
     assert noise.failure("a") is None
 
 
-@pytest.mark.parametrize(("trouble", "said"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")])
-def test_a_bug_fails_no_object_keeps_its_traceback_and_lets_the_others_go_on(tmp_path, trouble, said):
+@pytest.mark.parametrize(
+    ("trouble", "message"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")]
+)
+def test_bug_is_reported_with_its_traceback_and_the_others_are_processed(tmp_path, trouble, message):
     with pytest.raises(BugFound, match="processing d met a bug in vt-pipeline") as caught:
         run(request(tmp_path, items=objects(5, d=trouble)))
     assert "Traceback" in str(caught.value)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert not len(published(tmp_path))
     assert run(request(tmp_path)) == 1, "the rows of the others are kept"
 
 
-def test_a_failure_passes_down_under_the_stage_that_failed(tmp_path):
+def test_failure_is_passed_on_with_the_name_of_the_failed_stage(tmp_path):
     items = objects(3, b="bad")
     run(request(tmp_path, items=items))
     assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
@@ -325,7 +327,7 @@ def test_a_failure_passes_down_under_the_stage_that_failed(tmp_path):
     assert (failure.stage, failure.reason) == ("make-noise", "it is bad; make it good")
 
 
-def test_a_shard_in_which_all_fail_is_a_valid_shard(tmp_path):
+def test_shard_of_failed_objects_is_valid(tmp_path):
     items = objects(2, a="bad", b="bad")
     run(request(tmp_path, items=items))
     assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
@@ -338,7 +340,7 @@ def test_strict_stops_at_the_first_failure(tmp_path):
     assert not len(published(tmp_path))
 
 
-def test_an_input_that_was_not_made_is_named(tmp_path):
+def test_missing_input_is_named(tmp_path):
     with pytest.raises(StoreError, match="noise has not been made; run `vt-pipeline run STAGE` first"):
         plan_of(request(tmp_path, stage=TakeMean()))
     run(request(tmp_path, items=objects(1)))
@@ -348,7 +350,7 @@ def test_an_input_that_was_not_made_is_named(tmp_path):
         plan_of(request(tmp_path, stage=TakeMean()))
 
 
-def test_two_runs_of_one_shard_do_not_meet(tmp_path):
+def test_second_run_of_a_shard_is_refused_while_the_first_is_at_work(tmp_path):
     held, free = threading.Event(), threading.Event()
 
     def hold() -> None:
@@ -358,7 +360,7 @@ def test_two_runs_of_one_shard_do_not_meet(tmp_path):
 
     other = threading.Thread(target=hold)
     other.start()
-    held.wait(30)
+    assert held.wait(30)
     with pytest.raises(StoreError, match="is being made by another run"):
         run(request(tmp_path))
     free.set()

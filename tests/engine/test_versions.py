@@ -14,16 +14,16 @@ from pipeline.engine.versions import library_versions, processor
 from tests.processors import environment
 
 
-def test_the_record_has_versions_of_libraries_and_the_machine() -> None:
+def test_record_holds_library_versions_and_the_machine() -> None:
     assert library_versions()["numpy"] == np.__version__
     assert processor()["machine"] == platform.machine()
 
 
-def test_the_record_shows_which_instruction_sets_numpy_and_torch_use() -> None:
+def test_record_holds_the_instruction_sets_of_numpy_and_torch() -> None:
     code = "import json, torch; from pipeline.engine.versions import processor; print(json.dumps(processor()))"
     run = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, **environment("prescott")}, capture_output=True, text=True, check=True
     )
-    found = json.loads(run.stdout)
-    assert found["torch"] == "DEFAULT"
-    assert not set(environment("prescott")["NPY_DISABLE_CPU_FEATURES"].split()) & set(found["numpy"])
+    recorded = json.loads(run.stdout)
+    assert recorded["torch"] == "DEFAULT"
+    assert not set(environment("prescott")["NPY_DISABLE_CPU_FEATURES"].split()) & set(recorded["numpy"])

@@ -1,4 +1,4 @@
-"""Small stages, real but for their physics: what the tests of the engine run."""
+"""Small stages without physics for the tests of the engine."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class MakeNoise(_TinyStage):
                 case "memory":
                     raise MemoryError
                 case "hang":
-                    ctypes.PyDLL(None).sleep(60)  # native code that lets no other thread of Python run
+                    ctypes.PyDLL(None).sleep(60)  # native code that holds the interpreter lock
                 case "crash":
                     os.kill(os.getpid(), signal.SIGSEGV)
                 case "nan":
@@ -138,7 +138,7 @@ class Compare(_TinyStage):
 
 
 class Halve(_TinyStage):
-    """Looks at means alone: not at the noise that they are of."""
+    """Reads means only, not the noise that they are computed from."""
 
     name = "halve"
     summary = "halve means"
@@ -153,7 +153,7 @@ class Halve(_TinyStage):
 
 
 class Average(DatasetStage):
-    """The mean over all training objects, into a file; `dies` leaves its folder half done."""
+    """Writes the mean over all training objects to a file; `dies` leaves the folder unfinished."""
 
     name = "average"
     summary = "average them all"
@@ -184,8 +184,8 @@ class Average(DatasetStage):
         if self.dies:
             begun.write_text("half")
             raise StageError("no more")
-        found = published(job.data)
-        means = [float(found.view(name)["values"].mean()) for name in found if found.row(name).split == "train"]
+        noise = published(job.data)
+        means = [float(noise.view(name)["values"].mean()) for name in noise if noise.row(name).split == "train"]
         facts = {"resumed": begun.exists()}
         begun.unlink(missing_ok=True)
         (job.folder / "mean.json").write_text(json.dumps(means))
@@ -193,7 +193,7 @@ class Average(DatasetStage):
 
 
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
-    """Objects a, b, c …, some with a trouble."""
+    """Make objects a, b, c …, some of them with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
     return [Object(name, kind, {"trouble": troubles.get(name), "name": name}, split) for name in names]
 
@@ -206,37 +206,37 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
     return Request(stage=stage or MakeNoise(), settings=NoiseSettings(**values), objects=items, data=data, **named)
 
 
-def plan_of(asked: Request) -> Plan[Any]:
+def plan_of(wanted: Request) -> Plan[Any]:
     """Make the only plan of a request."""
-    (plan,) = make_plans(asked)
+    (plan,) = make_plans(wanted)
     return plan
 
 
-def run(asked: Request, shard: int | None = None) -> int:
-    """Run every plan that is not up to date; the number of objects that were processed."""
-    with asked.executor:
-        return sum(run_plan(plan, CONSOLE).made for plan in make_plans(asked, shard) if not plan.up_to_date())
+def run(wanted: Request, shard: int | None = None) -> int:
+    """Run every plan that is not up to date; return the number of processed objects."""
+    with wanted.executor:
+        return sum(run_plan(plan, CONSOLE).made for plan in make_plans(wanted, shard) if not plan.up_to_date())
 
 
-def leave_row(asked: Request, name: str) -> None:
-    """Finish one object's row and publish nothing, as a run does that is killed then."""
-    plan = plan_of(asked)
-    work = Work(plan.stage, plan.settings, asked.data, plan.model_digests)
+def leave_row(wanted: Request, name: str) -> None:
+    """Finish the row of one object without publishing it, as a killed run does."""
+    plan = plan_of(wanted)
+    work = Work(plan.stage, plan.settings, wanted.data, plan.model_digests)
     list(Serial().run(work, [unit for unit in plan.units if unit.name == name]))
 
 
-def pack(asked: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
-    """Publish rows without the workers' start: what a function says of each object, but for those that failed."""
-    plan = plan_of(asked)
+def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
+    """Publish the rows that a function gives for each object, without starting workers; `failed` names failed objects."""
+    plan = plan_of(wanted)
     for unit in plan.units:
-        why = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
-        made = {} if why else conform(plan.output.artifact, row(unit))
-        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=why), made, unit.category)
+        failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
+        values = {} if failure else conform(plan.output.artifact, row(unit))
+        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
     assert not run_plan(plan, CONSOLE).made
 
 
 def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, Any] | None = None) -> Path:
-    """Publish a folder as a dataset stage does; returns where it is then."""
+    """Publish a folder as a dataset stage does; return its published path."""
     record = FolderRecord(
         **{"location": "unpublished", "stage": stage, "key": "0" * 64, "settings": {}, "speed_settings": {}, "preset": "draft"},
         **{"seed": 0, "manifest": "tiny", "models": {}, "versions": {}, "processor": {}, "splits": (), "inputs": {}},

@@ -1,4 +1,4 @@
-"""Exports read back by the libraries they are for, as `make test-exports` runs it: equal, for all of them are lossless.
+"""Exports read back by the libraries they are for are equal; `make test-exports` runs this file.
 
 The file's name keeps it from being collected by `make test`: LeRobot, `datasets`, WebDataset and Rerun are installed for this alone.
 """
@@ -25,7 +25,7 @@ from tests.test_pipeline import made, manifest  # noqa: F401
 
 
 class ToTensor:
-    """What LeRobot takes from torchvision, which does not load beside this torch: (H, W, C) uint8 to (C, H, W) float32, 0 to 1."""
+    """Stand-in for torchvision's class, which does not load with this torch: (H, W, C) uint8 to (C, H, W) float32, 0 to 1."""
 
     def __call__(self, image):
         return torch.from_numpy(np.asarray(image).copy()).permute(2, 0, 1).float() / 255
@@ -33,7 +33,7 @@ class ToTensor:
 
 @pytest.fixture
 def lerobot(monkeypatch):
-    """LeRobot's dataset class."""
+    """Return LeRobot's dataset class."""
     stand_in = types.ModuleType("torchvision")
     stand_in.transforms = types.SimpleNamespace(ToTensor=ToTensor, v2=types.SimpleNamespace(Transform=object))
     for name, module in (("torchvision", stand_in), ("torchvision.transforms", stand_in.transforms)):
@@ -50,9 +50,9 @@ def stored(data) -> ObjectRows:  # noqa: F811
     return ObjectRows(data, arrays, split=None)
 
 
-def check(stored: ObjectRows, object_id: str, grasp: int, found: dict[str, object], *, single: bool = False) -> None:
-    """Compare a frame's arrays with those that are stored; `single` with these as float32, which LeRobot makes of float64 when it reads."""
-    for name, value in found.items():
+def check(stored: ObjectRows, object_id: str, grasp: int, arrays: dict[str, object], *, single: bool = False) -> None:
+    """Compare the arrays of a frame with the stored ones; `single` converts float64 to float32 first, as LeRobot does."""
+    for name, value in arrays.items():
         array, _, finger = name.partition(".")
         expected = stored.read(array, object_id, grasp)
         expected = expected[FINGERS.index(finger)] if finger else expected
@@ -61,16 +61,16 @@ def check(stored: ObjectRows, object_id: str, grasp: int, found: dict[str, objec
         np.testing.assert_array_equal(np.asarray(value, expected.dtype), expected, err_msg=name)
 
 
-def test_lerobot_reads_every_frame_as_it_is_stored(lerobot, data, stored, tmp_path):  # noqa: F811
+def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tmp_path):  # noqa: F811
     vt("export", data, tmp_path / "out", "--to", "lerobot")
-    read = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
-    assert (read.num_episodes, read.num_frames, read.fps) == (2, 10, 1)
-    assert read.meta.info["splits"] == {"test": "0:2"}
-    assert set(read.meta.stats) >= {"observation.state", f"observation.images.tactile_{FINGERS[0]}"}
+    dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2, 10, 1)
+    assert dataset.meta.info["splits"] == {"test": "0:2"}
+    assert set(dataset.meta.stats) >= {"observation.state", f"observation.images.tactile_{FINGERS[0]}"}
     for number in (0, 4, 9):
-        item = read[number]
+        item = dataset[number]
         image = item[f"observation.images.tactile_{FINGERS[1]}"]
-        found = {
+        arrays = {
             "touch_success": item["observation.touch_success"],
             "joint_angles": item["observation.state"],
             "hand_pose": item["observation.hand_pose"],
@@ -78,7 +78,7 @@ def test_lerobot_reads_every_frame_as_it_is_stored(lerobot, data, stored, tmp_pa
             f"depth.{FINGERS[1]}": item[f"observation.depth_{FINGERS[1]}"],
             f"tactile_image.{FINGERS[1]}": (255 * image).round().permute(1, 2, 0),
         }
-        check(stored, item["object_id"], int(item["grasp"]), found, single=True)
+        check(stored, item["object_id"], int(item["grasp"]), arrays, single=True)
         assert item["task"] == f"grasp a {item['category']}"
 
 
@@ -90,46 +90,46 @@ def exported(data, tmp_path) -> Path:  # noqa: F811
     return tmp_path / "out"
 
 
-@pytest.mark.filterwarnings("ignore")  # of its libraries
-def test_croissant_is_valid_and_reads_every_row_as_it_is_stored(exported, stored):
-    read = mlcroissant.Dataset(exported / "croissant.json")
-    issues = read.metadata.ctx.issues
+@pytest.mark.filterwarnings("ignore")  # warnings of its libraries
+def test_croissant_is_valid_and_reads_rows_equal_to_the_stored_ones(exported, stored):
+    dataset = mlcroissant.Dataset(exported / "croissant.json")
+    issues = dataset.metadata.ctx.issues
     assert (issues.errors, issues.warnings) == (set(), set())
-    records = list(read.records("test"))
+    records = list(dataset.records("test"))
     assert len(records) == 10
     for record in records:
         row = {name.partition("/")[2]: value for name, value in record.items()}
-        found = {name: value for name, value in row.items() if name in stored.arrays or "." in name}
-        check(stored, row["object_id"].decode(), row["grasp"], found)
+        arrays = {name: value for name, value in row.items() if name in stored.arrays or "." in name}
+        check(stored, row["object_id"].decode(), row["grasp"], arrays)
 
 
-def test_hugging_face_reads_every_row_as_it_is_stored(exported, stored, tmp_path):
+def test_hugging_face_reads_rows_equal_to_the_stored_ones(exported, stored, tmp_path):
     read = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))
     assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
     for row in read["test"]:
         check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it leaves its files to the garbage collector
-def test_webdataset_reads_every_sample_as_it_is_stored(data, stored, tmp_path):  # noqa: F811
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it does not close its files
+def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_path):  # noqa: F811
     vt("export", data, tmp_path / "out", "--to", "webdataset")
     samples = list(webdataset.WebDataset(str(tmp_path / "out" / "test-000000.tar"), shardshuffle=False).decode("rgb8"))
     assert len(samples) == 10
     for sample in samples:
-        said = sample["json"]
-        found = {name: sample[f"{name}.npy"] for name in ("touch_success", "joint_angles", "hand_pose", "sensor_pose")}
-        found |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
-        found |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
-        check(stored, said["object_id"], said["grasp"], found)
+        facts = sample["json"]
+        arrays = {name: sample[f"{name}.npy"] for name in ("touch_success", "joint_angles", "hand_pose", "sensor_pose")}
+        arrays |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
+        arrays |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
+        check(stored, facts["object_id"], facts["grasp"], arrays)
 
 
-def test_rerun_reads_what_was_recorded(tmp_path, made):  # noqa: F811
+def test_rerun_reads_the_recorded_entities(tmp_path, made):  # noqa: F811
     file = tmp_path / "grasps.rrd"
-    (test,) = ObjectRows(made, ["points"], split="test").object_ids  # that one has predictions
+    (test,) = ObjectRows(made, ["points"], split="test").object_ids  # it has predictions
     vt("view", made, test, "--save", file)
-    read = [sys.executable, "-m", "rerun", "rrd", "print", file]
-    said = subprocess.run(read, capture_output=True, text=True, check=True).stdout
-    entities = set(re.findall(r"(/[\w/.-]+)", said))
+    command = [sys.executable, "-m", "rerun", "rrd", "print", file]
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    entities = set(re.findall(r"(/[\w/.-]+)", output))
     assert {"/world/object", "/world/hand/base_link", "/joint_angles", "/camera/in_grasp", "/touch/thumb/tactile_image"} <= entities
     assert any(name.startswith("/world/predictions/occluded-touch") for name in entities)
     assert any(name.startswith("/world/charts/") for name in entities)

@@ -35,7 +35,7 @@ def facts(data: Path) -> Facts:
     return facts_of(data, GraspFrames(data))
 
 
-def test_card_has_statistics_licences_columns_and_the_head_of_the_hub(data: Path, facts: Facts, tmp_path: Path) -> None:
+def test_card_has_statistics_licences_columns_and_hub_metadata(data: Path, facts: Facts, tmp_path: Path) -> None:
     write_card(data, facts, About.model_validate(ABOUT), tmp_path)
     text = (tmp_path / "README.md").read_text()
     _, head, body = text.split("---\n", 2)
@@ -57,11 +57,11 @@ def test_croissant_names_files_with_their_hashes_and_each_column_with_its_unit(f
     for split in facts.grasps:
         (tmp_path / "data" / f"{split}.parquet").write_bytes(split.encode())
     write_croissant(facts, About.model_validate(ABOUT), tmp_path)
-    told = json.loads((tmp_path / "croissant.json").read_text())
-    assert told["conformsTo"][0] == "http://mlcommons.org/croissant/1.1"
-    assert (told["url"], told["datePublished"], told["creator"][0]["name"]) == (ABOUT["url"], "2026-11-26", "A. Person")
-    assert [file["sha256"] for file in told["distribution"]] == [hashlib.sha256(split.encode()).hexdigest() for split in facts.grasps]
-    for records in told["recordSet"]:
+    metadata = json.loads((tmp_path / "croissant.json").read_text())
+    assert metadata["conformsTo"][0] == "http://mlcommons.org/croissant/1.1"
+    assert (metadata["url"], metadata["datePublished"], metadata["creator"][0]["name"]) == (ABOUT["url"], "2026-11-26", "A. Person")
+    assert [file["sha256"] for file in metadata["distribution"]] == [hashlib.sha256(split.encode()).hexdigest() for split in facts.grasps]
+    for records in metadata["recordSet"]:
         fields = {field["name"]: field for field in records["field"]}
         assert fields.keys() == facts.columns.keys()
         depth = fields["depth.finger-1"]
@@ -69,7 +69,7 @@ def test_croissant_names_files_with_their_hashes_and_each_column_with_its_unit(f
         assert (depth["isArray"], depth["arrayShape"]) == (True, "100,100")
 
 
-def test_what_only_the_publisher_knows_is_left_out(facts: Facts, tmp_path: Path) -> None:
+def test_facts_that_the_publisher_does_not_state_are_left_out(facts: Facts, tmp_path: Path) -> None:
     text = card(facts, About(), picture=False)
     assert "the publisher states none" in text
     assert "# balls" in text

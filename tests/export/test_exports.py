@@ -1,4 +1,4 @@
-"""Exports: what WebDataset shards hold, and what is said where nothing can be written. Other libraries read theirs in `read_back.py`."""
+"""Exports: contents of WebDataset shards, and errors. Other libraries read their formats in `read_back.py`."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ def data(tmp_path_factory) -> Path:
 
 
 def vt(*arguments: object, fails: bool = False) -> str:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    assert (done.exit_code != 0) == fails, done.output
-    return done.output
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    assert (result.exit_code != 0) == fails, result.output
+    return result.output
 
 
 def files_in(shard: Path) -> dict[str, bytes]:
@@ -45,8 +45,8 @@ def files_in(shard: Path) -> dict[str, bytes]:
         return {member.name: tar.extractfile(member).read() for member in tar}
 
 
-def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
-    said = vt("export", data, tmp_path / "out", "--to", "webdataset")
+def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
+    output = vt("export", data, tmp_path / "out", "--to", "webdataset")
     shards = sorted((tmp_path / "out").iterdir())
     frames = GraspFrames(data)
     assert [shard.name for shard in shards] == [f"{split}-000000.tar" for split in sorted(frames.object_ids)]
@@ -61,28 +61,28 @@ def test_webdataset_shards_hold_every_grasp_as_it_is_stored(data, tmp_path):
             np.testing.assert_array_equal(depth, rows.read("depth", about["object_id"], about["grasp"])[2])
             np.testing.assert_array_equal(image, rows.read("tactile_image", about["object_id"], about["grasp"])[2])
             samples += 1
-    assert f"{samples} grasps" in said
+    assert f"{samples} grasps" in output
     write_webdataset(frames, tmp_path / "again")
     assert [(tmp_path / "again" / shard.name).read_bytes() for shard in shards] == [shard.read_bytes() for shard in shards]
 
 
-def test_a_folder_that_holds_something_is_left_alone(data, tmp_path):
+def test_folder_that_is_not_empty_is_refused(data, tmp_path):
     (tmp_path / "mine").write_text("")
     assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)
     assert "mine is a file; name a folder that is not there yet" in vt("export", data, tmp_path / "mine", fails=True)
 
 
-def test_a_format_that_is_not_written_makes_no_folder(data, tmp_path):
+def test_unsupported_format_writes_nothing(data, tmp_path):
     assert "scenes are written as glTF" in vt("export", data, tmp_path / "duck.obj", "--object", "a", fails=True)
     assert not (tmp_path / "duck.obj").exists()
 
 
-def test_objects_are_chosen_for_scenes_alone(data, tmp_path):
+def test_object_option_is_for_scenes_only(data, tmp_path):
     assert "--object is for --to mesh" in vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("pyarrow") is not None, reason="pyarrow is installed")
-def test_without_pyarrow_the_command_that_installs_it_is_named(data, tmp_path):
+def test_missing_pyarrow_is_named_with_the_command_that_installs_it(data, tmp_path):
     assert "pip install -c constraints.txt -e '.[export]'" in vt("export", data, tmp_path / "out", "--to", "parquet", fails=True)
 
 
@@ -91,32 +91,32 @@ def test_statistics_leave_infinite_depths_out(data):
     statistics = _Statistics(type(column)("float32", (2,)))
     for value in ([1.0, np.inf], [3.0, np.inf]):
         statistics.update(np.array(value, np.float32))
-    found = statistics.summary()
-    assert (found["min"], found["max"], found["mean"], found["std"], found["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
+    summary = statistics.summary()
+    assert (summary["min"], summary["max"], summary["mean"], summary["std"], summary["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
 
 
-def test_an_export_that_was_killed_is_begun_again_by_the_next(data, tmp_path):
-    left = tmp_path / "out" / ".unfinished" / "files"
-    left.mkdir(parents=True)
-    (left / "test-000000.tar").write_text("half")
-    (left / "test-000009.tar").write_text("half")
+def test_killed_export_is_started_again_by_the_next(data, tmp_path):
+    unfinished = tmp_path / "out" / ".unfinished" / "files"
+    unfinished.mkdir(parents=True)
+    (unfinished / "test-000000.tar").write_text("half")
+    (unfinished / "test-000009.tar").write_text("half")
     vt("export", data, tmp_path / "out", "--to", "webdataset")
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["test-000000.tar"]
     assert files_in(tmp_path / "out" / "test-000000.tar")
 
 
-def test_an_export_that_fails_leaves_nothing_and_names_the_folder(data, tmp_path, monkeypatch):
+def test_failed_export_leaves_nothing_and_names_the_folder(data, tmp_path, monkeypatch):
     def fails(frames, folder):
         (folder / "half.tar").write_text("half")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr("pipeline.export.webdataset_shards.write_webdataset", fails)
-    said = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
-    assert f"No space left on device: '{tmp_path / 'out'}'" in said
+    output = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
+    assert f"No space left on device: '{tmp_path / 'out'}'" in output
     assert not (tmp_path / "out").exists()
 
 
-def test_one_export_at_a_time_is_written_into_a_folder(tmp_path):
+def test_second_export_into_a_folder_is_refused_while_the_first_is_at_work(tmp_path):
     with atomic_writes(tmp_path / "out") as folder:
         (folder / "a").write_text("first")
         with pytest.raises(StoreError, match="out is being made by another run"), atomic_writes(tmp_path / "out"):
@@ -125,7 +125,7 @@ def test_one_export_at_a_time_is_written_into_a_folder(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["a", "b", ".unfinished"])
-def test_no_export_is_written_through_a_link(tmp_path, name):
+def test_export_is_not_written_through_links_in_its_folder(tmp_path, name):
     (tmp_path / "out").mkdir()
     (tmp_path / "v").mkdir()
     (tmp_path / "out" / name).symlink_to(tmp_path / "v")
@@ -141,7 +141,7 @@ def test_no_export_is_written_through_a_link(tmp_path, name):
     assert not [*(tmp_path / "v").iterdir()]
 
 
-def test_a_folder_that_is_a_link_is_written_into(tmp_path):
+def test_export_into_a_linked_folder_is_written(tmp_path):
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "disk")
     with atomic_writes(tmp_path / "out") as folder:

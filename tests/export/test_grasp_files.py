@@ -1,4 +1,4 @@
-"""Grasps for robots: in the object's own frame and unit, and as DexGraspBench reads them."""
+"""Grasps for robots: in the frame and unit of the object's file, and in the format of DexGraspBench."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def exported(data: Path, out: Path, form: str) -> Path:
-    done = CliRunner().invoke(app, ["export", str(data), str(out), "--to", form])
-    assert done.exit_code == 0, done.output
+    result = CliRunner().invoke(app, ["export", str(data), str(out), "--to", form])
+    assert result.exit_code == 0, result.output
     return out
 
 
-def test_arrays_are_in_the_objects_own_frame_and_unit(data: Path, tmp_path: Path) -> None:
+def test_arrays_are_in_the_frame_and_unit_of_the_object_file(data: Path, tmp_path: Path) -> None:
     rows = ObjectRows(data, ["hand_pose", "touch_success", "points"], split=None)
     out = exported(data, tmp_path / "out", "grasps")
     assert {path.stem for path in out.iterdir()} == set(rows.object_ids)
@@ -57,22 +57,22 @@ def test_arrays_are_in_the_objects_own_frame_and_unit(data: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])
-def test_nothing_is_written_of_a_dataset_without_grasps(tmp_path: Path, form: str) -> None:
+def test_dataset_without_grasps_is_refused_and_writes_nothing(tmp_path: Path, form: str) -> None:
     ball_dataset.make_data(tmp_path / "data", 1, ungrasped="a")
-    done = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", form])
-    assert done.exit_code == 1
-    assert f"vt-pipeline status {tmp_path / 'data'}`" in "".join(done.output.split("\n"))
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", form])
+    assert result.exit_code == 1
+    assert f"vt-pipeline status {tmp_path / 'data'}`" in "".join(result.output.split("\n"))
     assert not (tmp_path / "out").exists()
 
 
-def test_an_unknown_object_is_named_beside_those_that_are_there(data: Path, tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "zebra"])
-    assert "".join(done.output.split("\n")).endswith("it has a"), done.output
-    done = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "a"])
-    assert done.output.endswith("b.glb: 1 scene\n"), done.output
+def test_unknown_object_is_named_with_the_existing_ones(data: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "zebra"])
+    assert "".join(result.output.split("\n")).endswith("it has a"), result.output
+    result = CliRunner().invoke(app, ["export", str(data), str(tmp_path / "b.glb"), "--object", "a"])
+    assert result.output.endswith("b.glb: 1 scene\n"), result.output
 
 
-def test_dexgraspbench_finds_hand_and_object_where_they_were(data: Path, tmp_path: Path) -> None:
+def test_dexgraspbench_files_keep_poses_and_mass(data: Path, tmp_path: Path) -> None:
     rows = ObjectRows(data, ["hand_pose", "joint_angles", "points"], split=None)
     out = exported(data, tmp_path / "out", "dexgraspbench")
     name = rows.object_ids[0]

@@ -1,4 +1,4 @@
-"""Recipes: a dataset made again from one, and whatever can be wrong with one, each named with what to do."""
+"""Recipes: datasets remade from them, and errors that name the remedy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from pipeline.dataset.recipe import Recipe, read_recipe
 from pipeline.errors import InvalidInput
 
 OWN = {"simulate-grasps.hand": "robot/hand.yaml", "simulate-grasps.sensor": "gels/my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
-"""Description files of the publisher's own."""
+"""Description files of the publisher."""
 TEXTS = [
     "gels/my_gel.yaml",
     "my_scene.yaml",
@@ -36,9 +36,9 @@ TEXTS = [
     "robot/package.xml",
     "robot/urdf/gripper.urdf",
 ]
-"""What the recipe holds of them and of what they name."""
+"""Files among them that the recipe holds as text."""
 FILES = ["gels/untouched.png", "robot/meshes/material_0.png", "robot/meshes/palm.obj"]
-"""What it has the SHA-256 of."""
+"""Files of which it holds the SHA-256."""
 QUICK = (
     "sample-surfaces.points=300",
     "simulate-grasps.attempts=3",
@@ -51,13 +51,13 @@ MESHES = ("ball", "box", "rod")
 
 
 def vt(*arguments: object) -> tuple[int, str]:
-    done = CliRunner().invoke(app, [*map(str, arguments)])
-    return done.exit_code, done.output
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    return result.exit_code, result.output
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a folder of meshes, one with a material, and a manifest of them and of a toy object."""
+    """Make a folder of meshes, one with a material, and a manifest of the meshes and a procedural object."""
     folder = tmp_path_factory.mktemp("publisher")
     (folder / "meshes").mkdir()
     trimesh.creation.icosphere(2, 30).export(folder / "meshes" / "ball.ply")
@@ -104,22 +104,22 @@ def _write_own_files(folder: Path) -> None:
 @pytest.fixture(scope="module")
 def published(folder: Path) -> Path:
     """Make a dataset and its recipe, as a publisher does."""
-    own = [f"{setting}={folder / 'own' / name}" for setting, name in OWN.items()]
-    settings = [part for one in (*QUICK, *own, "render-vision.resolution=32") for part in ("--set", one)]
+    own_settings = [f"{setting}={folder / 'own' / name}" for setting, name in OWN.items()]
+    settings = [part for assignment in (*QUICK, *own_settings, "render-vision.resolution=32") for part in ("--set", assignment)]
     for stage in STAGES:
         options = ["--manifest", folder / "things.yaml", "--data", folder / "data", "--executor", "serial", *settings]
-        code, said = vt("run", stage, *options)
-        assert code == 0, said
-    code, said = vt("recipe", folder / "data", "--files-url", "https://example.org/hand")
-    assert code == 0, said
+        code, output = vt("run", stage, *options)
+        assert code == 0, output
+    code, output = vt("recipe", folder / "data", "--files-url", "https://example.org/hand")
+    assert code == 0, output
     path = folder / "things.recipe.yaml"
-    path.write_text(said)
+    path.write_text(output)
     return path
 
 
 @pytest.fixture(scope="module")
 def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Make the dataset again elsewhere, in three shards, while the publisher's files are away; return the place and what was said."""
+    """Remake the dataset elsewhere in three shards without the publisher's files; return the folder and the output."""
     place, publisher = tmp_path_factory.mktemp("reader"), published.parent
     shutil.copytree(publisher / "meshes", place / "mine")
     for name in FILES:
@@ -128,11 +128,11 @@ def remade(published: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     away = [(publisher / name, publisher / f"{name}-away") for name in ("meshes", "own")]
     for here, there in away:
         here.rename(there)
-    code, said = vt("remake", published, *options_of(place), "--shards", 3)
+    code, output = vt("remake", published, *options_of(place), "--shards", 3)
     for here, there in away:
         there.rename(here)
-    assert code == 0, said
-    return place, said
+    assert code == 0, output
+    return place, output
 
 
 def options_of(place: Path, data: Path | None = None) -> list[object]:
@@ -140,8 +140,8 @@ def options_of(place: Path, data: Path | None = None) -> list[object]:
     return [*options, "--executor", "serial"]
 
 
-def changed(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None], *, sealed: bool = True) -> Path:
-    """Change a recipe, and let its checksums be those of its content, as a stranger would."""
+def change_recipe(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None], *, sealed: bool = True) -> Path:
+    """Change a recipe; `sealed` also updates its checksums, as an attacker would."""
     content = yaml.safe_load(recipe.read_text())
     change(content)
     path = place / "changed.recipe.yaml"
@@ -153,8 +153,8 @@ def changed(recipe: Path, place: Path, change: Callable[[dict[str, Any]], None],
     return path
 
 
-def again(recipe: Path, remade: tuple[Path, str], *more: object) -> tuple[int, str]:
-    """Run the same command with another recipe: rows of the same keys are not computed again."""
+def remake_with(recipe: Path, remade: tuple[Path, str], *more: object) -> tuple[int, str]:
+    """Run the same command with another recipe; rows of the same keys are reused."""
     return vt("remake", recipe, *options_of(remade[0]), *more)
 
 
@@ -165,13 +165,13 @@ def test_dataset_remade_in_other_shards_is_equal(remade: tuple[Path, str]) -> No
 
 @pytest.mark.slow
 def test_dataset_remade_by_two_workers_is_equal(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    options = [one for one in options_of(remade[0], tmp_path / "d") if one not in ("--executor", "serial")]
-    code, said = vt("remake", published, *options, "--workers", 2, "--shards", 2)
-    assert code == 0, said
-    assert "16 rows compared, all equal" in said
+    options = [option for option in options_of(remade[0], tmp_path / "d") if option not in ("--executor", "serial")]
+    code, output = vt("remake", published, *options, "--workers", 2, "--shards", 2)
+    assert code == 0, output
+    assert "16 rows compared, all equal" in output
 
 
-def test_recipe_is_small_and_its_own_content_again(published: Path, tmp_path: Path) -> None:
+def test_recipe_is_small_and_survives_a_round_trip(published: Path, tmp_path: Path) -> None:
     text, recipe = published.read_text(), read_recipe(published)
     assert recipe.text() == text
     assert len(text) - sum(map(len, recipe.texts.values())) < 10_000
@@ -183,29 +183,31 @@ def test_recipe_is_small_and_its_own_content_again(published: Path, tmp_path: Pa
     assert read_recipe(windows).text() == text
 
 
-def test_whole_digests_are_written_on_request(published: Path, tmp_path: Path) -> None:
-    code, said = vt("recipe", published.parent / "data", "--rows")
+def test_full_digests_are_written_with_rows(published: Path, tmp_path: Path) -> None:
+    code, output = vt("recipe", published.parent / "data", "--rows")
     assert code == 0
-    (whole := tmp_path / "whole.recipe.yaml").write_text(said)
+    (whole := tmp_path / "whole.recipe.yaml").write_text(output)
     short, long = read_recipe(published).rows, read_recipe(whole).rows
-    assert {name: tuple(made[:16] for made in row.digests) for name, row in long.items()} == {n: row.digests for n, row in short.items()}
-    assert {len(made) for row in long.values() for made in row.digests} == {64}
+    assert {name: tuple(digest[:16] for digest in row.digests) for name, row in long.items()} == {
+        n: row.digests for n, row in short.items()
+    }
+    assert {len(digest) for row in long.values() for digest in row.digests} == {64}
 
 
-def test_published_rows_are_compared_without_making_any(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    code, said = vt("validate", published.parent / "data", "--recipe", published)
-    assert (code, "16 rows compared, all equal" in said) == (0, True)
-    other = changed(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "rod", 1)))
-    code, said = vt("validate", remade[0] / "data", "--recipe", other)
+def test_published_rows_are_compared_without_computing(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    code, output = vt("validate", published.parent / "data", "--recipe", published)
+    assert (code, "16 rows compared, all equal" in output) == (0, True)
+    other = change_recipe(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "rod", 1)))
+    code, output = vt("validate", remade[0] / "data", "--recipe", other)
     assert code == 1
-    assert "simulate-grasps: the recipe's digests of rod are wrong, for the roots of their shards agree" in said
+    assert "simulate-grasps: the recipe's digests of rod are wrong, for the roots of their shards agree" in output
 
 
 def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    code, said = vt("remake", published, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
-    assert code == 0, said
-    assert "1 object of 4 to make" in said
-    assert "4 rows compared, all equal" in said
+    code, output = vt("remake", published, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
+    assert code == 0, output
+    assert "1 object of 4 to make" in output
+    assert "4 rows compared, all equal" in output
 
 
 def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
@@ -215,26 +217,26 @@ def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, st
     content[-1] ^= 1
     mesh.write_bytes(content)
     (tmp_path / "mine" / "box.mtl").write_text("newmtl skin\nKd 0.5 0.2 0.2\n")
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    code, output = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
-    assert f"2 sources changed: ball: {mesh} has SHA-256" in said
-    assert f"box: {tmp_path / 'mine' / 'box.obj'}, or a file that it names, has SHA-256" in said
-    assert "they can be had at https://example.org/meshes" in said
+    assert f"2 sources changed: ball: {mesh} has SHA-256" in output
+    assert f"box: {tmp_path / 'mine' / 'box.obj'}, or a file that it names, has SHA-256" in output
+    assert "they can be had at https://example.org/meshes" in output
     assert not (tmp_path / "d").exists()
 
 
 def test_missing_and_extra_sources_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
     shutil.copytree(remade[0] / "mine", tmp_path / "mine")
     (tmp_path / "mine" / "rod.stl").unlink()
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    code, output = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
-    assert "1 object of the recipe not found (rod)" in said
-    assert read_recipe(published).rows["rod"].source in said
+    assert "1 object of the recipe not found (rod)" in output
+    assert read_recipe(published).rows["rod"].source in output
     shutil.copytree(remade[0] / "mine", tmp_path / "mine", dirs_exist_ok=True)
     trimesh.creation.box().export(tmp_path / "mine" / "another.ply")
-    code, said = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
+    code, output = vt("remake", published, "--objects", tmp_path / "mine", "--descriptions", remade[0] / "own", "--data", tmp_path / "d")
     assert code == 1
-    assert "1 object not in the recipe (another)" in said
+    assert "1 object not in the recipe (another)" in output
 
 
 @pytest.mark.parametrize("sealed", [False, True])
@@ -242,40 +244,40 @@ def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp
     def change(content: dict[str, Any]) -> None:
         content["stages"]["sample-surfaces"]["settings"]["points"] = 301
 
-    other = changed(published, tmp_path, change, sealed=sealed)
-    code, said = vt("remake", other, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
+    other = change_recipe(published, tmp_path, change, sealed=sealed)
+    code, output = vt("remake", other, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
     assert code == 1
     if not sealed:
-        assert "its sample-surfaces changed since it was written" in said
+        assert "its sample-surfaces changed since it was written" in output
         return
-    assert re.search(r"differs in 4 of 4 rows\n  sample-surfaces: other rows of \w+", said)
-    assert "3 rows of later stages, made from these, differ too" in said
-    assert "settings of sample-surfaces that differ from preset draft: points=301" in said
+    assert re.search(r"differs in 4 of 4 rows\n  sample-surfaces: other rows of \w+", output)
+    assert "3 rows of later stages, made from these, differ too" in output
+    assert "settings of sample-surfaces that differ from preset draft: points=301" in output
 
 
-def test_other_library_is_named_where_rows_differ(folder: Path, tmp_path: Path) -> None:
-    """Let another trimesh be installed, whose STL files are larger by a millionth."""
+def test_library_of_another_version_is_named_if_rows_differ(folder: Path, tmp_path: Path) -> None:
+    """Install another trimesh that scales STL files by 1 + 1e-6."""
     options = ["--manifest", folder / "things.yaml", "--executor", "serial", "--set", "sample-surfaces.points=300"]
     assert vt("run", "sample-surfaces", "--data", tmp_path / "data", *options)[0] == 0
     (recipe := tmp_path / "surfaces.recipe.yaml").write_text(vt("recipe", tmp_path / "data")[1])
     _write_other_trimesh(tmp_path / "site")
     command = ["vt-pipeline", "remake", recipe, "--objects", folder / "meshes", "--data", tmp_path / "d", "--executor", "serial"]
-    done = subprocess.run(
+    completed = subprocess.run(
         [Path(sys.executable).parent / command[0], *map(str, command[1:])],
         env={**os.environ, "PYTHONPATH": str(tmp_path / "site")},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 1, done.stdout + done.stderr
-    said = " ".join(done.stdout.split())
-    assert "differs in 1 of 4 rows sample-surfaces: other rows of rod may come of this" in said
+    assert completed.returncode == 1, completed.stdout + completed.stderr
+    output = " ".join(completed.stdout.split())
+    assert "differs in 1 of 4 rows sample-surfaces: other rows of rod may come of this" in output
     version = importlib.metadata.version("trimesh")
-    assert f"may come of this: trimesh is 99.0 here, {version} there: pip install trimesh=={version}" in said
+    assert f"may come of this: trimesh is 99.0 here, {version} there: pip install trimesh=={version}" in output
 
 
 def _write_other_trimesh(site: Path) -> None:
-    """Install a changed copy of trimesh; what is not changed are links."""
+    """Install a changed copy of trimesh; unchanged files are links."""
     here = Path(trimesh.__file__).parent
     (site / "trimesh" / "exchange").mkdir(parents=True)
     for file in (*here.iterdir(), *(here / "exchange").iterdir()):
@@ -293,31 +295,33 @@ def load_stl_binary(*arguments, **options):
 
 
 def test_changed_digests_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    one = changed(published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "box", 3)), sealed=False)
-    code, said = again(one, remade)
-    assert (code, "its objects changed since it was written" in said) == (1, True)
+    changed_recipe = change_recipe(
+        published, tmp_path, lambda content: content.update(objects=_other_digest(content["objects"], "box", 3)), sealed=False
+    )
+    code, output = remake_with(changed_recipe, remade)
+    assert (code, "its objects changed since it was written" in output) == (1, True)
 
     def root(content: dict[str, Any]) -> None:
         content["stages"]["simulate-touch"]["roots"][0] = "1" * 64
 
-    code, said = again(changed(published, tmp_path, root), remade)
-    assert (code, "simulate-touch: each row agrees, but not the root of shard 0" in said) == (1, True)
+    code, output = remake_with(change_recipe(published, tmp_path, root), remade)
+    assert (code, "simulate-touch: each row agrees, but not the root of shard 0" in output) == (1, True)
 
     def constants(content: dict[str, Any]) -> None:
         content["stages"]["render-vision"]["constants"] = "1" * 64
 
-    code, said = again(changed(published, tmp_path, constants), remade)
-    assert (code, "render-vision: the arrays that all objects share differ" in said) == (1, True)
+    code, output = remake_with(change_recipe(published, tmp_path, constants), remade)
+    assert (code, "render-vision: the arrays that all objects share differ" in output) == (1, True)
 
 
-def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) -> None:
+def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, tmp_path: Path) -> None:
     shutil.copytree(published.parent, tmp_path / "p")
     (tmp_path / "p" / "meshes" / "ball.ply").write_bytes((tmp_path / "p" / "meshes" / "ball.ply").read_bytes() + b"\n")
-    code, said = vt("recipe", tmp_path / "p" / "data", "--manifest", tmp_path / "p" / "things.yaml")
+    code, output = vt("recipe", tmp_path / "p" / "data", "--manifest", tmp_path / "p" / "things.yaml")
     assert code == 1
-    assert "surfaces/0000-of-0001 is not what sample-surfaces makes here and now" in said
-    code, said = vt("recipe", tmp_path)
-    assert (code, "sample-surfaces has made nothing here" in said) == (1, True)
+    assert "surfaces/0000-of-0001 is not what sample-surfaces makes here and now" in output
+    code, output = vt("recipe", tmp_path)
+    assert (code, "sample-surfaces has made nothing here" in output) == (1, True)
 
 
 @pytest.mark.parametrize(
@@ -351,7 +355,7 @@ def test_dataset_of_other_code_has_no_recipe(published: Path, tmp_path: Path) ->
         (("objects",), "../../x ~0123456789abcdef" + " 0123456789abcdef" * 4 + "\n", "line 1 of its objects"),
     ],
 )
-def test_hostile_entry_is_refused_in_words(
+def test_hostile_entry_is_refused_with_a_clear_error(
     published: Path, remade: tuple[Path, str], tmp_path: Path, place: tuple[Any, ...], value: Any, message: str
 ) -> None:
     def change(content: dict[str, Any]) -> None:
@@ -359,16 +363,16 @@ def test_hostile_entry_is_refused_in_words(
             content = content[step]
         content[place[-1]] = value
 
-    path = changed(published, tmp_path, change, sealed=False)
+    path = change_recipe(published, tmp_path, change, sealed=False)
     try:
         content = yaml.safe_load(path.read_text())
-        path.write_text(Recipe.model_validate(content).text())  # sealed, where that is possible
+        path.write_text(Recipe.model_validate(content).text())  # sealed if it is valid
     except ValueError:
         pass
-    code, said = again(path, remade)
+    code, output = remake_with(path, remade)
     assert code == 1
-    assert "this is a bug" not in said
-    assert message in " ".join(said.split())
+    assert "this is a bug" not in output
+    assert message in " ".join(output.split())
 
 
 @pytest.mark.parametrize(
@@ -382,14 +386,16 @@ def test_hostile_entry_is_refused_in_words(
     ],
 )
 def test_source_outside_its_folder_is_refused(published: Path, tmp_path: Path, source: dict[str, Any]) -> None:
-    path = changed(published, tmp_path, lambda content: content["manifest"]["sources"].append(source), sealed=False)
+    path = change_recipe(published, tmp_path, lambda content: content["manifest"]["sources"].append(source), sealed=False)
     with pytest.raises(InvalidInput, match="must be a path below its folder"):
         read_recipe(path)
 
 
 def test_recipe_carries_the_hand_sensor_and_scene_of_the_publisher(published: Path, remade: tuple[Path, str]) -> None:
     recipe = read_recipe(published)
-    settings = {f"{stage}.{setting}": value for stage, said in recipe.stages.items() for setting, value in said.settings.items()}
+    settings = {
+        f"{stage}.{setting}": value for stage, stage_entry in recipe.stages.items() for setting, value in stage_entry.settings.items()
+    }
     assert {setting: settings[setting] for setting in OWN} == OWN
     assert settings["render-vision.hand"] == "robot/hand.yaml"
     assert settings["simulate-touch.sensors"] == ["gels/my_gel.yaml"] * 2
@@ -397,23 +403,23 @@ def test_recipe_carries_the_hand_sensor_and_scene_of_the_publisher(published: Pa
     assert sorted(recipe.files) == FILES
     for name in TEXTS:
         assert (remade[0] / "own" / name).read_text() == recipe.texts[name] == (published.parent / "own" / name).read_text()
-    assert "    # of our own\n    calibrated:" in published.read_text()  # for people to read
+    assert "    # of our own\n    calibrated:" in published.read_text()  # comments are kept for readers
 
 
-def test_own_files_that_are_missing_or_others_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
-    said_of = read_recipe(published).files
-    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
+def test_missing_or_changed_description_files_are_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+    sha256_of = read_recipe(published).files
+    code, output = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
     place = tmp_path / "d" / "descriptions"
-    assert (code, f"3 hand, sensor or scene files to be put right: {place / FILES[0]} is missing" in text) == (1, True)
-    assert all(said_of[name] in text for name in FILES)
-    assert "They can be had at https://example.org/hand" in text
+    assert (code, f"3 hand, sensor or scene files to be put right: {place / FILES[0]} is missing" in output) == (1, True)
+    assert all(sha256_of[name] in output for name in FILES)
+    assert "They can be had at https://example.org/hand" in output
     assert not (tmp_path / "d").exists()
     shutil.copytree(remade[0] / "own", place)
     (place / "gels" / "my_gel.yaml").write_text((place / "gels" / "my_gel.yaml").read_text().replace("diffuse: 1.0", "diffuse: 1.5"))
     (place / FILES[1]).write_bytes((place / FILES[1]).read_bytes() + b"x")
-    code, text = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
-    assert (code, f"2 hand, sensor or scene files to be put right: {place / 'gels' / 'my_gel.yaml'} has SHA-256" in text) == (1, True)
-    assert f"the recipe says {said_of[FILES[1]]}" in text
+    code, output = vt("remake", published, "--objects", remade[0] / "mine", "--data", tmp_path / "d")
+    assert (code, f"2 hand, sensor or scene files to be put right: {place / 'gels' / 'my_gel.yaml'} has SHA-256" in output) == (1, True)
+    assert f"the recipe says {sha256_of[FILES[1]]}" in output
 
 
 @pytest.mark.parametrize(
@@ -426,7 +432,7 @@ def test_own_files_that_are_missing_or_others_are_named(published: Path, remade:
         ("robot/urdf/gripper.urdf", "package://robot/meshes/palm.obj", "../../../palm.obj"),
     ],
 )
-def test_own_file_that_names_one_elsewhere_is_refused(
+def test_description_file_that_names_a_file_elsewhere_is_refused(
     published: Path, remade: tuple[Path, str], tmp_path: Path, name: str, old: str, new: str
 ) -> None:
     def change(content: dict[str, Any]) -> None:
@@ -439,16 +445,16 @@ def test_own_file_that_names_one_elsewhere_is_refused(
         (own / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(remade[0] / "own" / file, own / file)
     shutil.copy(remade[0] / "own" / "robot" / "meshes" / "palm.obj", tmp_path / "here")
-    (tmp_path / "package.xml").write_text("<package/>")  # the reader of hands would take a mesh from here
+    (tmp_path / "package.xml").write_text("<package/>")  # loading the hand would accept a mesh from here
     options = ["--objects", remade[0] / "mine", "--descriptions", own, "--data", tmp_path / "d"]
-    code, said = vt("remake", changed(published, tmp_path, change), *options)
+    code, output = vt("remake", change_recipe(published, tmp_path, change), *options)
     assert code == 1
     named = new.removeprefix("sensor: ")
-    assert f"the recipe's {name.replace('urdf/gripper.urdf', 'hand.yaml')} names {named!r}, which may lie outside" in said
+    assert f"the recipe's {name.replace('urdf/gripper.urdf', 'hand.yaml')} names {named!r}, which may lie outside" in output
     assert not (tmp_path / "d").exists()
 
 
-def test_own_file_that_names_one_that_is_not_there_is_refused(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
+def test_description_file_that_names_a_missing_file_is_refused(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:
     def change(content: dict[str, Any]) -> None:
         texts = content["texts"]
         texts["gels/my_gel.yaml"] = texts["gels/my_gel.yaml"].replace("untouched.png", "other.png")
@@ -459,9 +465,9 @@ def test_own_file_that_names_one_that_is_not_there_is_refused(published: Path, r
     for name in ("gels/my_gel.yaml", "robot/hand.yaml"):
         (tmp_path / "own" / name).unlink()
     options = ["--objects", remade[0] / "mine", "--descriptions", tmp_path / "own", "--data", tmp_path / "d"]
-    code, said = vt("remake", changed(published, tmp_path, change), *options)
+    code, output = vt("remake", change_recipe(published, tmp_path, change), *options)
     assert code == 1
-    assert f"simulate-grasps: {tmp_path / 'own' / 'robot' / '..' / 'gels' / 'other.png'} cannot be read" in said
+    assert f"simulate-grasps: {tmp_path / 'own' / 'robot' / '..' / 'gels' / 'other.png'} cannot be read" in output
 
 
 def _other_digest(lines: str, name: str, column: int) -> str:

@@ -1,1 +1,1 @@
-"""Faults, injected on purpose: what becomes of a dataset that is killed, cut short, damaged or changed while it is made."""
+"""Fault injection: datasets survive kills, interruptions, damage and changes while they are made."""

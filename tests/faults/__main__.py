@@ -50,12 +50,12 @@ FAULTS: dict[str, tuple[Fault, int]] = {
     "reader open while shards are split otherwise": (links.open_while_resharded, 12),
     "reader open while it is made with other settings": (links.open_while_made_again, 12),
 }
-"""What is injected, and how often."""
+"""Each fault and the number of its injections."""
 
 NEEDS_MOUNT = ("disk full", "disk read-only")
 
 CACHES = ("inductor", "dask-scratch-space")
-"""Folders that torch and Dask keep among temporary files for all runs; Dask clears its own when it starts."""
+"""Folders that torch and Dask keep among temporary files for all runs; Dask clears its folder at the start."""
 
 INTRODUCTION = """# Faults
 
@@ -67,7 +67,7 @@ lists the guarantees.
 
 
 def main() -> None:
-    """Inject, gather, print."""
+    """Inject the faults and print the table."""
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
     parser.add_argument("--share", type=float, default=1.0, help="of the faults of each kind; at least one is injected")
     parser.add_argument("--only", nargs="+", choices=list(FAULTS), default=list(FAULTS), help="these kinds alone")
@@ -82,14 +82,19 @@ def main() -> None:
     print(page)
     if chosen.write:
         chosen.write.write_text(page, encoding="utf-8")
-    wrong = [f"{kind}: {one.what}: {one.fault_of_ours}" for kind, found in verdicts.items() for one in found if one.fault_of_ours]
+    wrong = [
+        f"{kind}: {verdict.what}: {verdict.fault_of_ours}"
+        for kind, verdicts_of_kind in verdicts.items()
+        for verdict in verdicts_of_kind
+        if verdict.fault_of_ours
+    ]
     for line in wrong:
         print(line, file=sys.stderr)
     sys.exit(bool(wrong))
 
 
 def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int) -> dict[str, list[Verdict]]:
-    """Make the undisturbed dataset, then inject faults into copies of it; the verdicts by kind."""
+    """Make the undisturbed dataset, then inject faults into copies of it; return the verdicts by kind."""
     torch.set_num_threads(1)
     temporary = root / "tmp"
     temporary.mkdir()
@@ -104,30 +109,30 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
         seconds[stage] = time.monotonic() - began
     shutil.rmtree(whole / ".work", ignore_errors=True)
     possible = [kind for kind in kinds if kind not in NEEDS_MOUNT or interruptions.can_mount(root)]
-    asked = [(kind, number) for kind in possible for number in range(max(1, round(share * FAULTS[kind][1])))]
+    faults = [(kind, number) for kind in possible for number in range(max(1, round(share * FAULTS[kind][1])))]
     expected = answer(lambda: digests(whole), root / "log")
     logs = [root / f"lane-{lane}.log" for lane in range(lanes)]
     processes = []
     for lane, log in enumerate(logs):
         trial = Trial(sandbox, whole, expected, seconds, root / f"lane-{lane}", np.random.default_rng(0))
-        processes.append(fork(lambda lane=lane, trial=trial: _lane(asked[lane::lanes], trial, seed), log))
+        processes.append(fork(lambda lane=lane, trial=trial: _lane(faults[lane::lanes], trial, seed), log))
     for process, log in zip(processes, logs, strict=True):
         end = finish(process, log, limit=10_000)
         assert end.status == OK, end.output
     verdicts: dict[str, list[Verdict]] = {kind: [] for kind in possible}
     for line in (line for log in logs for line in log.read_text().splitlines() if line.startswith("{")):
-        told = json.loads(line)
-        verdicts[told["kind"]].append(Verdict(**told["verdict"]))
-    with temporary_folder():  # as the next run does, it removes what killed ones left
+        result = json.loads(line)
+        verdicts[result["kind"]].append(Verdict(**result["verdict"]))
+    with temporary_folder():  # removes the folders of killed runs, as the next run does
         private = private_folder()
-    left = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
-    if left := [_described(path) for path in left if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
-        verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(left[:5])}")]
+    leftovers = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
+    if leftovers := [_described(path) for path in leftovers if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
+        verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(leftovers[:5])}")]
     return verdicts
 
 
 def _of_ctypes(path: Path) -> bool:
-    """Whether it is the `tmp????????` that `ctypes.util.find_library` has gcc link into: left when both are killed.
+    """Return whether a file is the `tmp????????` into which `ctypes.util.find_library` lets gcc link; a kill leaves it.
 
     It is empty, or the start of an ELF file.
     """
@@ -135,15 +140,15 @@ def _of_ctypes(path: Path) -> bool:
 
 
 def _described(path: Path) -> str:
-    """Say what is there, to find out who left it."""
+    """Describe a leftover, to find out who left it."""
     if path.is_dir():
         return f"{path.name}/ ({', '.join(sorted(inner.name for inner in path.iterdir())[:3]) or 'empty'})"
     return f"{path.name} ({path.stat().st_size} bytes, starts with {path.read_bytes()[:8]!r})"
 
 
-def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
-    """Inject faults one after the other; each draws from its own kind and number."""
-    for kind, number in asked:
+def _lane(faults: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
+    """Inject faults one after the other; the seed of each follows from its kind and number."""
+    for kind, number in faults:
         trial.rng = np.random.default_rng([seed, number, *kind.encode()])
         try:
             verdict = FAULTS[kind][0](trial)
@@ -154,19 +159,26 @@ def _lane(asked: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
 
 def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[str]) -> str:
     """Write the table; `missing` are kinds that could not be injected."""
-    outcomes = sorted({one.outcome for found in verdicts.values() for one in found if one.outcome})
+    outcomes = sorted({verdict.outcome for verdicts_of_kind in verdicts.values() for verdict in verdicts_of_kind if verdict.outcome})
     rows = []
-    for kind, found in verdicts.items():
-        counts = Counter(one.outcome for one in found)
-        rows.append([kind, len(found), *(counts[outcome] or "" for outcome in outcomes), sum(bool(one.fault_of_ours) for one in found)])
+    for kind, verdicts_of_kind in verdicts.items():
+        counts = Counter(verdict.outcome for verdict in verdicts_of_kind)
+        rows.append(
+            [
+                kind,
+                len(verdicts_of_kind),
+                *(counts[outcome] or "" for outcome in outcomes),
+                sum(bool(verdict.fault_of_ours) for verdict in verdicts_of_kind),
+            ]
+        )
     rows.append(["all", *(sum(row[column] or 0 for row in rows) for column in range(1, len(rows[0])))])
     header = ["fault", "injected", *outcomes, "lost, wrong or silent"]
     table = [header, ["---"] * len(header), *rows]
     lines = ["| " + " | ".join(map(str, row)) + " |" for row in table]
     about = provenance("make faults", "python -m tests.faults")
-    said = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
+    heading = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
     note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
-    return "\n".join([INTRODUCTION, said, f"{seconds / 60:.0f} minutes.\n", *lines, note])
+    return "\n".join([INTRODUCTION, heading, f"{seconds / 60:.0f} minutes.\n", *lines, note])
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from tests.forked import IN_WORDS, OK, answer
 
 
 def version_changed(trial: Trial) -> Verdict:
-    """Write a record of another version of the project: of its schema, or of records."""
+    """Write a record of another version of the project: with another schema version or record format."""
     trial.copy()
     records = sorted(path for path in trial.data.rglob("*.json") if "checksum" in path.read_text(errors="replace")[:20])
     path = records[trial.rng.integers(len(records))]
@@ -29,7 +29,7 @@ def version_changed(trial: Trial) -> Verdict:
 
 
 def description_changed(trial: Trial) -> Verdict:
-    """Change a hand, sensor or mesh file after the grasps: later stages refuse it; a second run makes all of the new file."""
+    """Change a hand, sensor or mesh file after the grasps: later stages refuse it; a second run remakes everything with the new file."""
     shutil.rmtree(trial.folder, ignore_errors=True)
     trial.folder.mkdir(parents=True)
     hand = load_hand("allegro_right")
@@ -66,7 +66,7 @@ def description_changed(trial: Trial) -> Verdict:
 
 
 def _change(what: str, hand: Path, sensor: Path, sandbox: Sandbox) -> None:
-    """Change a file so that other data come of it."""
+    """Change a file so that it gives other data."""
     urdf = next(hand.parent.glob("*.urdf"))
     match what:
         case "hand":

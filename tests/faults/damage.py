@@ -1,4 +1,4 @@
-"""Files of a finished, or half finished, dataset that are damaged."""
+"""Damage to files of a finished or unfinished dataset."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ DAMAGES: dict[str, Damage] = {
 
 
 def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
-    """Damage a file of a finished dataset: `validate` and `status` say so, no run ends with a traceback, `--check` mends it."""
+    """Damage a file of a finished dataset: `validate` and `status` report it, no run ends with a traceback, `--check` repairs it."""
     trial.copy()
     kinds: dict[str, list[Path]] = {}
     for path in sorted(path for path in trial.data.rglob("*") if path.is_file() and path.stat().st_size and ".lock" not in path.name):
@@ -90,7 +90,7 @@ def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
     path = kinds[kind][trial.rng.integers(len(kinds[kind]))]
     name = str(trial.rng.choice(sorted(damages)))
     before = path.read_bytes()
-    damages[name](path, trial.rng, [one for one in kinds[kind] if one != path] or [path])
+    damages[name](path, trial.rng, [other for other in kinds[kind] if other != path] or [path])
     what = f"{kind} {path.relative_to(trial.data)} {name}"
     looked = trial.run(lambda: _look(trial.data))
     if looked.status != OK:
@@ -103,7 +103,7 @@ def damaged(trial: Trial, damages: Mapping[str, Damage] = DAMAGES) -> Verdict:
 
 
 def row_damaged(trial: Trial) -> Verdict:
-    """Damage a row that waits to be published."""
+    """Damage a row before it is published."""
     trial.copy(without="simulate-touch")
     stage = trial.sandbox.only("simulate-touch")
 
@@ -117,22 +117,22 @@ def row_damaged(trial: Trial) -> Verdict:
     files = sorted((trial.data / ".work").rglob("*.row"))
     path = files[trial.rng.integers(len(files))]
     name = str(trial.rng.choice(sorted(DAMAGES)))
-    DAMAGES[name](path, trial.rng, [one for one in files if one != path])
+    DAMAGES[name](path, trial.rng, [other for other in files if other != path])
     first = trial.run(lambda: stage.make(trial.data))
     return trial.mended(f"row of {path.parent.name} {name}", first, stages=("simulate-touch",))
 
 
 def _is_harmless(path: Path, name: str) -> bool:
-    """Tell whether a dataset is complete without this file: `dataset.json` follows from the records."""
+    """Return whether a dataset is complete without this file: `dataset.json` follows from the records."""
     return path.name == "dataset.json" and name == "deleted"
 
 
 def _look(data: Path) -> None:
-    """Do the work of `validate` and `status`; return a line for each problem."""
-    found = problems_in(data)
+    """Do the work of `validate` and `status`; print a line for each problem."""
+    problems = problems_in(data)
     account = status.read_account(data)
     with contextlib.redirect_stdout(io.StringIO()):
         status.show(account, console_on(io.StringIO()))
         account.to_json()
-    for line in [*found, *account.damaged]:
+    for line in [*problems, *account.damaged]:
         print(f"not as it should be: {line}")

@@ -1,4 +1,4 @@
-"""Runs that are killed, interrupted, short of room or memory, or not alone."""
+"""Runs that are killed, interrupted, short of disk space or memory, or concurrent."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MEGABYTE = 2**20
 
 
 def killed(trial: Trial) -> Verdict:
-    """Kill −9 at a random moment of a stage."""
+    """Kill a stage with SIGKILL at a random moment."""
     stage = trial.copy_without_a_stage()
     moment = trial.rng.uniform(0, trial.seconds[stage])
     process = fork(lambda: trial.sandbox.only(stage).make(trial.data), trial.log)
@@ -32,7 +32,7 @@ def killed(trial: Trial) -> Verdict:
 
 
 def worker_killed(trial: Trial) -> Verdict:
-    """Kill −9 of a worker at a random moment; the run goes on."""
+    """Kill a worker with SIGKILL at a random moment; the run continues."""
     stage = str(trial.rng.choice([name for name in GRASP_STAGES if "train" not in name and name != "evaluate"]))
     trial.copy(without=stage)
     process = fork(lambda: trial.sandbox.only(stage).make(trial.data, workers=2), trial.log)
@@ -48,12 +48,12 @@ def worker_killed(trial: Trial) -> Verdict:
 
 
 def terminated(trial: Trial) -> Verdict:
-    """SIGTERM to the command at a random moment."""
+    """Send SIGTERM to the command at a random moment."""
     return _signalled(trial, signal.SIGTERM, "terminated")
 
 
 def interrupted(trial: Trial) -> Verdict:
-    """Ctrl-C, which the terminal sends to the command and its workers, at a random moment."""
+    """Send SIGINT to the command and its workers at a random moment, as a terminal does for Ctrl-C."""
     return _signalled(trial, signal.SIGINT, "interrupted")
 
 
@@ -65,7 +65,7 @@ def _signalled(trial: Trial, number: signal.Signals, word: str) -> Verdict:
     os.killpg(process, number)
     end = finish(process, trial.log)
     what = f"{stage} after {moment:.2f} s"
-    if end.status == -number:  # it came before the command began, or after it ended
+    if end.status == -number:  # the signal came before the command began or after it ended
         end = End(OK, end.output)
     if end.status not in (OK, 128 + number) or "Traceback" in end.output or (end.status and word not in end.output):
         return Verdict(what, fault_of_ours=f"{word}: status {end.status}: {end.output.strip()[-600:]}")
@@ -120,12 +120,12 @@ def two_at_once(trial: Trial) -> Verdict:
     time.sleep(moment)
     second = finish(fork(lambda: trial.sandbox.only(stage).make(trial.data), other), other)
     end = finish(first, trial.log)
-    worst = max((end, second), key=lambda one: (one.status not in (OK, IN_WORDS), one.status))
+    worst = max((end, second), key=lambda end_of_run: (end_of_run.status not in (OK, IN_WORDS), end_of_run.status))
     return trial.mended(f"{stage}, {moment:.2f} s apart", worst, stages=(stage,))
 
 
 def clock_jumps(trial: Trial) -> Verdict:
-    """Set the clock up to ten years wrong, and let it jump while the stage runs."""
+    """Set the clock wrong by up to ten years and let it jump while the stage runs."""
     stage = trial.copy_without_a_stage()
     right = time.time
     jumps = trial.rng.uniform(-3e8, 3e8, 1000)
@@ -149,8 +149,8 @@ def short_of_memory(trial: Trial) -> Verdict:
         trial.sandbox.only(stage).make(trial.data)
 
     end = trial.run(work)
-    seen = end.status not in (OK, HANGS)  # words, a traceback of an allocation, or a crash: whoever started it knows
-    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if seen else end, stages=(stage,), retry=True)
+    reported = end.status not in (OK, HANGS)  # an error, a traceback of an allocation or a crash: all are visible to the caller
+    return trial.mended(f"{stage}, {more // MEGABYTE} MB more", End(IN_WORDS, end.output) if reported else end, stages=(stage,), retry=True)
 
 
 def _as_meant(end: End, status: int) -> End:
@@ -160,17 +160,17 @@ def _as_meant(end: End, status: int) -> End:
 
 def _workers(process: int) -> list[int]:
     """List the worker processes of a run."""
-    found = []
-    with suppress(OSError):  # the run, or a worker, has ended meanwhile
-        for thread in Path(f"/proc/{process}/task").iterdir():  # Dask starts them from a thread of its own
+    workers = []
+    with suppress(OSError):  # the run or a worker may have ended
+        for thread in Path(f"/proc/{process}/task").iterdir():  # Dask starts workers from another thread
             for child in (thread / "children").read_text().split():
                 if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
-                    found.append(int(child))
-    return found
+                    workers.append(int(child))
+    return workers
 
 
 class _Disk:
-    """A disk of its own, in memory; mounting one is root's."""
+    """A separate disk in memory; mounting it needs root."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -182,7 +182,7 @@ class _Disk:
 
 @contextmanager
 def _disk(trial: Trial) -> Iterator[_Disk]:
-    """Move the copy to a disk of its own."""
+    """Move the copy to a separate disk."""
     kept = trial.folder.with_name(trial.folder.name + "-kept")
     shutil.rmtree(kept, ignore_errors=True)
     trial.data.rename(kept)
@@ -197,15 +197,15 @@ def _disk(trial: Trial) -> Iterator[_Disk]:
 
 
 def can_mount(folder: Path) -> bool:
-    """Whether this process may mount disks."""
-    there = folder / "mount"
-    there.mkdir(parents=True, exist_ok=True)
+    """Return whether this process may mount disks."""
+    mount = folder / "mount"
+    mount.mkdir(parents=True, exist_ok=True)
     mounted = (
-        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(there)], capture_output=True, check=False).returncode == 0
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(mount)], capture_output=True, check=False).returncode == 0
     )
-    return mounted and subprocess.run(["umount", str(there)], check=False).returncode == 0
+    return mounted and subprocess.run(["umount", str(mount)], check=False).returncode == 0
 
 
 def _size(folder: Path) -> int:
-    """Bytes that a tmpfs needs for a folder."""
+    """Compute the bytes that a tmpfs needs for a folder."""
     return sum(-(-path.stat().st_size // 4096) * 4096 for path in folder.rglob("*") if path.is_file())

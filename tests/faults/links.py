@@ -1,4 +1,4 @@
-"""Symbolic links, pipes and devices in a dataset, and readers that stay open while what they read is replaced and collected."""
+"""Symbolic links, pipes and devices in a dataset, and open readers of groups that are replaced and collected."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ REPLACED = {
     "render-vision": ("render-vision.resolution=32", "occluded"),
     "fit-charts": ("fit-charts.max_iterations=10", "vertices"),
 }
-"""Stages that are run again, with another setting, and an array that each makes."""
+"""Stages that are run again with another setting, and an array of each."""
 
 REPORT = ("report", "report/objects", "report/figures", "report/index.html", "report/style.css", "report/pages.json")
 """Folders and files of a report that may be links."""
 
 GIGABYTE = 2**30
-"""Of memory that a process may take more than it has: what reads a device to its end is found out."""
+"""Unit of the additional memory that a process may take, so that reading a device to its end is noticed."""
 
 AGAIN = "open the dataset again"
 
 
 def _bystanders(folder: Path) -> dict[Path, bytes]:
-    """Put files of somebody else into a folder, called as garbage is; their contents."""
+    """Put files of another user with names like garbage into a folder; return their contents."""
     files = {folder / "mine.tmp": b"of value", folder / "album-0123456789abcdef" / "one.png": b"of value, too"}
     for path, content in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +52,7 @@ def _harmed(files: dict[Path, bytes]) -> list[str]:
 
 
 def linked(trial: Trial) -> Verdict:
-    """Move a folder or file of a dataset elsewhere, and link to it; then run the stages, and collect garbage of any age."""
+    """Move a folder or file of a dataset elsewhere and link to it; then run the stages and collect garbage of any age."""
     trial.copy()
     kinds: dict[str, list[Path]] = {
         "folder of an artifact": [path for path in trial.data.iterdir() if (path / "0000-of-0001.json").exists()],
@@ -77,7 +77,7 @@ def linked(trial: Trial) -> Verdict:
     end, what = trial.run(work), f"{kind} {path.relative_to(trial.data)}"
     if lost := _harmed(others):
         return Verdict(what, fault_of_ours=f"lost: {', '.join(lost)}")
-    for file in others:  # of which `validate` would say that they have no record
+    for file in others:  # `validate` would report that they have no record
         file.unlink()
         if file.parent.name.startswith("album"):
             file.parent.rmdir()
@@ -85,7 +85,7 @@ def linked(trial: Trial) -> Verdict:
 
 
 def report_linked(trial: Trial) -> Verdict:
-    """Put a link into a dataset's report to what is somebody else's: `report` ends in words, and leaves it alone."""
+    """Put a link to files of another user into a report: `report` ends with an error and does not touch them."""
     trial.copy()
     elsewhere = trial.folder / "elsewhere"
     others = _bystanders(elsewhere)
@@ -122,7 +122,7 @@ IRREGULAR = {"a pipe in its place": _pipe, "a link to a device in its place": _d
 
 
 def irregular(trial: Trial) -> Verdict:
-    """Put a pipe, a device or a link to itself in place of a file: as other damage, and nothing waits for it, or reads it for ever."""
+    """Put a pipe, a device or a link to itself in place of a file: it is handled as damage, and no reader hangs."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 4 * GIGABYTE, before[1]))
@@ -133,7 +133,7 @@ def irregular(trial: Trial) -> Verdict:
 
 
 def open_while_resharded(trial: Trial) -> Verdict:
-    """Split the objects otherwise, and collect what they were in, while a reader is open."""
+    """Reshard and collect the replaced groups while a reader is open."""
     trial.copy()
     array = str(trial.rng.choice([array for _, array in REPLACED.values()]))
 
@@ -144,7 +144,7 @@ def open_while_resharded(trial: Trial) -> Verdict:
 
 
 def open_while_made_again(trial: Trial) -> Verdict:
-    """Run a stage with another setting, and collect what was there, while a reader is open."""
+    """Run a stage with another setting and collect the replaced groups while a reader is open."""
     trial.copy()
     stage = str(trial.rng.choice(sorted(REPLACED)))
     setting, array = REPLACED[stage]
@@ -153,7 +153,7 @@ def open_while_made_again(trial: Trial) -> Verdict:
 
 
 def _replaced_under_a_reader(trial: Trial, array: str, how: str, change: Callable[[], object]) -> Verdict:
-    """Read some, replace and collect, read the rest: each value is what it was, or there is an error that says to open it again."""
+    """Read one value, replace and collect, read the rest: values are unchanged, or an error says to open the dataset again."""
     kind = str(trial.rng.choice(sorted(READERS)))
 
     def work() -> None:

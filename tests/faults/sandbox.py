@@ -1,4 +1,4 @@
-"""A small dataset through all stages, made again and again in forked processes that may be disturbed."""
+"""A small dataset that runs through all stages in forked processes, into which faults are injected."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ SETTINGS = (
     *("train-implicit.configuration=implicit-touch", "train-implicit.epochs=2", "train-implicit.features=8"),
     *("evaluate.configurations=[touch]", "evaluate.points=200", "evaluate.grasps=[1,2]"),
 )
-"""As small as the stages allow: a fault is about what is written, not about how good it is."""
+"""As small as the stages allow: faults concern the written files, not their quality."""
 
 
 @dataclass(frozen=True)
 class Sandbox:
-    """A folder with the manifest and the mesh files of a small dataset, the stages that are run, and their settings."""
+    """A folder with the manifest and mesh files of a small dataset, its stages and their settings."""
 
     root: Path
     stages: tuple[str, ...] = tuple(GRASP_STAGES)
@@ -48,12 +48,12 @@ class Sandbox:
 
     @property
     def manifest(self) -> Path:
-        """One object from a file, two that are modelled: one per split."""
+        """Return the path of a manifest with one object per split: one from a file, two procedural."""
         return self.root / "small.yaml"
 
     @property
     def mesh(self) -> Path:
-        """The file."""
+        """Return the path of the mesh file."""
         return self.root / "meshes" / "duck.obj"
 
     def prepare(self) -> None:

@@ -1,4 +1,4 @@
-"""`make faults` and `make fuzz`, a few of each: nothing is lost, wrong or silent, and every finding would be told."""
+"""`make faults` and `make fuzz` with a few cases of each; findings are reported."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ROOT = Path(__file__).parents[2]
 KINDS = ("kill −9 of a run",)
 
 
-def test_a_few_faults_are_survived():
+def test_dataset_survives_a_few_faults():
     command = [sys.executable, "-m", "tests.faults", "--share", "0", "--only", *KINDS]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert f"| all | {len(KINDS)} |" in done.stdout
+    completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert f"| all | {len(KINDS)} |" in completed.stdout
 
 
-def test_what_a_message_says_is_done(tmp_path):
+def test_follow_applies_the_remedy_of_a_message(tmp_path):
     record = tmp_path / "0000-of-0001.json"
     record.write_text("{}")
     assert follow(f"error: {record}: the record is damaged (no checksum);\ndelete it and run its stage again")
@@ -40,15 +40,15 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
     assert len({sandbox.output(stage) for stage in sandbox.stages}) == len(sandbox.stages)
 
 
-def test_a_few_wrong_files_are_refused_in_words():
+def test_a_few_mutated_files_give_clear_errors():
     command = [sys.executable, "-m", "tests.fuzz", "--inputs", "50"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stdout.count(" inputs: ") == len(TARGETS)
+    completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stdout + completed.stderr
+    assert completed.stdout.count(" inputs: ") == len(TARGETS)
 
 
 class Careless(Target):
-    """Raises what nobody is meant to raise, and dies."""
+    """A target that raises an unexpected error."""
 
     def sound(self) -> list[Files]:
         return [{"number.txt": b"12345678"}]
@@ -57,18 +57,18 @@ class Careless(Target):
         int((folder / "number.txt").read_bytes())
 
 
-def test_a_finding_is_told_with_its_files(tmp_path, monkeypatch):
+def test_finding_is_reported_with_its_files(tmp_path, monkeypatch):
     monkeypatch.setitem(TARGETS, "careless", (Careless, 1.0))
     tally = fuzz("careless", 50, seed=0, lanes=1, keep=tmp_path)
     assert tally.outcomes.total() == 50
     assert tally.outcomes["found"]
-    ((where, told),) = tally.findings.items()
+    ((where, message),) = tally.findings.items()
     assert where.startswith("ValueError at test_faults.py")
-    assert "invalid literal" in told
+    assert "invalid literal" in message
     assert list(tmp_path.glob("careless/*/number.txt"))
 
 
-def test_an_input_that_takes_too_much_memory_is_told(tmp_path, monkeypatch):
+def test_input_that_takes_too_much_memory_is_reported(tmp_path, monkeypatch):
     monkeypatch.setitem(TARGETS, "careless", (Careless, 1.0))
     monkeypatch.setattr("tests.fuzz.__main__.PEAK", 1.0)
     tally = fuzz("careless", 5, seed=0, lanes=1, keep=tmp_path)

@@ -1,4 +1,4 @@
-"""One fault: a copy of the dataset, what is done to it, and the verdict on what became of it."""
+"""One fault: a copy of the dataset, the injection, and the verdict on the result."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from tests.faults.sandbox import Sandbox, digests, remove
 from tests.forked import IN_WORDS, OK, End, answer, run
 
 ATTEMPTS = 6
-"""Runs within which what a message says to do must have mended the dataset."""
+"""Runs within which following the messages must have repaired the dataset."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one fault: `outcome` where all is well in the end, `fault_of_ours` where it is not."""
+    """Result of one fault: `outcome` if all is well in the end, `fault_of_ours` if not."""
 
     what: str
     outcome: str = ""
     fault_of_ours: str = ""
 
     def line(self) -> str:
-        """As JSON, for the process that gathers them."""
+        """Return the verdict as JSON for the process that collects verdicts."""
         return json.dumps(asdict(self))
 
 
 @dataclass
 class Trial:
-    """What a fault is given: `whole` is the undisturbed dataset, `expected` its digests, `seconds` what each stage took."""
+    """Arguments of a fault: `whole` is the undisturbed dataset, `expected` its digests, `seconds` the duration of each stage."""
 
     sandbox: Sandbox
     whole: Path
@@ -47,35 +47,35 @@ class Trial:
 
     @property
     def data(self) -> Path:
-        """The copy."""
+        """Return the path of the copy."""
         return self.folder / "data"
 
     @property
     def log(self) -> Path:
-        """What the latest run printed."""
+        """Return the path of the output of the latest run."""
         return self.folder / "log"
 
     def copy(self, without: str | None = None) -> None:
-        """Copy the dataset, but for what this stage and those after it made."""
+        """Copy the dataset without the outputs of this stage and later ones."""
         shutil.rmtree(self.folder, ignore_errors=True)
         shutil.copytree(self.whole, self.data)
         later = list(GRASP_STAGES)[list(GRASP_STAGES).index(without) :] if without else []
         remove(self.data, [self.sandbox.output(stage) for stage in later])
 
     def copy_without_a_stage(self) -> str:
-        """Draw a stage, and copy the dataset but for what it and those after it made; the stage."""
+        """Draw a stage and copy the dataset without the outputs of it and later ones; return the stage."""
         stage = str(self.rng.choice(list(GRASP_STAGES)))
         self.copy(without=stage)
         return stage
 
     def run(self, work: Callable[[], object]) -> End:
-        """Run a function in a process of its own."""
+        """Run a function in a separate process."""
         return run(work, self.log)
 
     def mended(
         self, what: str, first: End, *, stages: tuple[str, ...] = tuple(GRASP_STAGES), check: bool = False, retry: bool = False
     ) -> Verdict:
-        """Do as the messages say until all is well; the verdict on it."""
+        """Follow the messages until all is well; return the verdict."""
         if first.status not in (OK, IN_WORDS):
             return Verdict(what, fault_of_ours=f"ended with status {first.status}: {first.output.strip()[-600:]}")
         did = "error in words; " if first.status == IN_WORDS else ""
@@ -94,22 +94,22 @@ class Trial:
         return self.compared(what, did, {sandbox.output(stage) for stage in stages})
 
     def compared(self, what: str, did: str, names: set[str]) -> Verdict:
-        """Judge a dataset that must be the same as without the fault."""
+        """Return the verdict on a dataset that must equal the undisturbed one."""
         try:
-            found, problems = answer(lambda: (digests(self.data), problems_in(self.data)), self.log)
+            digests_of_copy, problems = answer(lambda: (digests(self.data), problems_in(self.data)), self.log)
         except RuntimeError as error:
             return Verdict(what, fault_of_ours=f"cannot be read in the end: {error}")
-        wrong = [name for name in sorted(names) if found.get(name) != self.expected[name]]
+        wrong = [name for name in sorted(names) if digests_of_copy.get(name) != self.expected[name]]
         if wrong:
             return Verdict(what, fault_of_ours=f"{did}other digests of {', '.join(wrong)}")
         if problems:
             return Verdict(what, fault_of_ours=f"{did}validate: {problems[0]}")
-        if left := self.left_over():
-            return Verdict(what, fault_of_ours=f"{did}left behind: {', '.join(left[:3])}")
+        if leftovers := self.left_over():
+            return Verdict(what, fault_of_ours=f"{did}left behind: {', '.join(leftovers[:3])}")
         return Verdict(what, outcome=f"{did}equal digests")
 
     def left_over(self) -> list[str]:
-        """Files of the work area that are no locks, and files that were never finished."""
+        """List files of the work area except locks, and unfinished files."""
         work = [path for path in (self.data / ".work").rglob("*") if path.is_file() and path.suffix != ".lock" and path.name != "lock"]
         return [str(path.relative_to(self.data)) for path in [*work, *self.data.rglob("*.tmp")]]
 
@@ -120,20 +120,20 @@ def problems_in(data: Path) -> list[str]:
 
 
 def follow(message: str) -> bool:
-    """Do what an error says, where that is more than to run again; whether it was."""
+    """Apply the remedy of an error if it is more than to run again; return whether it is."""
     text = " ".join(message.split())
-    if found := re.search(r"error: (\S+): the record is .*?delete", text):
-        record = Path(found[1])
+    if match := re.search(r"error: (\S+): the record is .*?delete", text):
+        record = Path(match[1])
         record.rmdir() if record.is_dir() else record.unlink()
-    elif found := re.search(r"Is a directory: '\S+' -> '(\S+)'", text):
-        Path(found[1]).rmdir()
-    elif found := re.search(r"error: (\S+dataset\.json) .*?write \{\"shards\": N\} into it, N as the records are named: (\d+)", text):
-        described = Path(found[1])
-        if described.is_dir():
-            described.rmdir()
+    elif match := re.search(r"Is a directory: '\S+' -> '(\S+)'", text):
+        Path(match[1]).rmdir()
+    elif match := re.search(r"error: (\S+dataset\.json) .*?write \{\"shards\": N\} into it, N as the records are named: (\d+)", text):
+        description = Path(match[1])
+        if description.is_dir():
+            description.rmdir()
         else:
-            described.unlink(missing_ok=True)  # it may be a pipe
-        described.write_text(json.dumps({"shards": int(found[2])}))
+            description.unlink(missing_ok=True)  # it may be a pipe
+        description.write_text(json.dumps({"shards": int(match[2])}))
     else:
         return False
     return True

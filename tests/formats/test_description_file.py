@@ -1,4 +1,4 @@
-"""Sensor and scene files: found by name or path, validated with every unusable entry named."""
+"""Sensor and scene files are found by name or path; every unusable entry is named."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ def sensor_file(folder: Path, **changes: Any) -> Path:
     return path
 
 
-def test_shipped_sensor_is_the_supplements() -> None:
+def test_shipped_sensor_has_the_values_of_the_supplement() -> None:
     sensor = load_sensor("gel_16mm")
     assert (sensor.width, sensor.rows, sensor.cols, sensor.w, sensor.range) == (0.01641, 100, 100, 0.0068, 0.05)
     assert hash(sensor) == hash(load_sensor("gel_16mm"))
@@ -73,16 +73,16 @@ def test_every_unusable_entry_is_named_in_one_line(tmp_path: Path) -> None:
         load_sensor(path)
 
 
-def test_background_whose_exif_data_turn_it_is_upright_at_any_size(tmp_path: Path) -> None:
+def test_background_rotated_by_exif_is_upright_at_any_size(tmp_path: Path) -> None:
     described = yaml.safe_load(description_path("sensor", "gelsight").read_text())
     described["calibrated"] |= {"background": "turned.png"}
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
     rows, cols = described["rows"], described["cols"]
     exif = Image.Exif()
     exif[0x0112] = 6  # turned by 90° clockwise
-    held = Image.new("RGB", (rows, cols))
-    held.paste((200, 200, 200), (0, 0, rows // 2, cols))  # its left half, the upper one when turned
-    held.save(tmp_path / "turned.png", exif=exif)
+    photograph = Image.new("RGB", (rows, cols))
+    photograph.paste((200, 200, 200), (0, 0, rows // 2, cols))  # its left half is the upper half when turned
+    photograph.save(tmp_path / "turned.png", exif=exif)
     for shape in (None, (20, 30)):
         image = untouched_image(load_sensor(tmp_path / "mine.yaml", shape=shape))
         assert (image[: len(image) // 3] == 200).all()
@@ -96,7 +96,7 @@ def test_unknown_scene_entry_is_named_with_its_file(tmp_path: Path) -> None:
         load_scene(path)
 
 
-def test_scene_file_with_one_camera_says_that_scenes_list_cameras(tmp_path: Path) -> None:
+def test_scene_file_with_one_camera_is_refused_with_the_remedy(tmp_path: Path) -> None:
     entries = yaml.safe_load(description_path("scene", "supplement").read_text())
     (camera,) = entries.pop("cameras")
     (tmp_path / "old.yaml").write_text(yaml.safe_dump({**entries, "camera": camera}))
@@ -104,7 +104,7 @@ def test_scene_file_with_one_camera_says_that_scenes_list_cameras(tmp_path: Path
         load_scene(tmp_path / "old.yaml")
 
 
-def test_file_that_is_no_yaml_is_named(tmp_path: Path) -> None:
+def test_invalid_yaml_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "torn.yaml"
     path.write_text("name: [")
     with pytest.raises(InvalidInput, match=r"torn\.yaml"):
@@ -127,7 +127,7 @@ def test_missing_description_lists_the_shipped_ones() -> None:
         ("a: {unit: mm, up: 1, unit: m}", "its entry unit is there twice"),
     ],
 )
-def test_aliases_tags_deep_nests_and_entries_that_are_there_twice_are_refused(text: str, message: str) -> None:
+def test_aliases_tags_deep_nesting_and_duplicate_entries_are_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         parse_yaml(text)
 
@@ -140,7 +140,7 @@ def test_aliases_tags_deep_nests_and_entries_that_are_there_twice_are_refused(te
         ({"background": 5}, r"calibrated.background: it must be a list, \[VALUE, …\] \(it is 5\), or Input should be a valid string"),
     ],
 )
-def test_calibrated_sensor_refuses_what_its_colours_would_not_follow(tmp_path: Path, changes: dict[str, Any], fault: str) -> None:
+def test_calibrated_sensor_refuses_entries_that_contradict_its_colours(tmp_path: Path, changes: dict[str, Any], fault: str) -> None:
     described = yaml.safe_load(description_path("sensor", "gelsight").read_text())
     owner = described if "diffuse" in changes else described["calibrated"]
     owner |= changes

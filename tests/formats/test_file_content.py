@@ -1,4 +1,4 @@
-"""What is not a regular file, or too large, is not read."""
+"""Only regular files up to a size are read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The unit and the up-axis that mesh files state."""
+"""Units and up-axes that mesh files state."""
 
 from __future__ import annotations
 
@@ -41,36 +41,36 @@ def collada(path: Path, *assets: str) -> Path:
         (("<unit meter='many'/>",), (None, "y")),
     ],
 )
-def test_collada_states_its_unit_and_its_axis(tmp_path: Path, assets: tuple[str, ...], expected: tuple[float | None, str]) -> None:
+def test_unit_and_axis_of_collada_are_read(tmp_path: Path, assets: tuple[str, ...], expected: tuple[float | None, str]) -> None:
     path = collada(tmp_path / "box.dae", *assets)
     assert stated_units(path) == expected
-    assert len(load_mesh(path).faces) == 12  # whatever it states, it can be read
+    assert len(load_mesh(path).faces) == 12  # the file can be read whatever it states
 
 
 @pytest.mark.parametrize(("unit", "metres"), [(' unit="inch"', 0.0254), ("", 0.001), (' unit="furlong"', None)])
-def test_3mf_states_its_unit(tmp_path: Path, unit: str, metres: float | None) -> None:
+def test_unit_of_3mf_is_read(tmp_path: Path, unit: str, metres: float | None) -> None:
     content = trimesh.creation.box(SIDES).export(file_type="3mf")
     (tmp_path / "made.3mf").write_bytes(content)
-    with zipfile.ZipFile(tmp_path / "made.3mf") as made, zipfile.ZipFile(tmp_path / "box.3mf", "w") as archive:
-        for name in made.namelist():
-            archive.writestr(name, made.read(name).replace(b' unit="millimeter"', unit.encode()))
+    with zipfile.ZipFile(tmp_path / "made.3mf") as source, zipfile.ZipFile(tmp_path / "box.3mf", "w") as archive:
+        for name in source.namelist():
+            archive.writestr(name, source.read(name).replace(b' unit="millimeter"', unit.encode()))
     assert stated_units(tmp_path / "box.3mf") == (metres, "z")
     assert len(load_mesh(tmp_path / "box.3mf").faces) == 12
 
 
 def _bad_3mf(path: Path, fault: str) -> None:
     """Write a 3MF file of a box whose archive is damaged."""
-    with zipfile.ZipFile(io.BytesIO(trimesh.creation.box(SIDES).export(file_type="3mf"))) as made, zipfile.ZipFile(path, "w") as archive:
-        for name in made.namelist():
-            archive.writestr(name, made.read(name), zipfile.ZIP_LZMA if fault == "damaged LZMA" else zipfile.ZIP_STORED)
+    with zipfile.ZipFile(io.BytesIO(trimesh.creation.box(SIDES).export(file_type="3mf"))) as source, zipfile.ZipFile(path, "w") as archive:
+        for name in source.namelist():
+            archive.writestr(name, source.read(name), zipfile.ZIP_LZMA if fault == "damaged LZMA" else zipfile.ZIP_STORED)
     content = bytearray(path.read_bytes())
     entry = content.index(b"PK\1\2", content.index(b"[Content_Types].xml"))  # the first of the list of members, the model's
     match fault:
         case "name not UTF-8":
-            content[entry + 9] |= 8  # says that the name is
+            content[entry + 9] |= 8  # marks the name as UTF-8
             content[entry + 46] = 0xFF
         case "member past the end":
-            content[entry + 20 : entry + 28] = (2**31 - 1).to_bytes(4, "little") * 2  # its bytes, packed and not
+            content[entry + 20 : entry + 28] = (2**31 - 1).to_bytes(4, "little") * 2  # compressed and uncompressed size
         case "damaged LZMA":
             start = content.index(b"3D/3dmodel.model") + len("3D/3dmodel.model") + 9
             content[start : start + 200] = bytes([255]) * 200
@@ -80,7 +80,7 @@ def _bad_3mf(path: Path, fault: str) -> None:
 
 
 @pytest.mark.parametrize("fault", ["name not UTF-8", "member past the end", "damaged LZMA", "millions of members"])
-def test_a_bad_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
+def test_damaged_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
     _bad_3mf(tmp_path / "bad.3mf", fault)
     trimesh.creation.box(SIDES).export(tmp_path / "good.ply")
     assert [item.object_id for item in load_manifest("directory").objects(tmp_path)] == ["bad", "good"]
@@ -88,22 +88,22 @@ def test_a_bad_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
         load_mesh(tmp_path / "bad.3mf")
 
 
-def test_other_files_state_nothing(tmp_path: Path) -> None:
+def test_other_files_state_no_unit(tmp_path: Path) -> None:
     (tmp_path / "box.stl").write_bytes(trimesh.creation.box(SIDES).export(file_type="stl"))
     (tmp_path / "no.3mf").write_bytes(b"PK\3\4 no archive")
     os.mkfifo(tmp_path / "pipe.dae")
     assert {stated_units(tmp_path / name) for name in ("box.stl", "no.3mf", "pipe.dae", "missing.dae")} == {(None, None)}
 
 
-def test_a_folder_of_collada_files_keeps_their_sizes(tmp_path: Path) -> None:
+def test_folder_of_collada_files_keeps_their_sizes(tmp_path: Path) -> None:
     collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
     (item,) = load_manifest("directory").objects(tmp_path)
-    how = {"up": item.source["up"], "metres_per_unit": item.source["metres_per_unit"]}
-    mesh = normalise_mesh(load_mesh(tmp_path / "box.dae"), diagonal=0.5, **how)
+    units = {"up": item.source["up"], "metres_per_unit": item.source["metres_per_unit"]}
+    mesh = normalise_mesh(load_mesh(tmp_path / "box.dae"), diagonal=0.5, **units)
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), [0.03, 0.01, 0.02], atol=1e-9)  # y became z
 
 
-def test_a_urdfs_scale_is_of_its_collada_files_unit(tmp_path: Path) -> None:
+def test_urdf_scale_multiplies_the_unit_of_its_collada_file(tmp_path: Path) -> None:
     collada(tmp_path / "box.dae", "<unit meter='0.001'/>")
     element = fromstring("<visual><geometry><mesh filename='box.dae' scale='2 1 1'/></geometry></visual>")
     shape = shape_of(element, tmp_path, {})

@@ -1,4 +1,4 @@
-"""What URDFs of real hands hold: mimic joints, packages, arms above the palm, colours with commas, links without mass, Drake's tags."""
+"""URDFs of real hands: mimic joints, packages, arms above the palm, colours with commas, links without mass, Drake's tags."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_arm_above_the_palm_is_cut_off(hand: Hand) -> None:
     assert hand.links[0].visuals[0].mesh.look.base_color[0].tolist() == [26, 51, 230, 255]
 
 
-def test_joints_follow_their_leader_through_another_follower(hand: Hand) -> None:
+def test_mimic_joint_follows_another_mimic_joint(hand: Hand) -> None:
     """Rotations about one axis add up: 0.3, twice that and 0.1, less half of the latter."""
     turned = forward_kinematics(hand, np.eye(4), np.array([0.3]))[[1, 3, 4], :3, :3]
     angles = np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
@@ -96,12 +96,12 @@ def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
         assert np.arctan2(lever[2, 1], lever[2, 2]) == pytest.approx(0.25)
 
 
-def test_joint_that_follows_a_frozen_follower_is_frozen_with_it(tmp_path: Path) -> None:
+def test_joint_that_mimics_a_frozen_joint_is_frozen(tmp_path: Path) -> None:
     assert load_hand(claw(tmp_path, frozen={"brake": 0.25, "second": 0.3})).frozen == {"brake": 0.25, "second": 0.3, "third": -0.15}
 
 
-def test_physics_gets_no_prefixes(tmp_path: Path) -> None:
-    """Drake's are undeclared, inside links and joints too."""
+def test_physics_urdf_has_no_namespace_prefixes(tmp_path: Path) -> None:
+    """Drake's prefixes are undeclared, also inside links and joints."""
     inside = BODY.replace("</geometry>", '</geometry><drake:proximity_properties><drake:mu value="1"/></drake:proximity_properties>')
     text = CLAW.replace(BODY, inside).replace('effort="0"', 'effort="0" drake:acceleration="9"')
     robot = ElementTree.parse(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
@@ -109,7 +109,7 @@ def test_physics_gets_no_prefixes(tmp_path: Path) -> None:
     assert set(robot.find("joint/limit").attrib) == {"lower", "upper", "effort"}  # type: ignore[union-attr]
 
 
-def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
+def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
     assert links_without_mass(hand) == ["tip"]
     robot = parse_urdf(write_physics_urdf(hand, tmp_path))
     assert not robot.findall("*/visual")
@@ -118,8 +118,8 @@ def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: 
     assert all(float(mass.get("value", 0)) > 0 for mass in robot.iter("mass"))
     assert len(robot.findall("link/inertial")) == 5
     _, joints = read_urdf(tmp_path / "hand.urdf")
-    frozen = next(one for one in joints if one.name == "brake")
-    mine = next(one for one in hand.joints if one.name == "brake")
+    frozen = next(joint_read for joint_read in joints if joint_read.name == "brake")
+    mine = next(joint_read for joint_read in hand.joints if joint_read.name == "brake")
     assert frozen.kind == "fixed"
     np.testing.assert_allclose(frozen.origin, mine.origin, atol=1e-12)
 
@@ -135,27 +135,27 @@ def test_physics_gets_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: 
         ({}, "package://claw/meshes", "package://paw/meshes", "put package 'paw' beside the URDF"),
     ],
 )
-def test_what_cannot_work_is_named(tmp_path: Path, changed: dict[str, object], old: str, new: str, message: str) -> None:
+def test_unusable_joint_or_package_is_named(tmp_path: Path, changed: dict[str, object], old: str, new: str, message: str) -> None:
     if "paw" in new:
         new = "package://paw/textures"
     with pytest.raises(InvalidInput, match=re.escape(message)):
         load_hand(claw(tmp_path, CLAW.replace(old, new) if old else CLAW, **changed))
 
 
-def test_links_that_always_overlap_are_named_unless_they_are_neighbours_at_rest(hand: Hand) -> None:
+def test_frequent_link_overlaps_are_named_with_a_remedy(hand: Hand) -> None:
     frames = forward_kinematics(hand, np.eye(4), np.linspace(-0.4, 0.9, 20)[:, None])
     assert frequent_overlaps(hand, collision_boxes(hand), frames) == []
     wide = replace(hand.links[2], collisions=(replace(hand.links[2].collisions[0], mesh=_moved(hand, [-0.05, 0, 0.03])),))
     beside = replace(hand, links=(*hand.links[:2], wide, *hand.links[3:]))
-    (found,) = frequent_overlaps(beside, collision_boxes(beside), frames)
-    assert (found.first, found.second) == (1, 2)
-    assert found.depth > 0.002
+    (overlap,) = frequent_overlaps(beside, collision_boxes(beside), frames)
+    assert (overlap.first, overlap.second) == (1, 2)
+    assert overlap.depth > 0.002
     first, second = (beside.links[link].name for link in (1, 2))
-    assert remedy(beside, found) == f"`allowed_contacts: [[{first}, {second}]]`"  # boxes
+    assert remedy(beside, overlap) == f"`allowed_contacts: [[{first}, {second}]]`"  # boxes
     mesh = (replace(wide.collisions[0], kind="mesh"),)
     for shapes, way in ((mesh, f"`convex_parts: {{{second}: 8}}`"), (2 * mesh, f"`allowed_contacts: [[{first}, {second}]]`")):
         other = replace(beside, links=(*hand.links[:2], replace(wide, collisions=shapes), *hand.links[3:]))
-        assert remedy(other, found) == way
+        assert remedy(other, overlap) == way
     assert frequent_overlaps(replace(beside, allowed_contacts=frozenset({(1, 2)})), collision_boxes(beside), frames) == []
 
 
@@ -165,7 +165,7 @@ def _moved(hand: Hand, by: list[float]) -> object:
 
 
 def test_bent_link_is_cut_into_convex_parts(tmp_path: Path) -> None:
-    """An angle of two bars: in one part it fills the corner, in eight it does not."""
+    """The convex hull of an angle of two bars fills the corner; eight parts do not."""
     path = claw(tmp_path)
     angle = trimesh.util.concatenate(
         [
@@ -188,7 +188,7 @@ def test_bent_link_is_cut_into_convex_parts(tmp_path: Path) -> None:
     "name", ["../../tip.glb", "{0}/tip.glb", "file://{0}/tip.glb", "package://{1}/tip.glb", "package://my things/../../tip.glb"]
 )
 def test_mesh_outside_the_package_is_refused(tmp_path: Path, name: str) -> None:
-    """`../meshes/tip.glb` is inside; with a package.xml the folder that has it is all of the package."""
+    """`../meshes/tip.glb` is inside; a folder with a package.xml is a package as a whole."""
     path = claw(tmp_path, CLAW.replace("package://claw/meshes", "../meshes"))
     assert len(load_hand(path).links) == 5
     trimesh.creation.box((0.01, 0.01, 0.01)).export(tmp_path / "my things" / "tip.glb")
@@ -212,7 +212,7 @@ def test_link_out_of_the_package_is_refused(tmp_path: Path) -> None:
         load_hand(path)
 
 
-def test_package_beside_the_package_is_read(tmp_path: Path) -> None:
+def test_sibling_package_is_read(tmp_path: Path) -> None:
     path = claw(tmp_path, CLAW.replace("package://claw", "package://tips"))
     tips = tmp_path / "my things" / "tips"
     (path.parent / "meshes").rename(tips.parent / "meshes")
@@ -224,7 +224,7 @@ def test_package_beside_the_package_is_read(tmp_path: Path) -> None:
     assert len(load_hand(path).links) == 5
 
 
-def test_texture_elsewhere_in_the_package_is_read_and_a_file_of_the_hand(tmp_path: Path) -> None:
+def test_texture_elsewhere_in_the_package_is_read_and_listed_as_a_file_of_the_hand(tmp_path: Path) -> None:
     path = claw(tmp_path, CLAW.replace("tip.glb", "tip.obj"))
     skin = path.parent / "materials" / "textures" / "skin.png"
     skin.parent.mkdir(parents=True)
@@ -239,14 +239,14 @@ def test_texture_elsewhere_in_the_package_is_read_and_a_file_of_the_hand(tmp_pat
 
 
 @pytest.mark.parametrize(("name", "color"), [("red", [255, 0, 0, 255]), ("blue", [26, 51, 230, 255])])
-def test_material_that_a_link_defines_colours_others_unless_the_robot_has_one(tmp_path: Path, name: str, color: list[int]) -> None:
-    own = f'<material name="{name}"><color rgba="1 0 0 1"/></material>'
-    defined = f'<link name="arm"><visual><geometry><sphere radius="1"/></geometry>{own}</visual>'
+def test_material_defined_by_a_link_colours_others_unless_the_robot_defines_it(tmp_path: Path, name: str, color: list[int]) -> None:
+    material = f'<material name="{name}"><color rgba="1 0 0 1"/></material>'
+    defined = f'<link name="arm"><visual><geometry><sphere radius="1"/></geometry>{material}</visual>'
     text = CLAW.replace(PAINTED, PAINTED.replace("blue", name)).replace('<link name="arm">', defined)
     assert load_hand(claw(tmp_path, text)).links[0].visuals[0].mesh.look.base_color[0].tolist() == color
 
 
-def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_total_faces_are_bounded_and_each_mesh_file_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, read = claw(tmp_path), list[Path]()
     monkeypatch.setattr("pipeline.formats.urdf.load_mesh", lambda file, root: (read.append(file), load_mesh(file, root))[1])
     load_hand(path)
@@ -256,8 +256,8 @@ def test_faces_of_all_shapes_are_bounded_and_a_file_is_read_once(tmp_path: Path,
         read_urdf(path.parent / "urdf" / "claw.urdf")
 
 
-def test_heavy_hand_is_loaded_once_within_its_budget_and_again_when_a_file_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tip of 81,920 faces: physics and distances get a thousand; who asks again gets the same hand, until the mesh is another one."""
+def test_large_hand_mesh_is_simplified_and_cached_until_a_file_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tip of 81,920 faces: physics and distances get a thousand. The hand is cached until the mesh changes."""
     path = claw(tmp_path)
     tip = path.parent / "meshes" / "tip.glb"
     trimesh.creation.icosphere(subdivisions=6, radius=0.02).export(tip)
@@ -279,7 +279,7 @@ def test_heavy_hand_is_loaded_once_within_its_budget_and_again_when_a_file_chang
 
 
 def test_shape_that_is_too_large_to_fill_is_named(tmp_path: Path) -> None:
-    """A mesh in millimetres whose scale was forgotten would take all memory."""
+    """A mesh in millimetres without its scale would take all memory."""
     path = claw(tmp_path)
     trimesh.creation.box((20, 30, 50)).export(path.parent / "meshes" / "tip.glb")
     with pytest.raises(InvalidInput, match=r"a collision shape of link tip is 20 x 30 x 50 m large; is the scale of its mesh right\?"):
@@ -287,7 +287,7 @@ def test_shape_that_is_too_large_to_fill_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
-def test_an_origin_is_written_as_its_angles_even_where_they_are_not_unique(pitch: float) -> None:
+def test_origin_is_written_as_rpy_even_at_gimbal_lock(pitch: float) -> None:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = Rotation.from_euler("xyz", [0.4, pitch, -1.1]).as_matrix(), [1, 2, 3]
     link = Element("joint")

@@ -1,4 +1,4 @@
-"""Hand files and their URDFs: found by name or path, checked with the unusable entry named."""
+"""Hand files and their URDFs are found by name or path; unusable entries are named."""
 
 import re
 import shutil
@@ -23,7 +23,7 @@ def hand() -> Hand:
 
 
 def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tmp_path: Path, rng: np.random.Generator) -> None:
-    """Other names, another order of links, and spheres in place of the visual meshes."""
+    """The URDF has other names, another order of links, and spheres in place of visual meshes."""
     text = hand.urdf.read_text()
     text = text.replace("link_", "l-").replace("joint_", "j-").replace("base_link", "palm")
     text = re.sub(r'<mesh filename="[^"]*"/>', '<sphere radius="0.01"/>', text)
@@ -124,7 +124,7 @@ def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old:
 
 
 def test_each_finger_may_wear_its_own_sensor(hand: Hand, tmp_path: Path) -> None:
-    """Shipped ones are named; paths start at the hand file; what no finger is given is an error."""
+    """Shipped sensors are given by name, others by a path from the hand file; a missing sensor is an error."""
     file = yaml.safe_load(hand.path.read_text()) | {"urdf": str(hand.urdf)}
     file["fingers"][1]["sensor"]["file"] = "gels/soft.yaml"
     path = tmp_path / "hand.yaml"
@@ -157,7 +157,7 @@ def test_sensor_for_all_fingers_is_found_from_any_folder(hand: Hand, ending: str
 
 
 def test_materials_and_textures_of_meshes_are_files_of_the_hand(hand: Hand, tmp_path: Path) -> None:
-    """What its images show is part of the keys that they are made under."""
+    """Files that change its images are part of their keys."""
     shutil.copytree(hand.urdf.parent, tmp_path / "hand")
     mesh = tmp_path / "hand" / "skin.obj"
     mesh.write_text("mtllib skin.mtl\nv 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nusemtl skin\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")

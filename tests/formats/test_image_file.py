@@ -1,4 +1,4 @@
-"""Images that are read, and those that are refused before they are decoded."""
+"""Images are read, or refused before they are decoded."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def png(width: int, height: int, *chunks: bytes) -> bytes:
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "BMP", "TIFF"])
 @pytest.mark.parametrize("mode", ["RGB", "L"])
-def test_the_usual_formats_are_read(tmp_path: Path, kind: str, mode: str) -> None:
+def test_common_formats_are_read(tmp_path: Path, kind: str, mode: str) -> None:
     (tmp_path / "image").write_bytes(encoded(kind, mode))
     np.testing.assert_array_equal(read_image(tmp_path / "image"), np.zeros((2, 3, 3), np.uint8))
 
@@ -58,12 +58,12 @@ def test_other_formats_and_bombs_are_refused(tmp_path: Path, content: bytes, wor
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF"])
-def test_a_turned_photograph_is_read_as_viewers_show_it(tmp_path: Path, kind: str) -> None:
+def test_photograph_rotated_by_exif_is_read_upright(tmp_path: Path, kind: str) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6  # turned by 90° clockwise
-    held = Image.new("RGB", (16, 8))
-    held.paste((255, 255, 255), (0, 0, 8, 8))  # its left half
-    held.save(tmp_path / "image", kind, exif=exif)
+    photograph = Image.new("RGB", (16, 8))
+    photograph.paste((255, 255, 255), (0, 0, 8, 8))  # the left half
+    photograph.save(tmp_path / "image", kind, exif=exif)
     levels = read_image(tmp_path / "image")
     assert levels.shape == (16, 8, 3)
     assert (levels[:6] > 200).all(), "what was left is above"
@@ -72,7 +72,7 @@ def test_a_turned_photograph_is_read_as_viewers_show_it(tmp_path: Path, kind: st
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "RGB", "P", "P, black last", "I;16"])
-def test_masks_are_where_files_are_not_0(tmp_path: Path, mode: str) -> None:
+def test_mask_is_true_where_pixels_are_not_zero(tmp_path: Path, mode: str) -> None:
     inside = np.array([[True, False, True], [False, False, True]])
     levels = Image.fromarray(np.where(inside, 200, 0).astype(np.uint16 if mode == "I;16" else np.uint8))
     image = levels if mode == "I;16" else levels.convert("L" if mode.startswith("P") else mode)
@@ -83,7 +83,7 @@ def test_masks_are_where_files_are_not_0(tmp_path: Path, mode: str) -> None:
     np.testing.assert_array_equal(read_mask(tmp_path / "mask.png"), inside)
 
 
-def test_depth_images_are_read_as_they_are(tmp_path: Path) -> None:
+def test_depth_images_are_read_unchanged(tmp_path: Path) -> None:
     levels = np.array([[0, 500, 65535]], np.uint16)
     Image.fromarray(levels).save(tmp_path / "depth.png")
     np.save(tmp_path / "levels.npy", np.asfortranarray(levels))
@@ -115,7 +115,7 @@ def npy(header: str, values: bytes) -> bytes:
     ],
     ids=["shape", "objects", "negative", "integers", "row", "nothing", "header", "empty"],
 )
-def test_arrays_are_checked_before_memory_is_taken(tmp_path: Path, content: bytes, words: str) -> None:
+def test_array_headers_are_checked_before_memory_is_allocated(tmp_path: Path, content: bytes, words: str) -> None:
     (tmp_path / "depth.npy").write_bytes(content)
     with pytest.raises(InvalidInput, match=words):
         read_depth(tmp_path / "depth.npy")

@@ -1,4 +1,4 @@
-"""Files that mesh files name: which are opened, and which never."""
+"""Files named by mesh files are opened only if they are regular files below the root."""
 
 import os
 from pathlib import Path
@@ -35,13 +35,13 @@ def test_companions_are_found_within_the_root_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("named", "place"),
     [
-        ("../../textures/soda.png", "objects/textures/soda.png"),  # as robosuite and ROS packages name theirs
+        ("../../textures/soda.png", "objects/textures/soda.png"),  # as in robosuite and ROS packages
         ("../../textures/soda.png", "assets/materials/textures/Soda.PNG"),
-        ("texture.png", "objects/soda/materials/textures/texture.png"),  # as GSO has it
+        ("texture.png", "objects/soda/materials/textures/texture.png"),  # as in GSO
         ("C:\\Users\\me\\maps\\soda.png", "maps/soda.png"),
     ],
 )
-def test_texture_elsewhere_below_the_root_is_taken(tmp_path: Path, named: str, place: str) -> None:
+def test_texture_elsewhere_below_the_root_is_found_by_name(tmp_path: Path, named: str, place: str) -> None:
     file = tmp_path / "root" / "objects" / "soda" / "meshes" / "a.obj"
     for path in (file, tmp_path / "root" / place, tmp_path / "textures" / "soda.png"):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,11 +54,11 @@ def test_texture_elsewhere_below_the_root_is_taken(tmp_path: Path, named: str, p
     assert load_mesh(file, tmp_path / "root").look.textures[0][0, 0, 0] == 9
 
 
-def test_texture_of_another_mesh_and_one_of_two_are_not_taken(tmp_path: Path) -> None:
+def test_texture_of_another_mesh_and_ambiguous_texture_are_not_taken(tmp_path: Path) -> None:
     file = textured(tmp_path, "../textures/soda.png")
-    theirs = tmp_path / "can" / "textures" / "soda.png"
-    theirs.parent.mkdir(parents=True)
-    theirs.write_bytes(b"x")
+    texture_of_can = tmp_path / "can" / "textures" / "soda.png"
+    texture_of_can.parent.mkdir(parents=True)
+    texture_of_can.write_bytes(b"x")
     (tmp_path / "can" / "can.stl").write_bytes(b"x")
     for folder in ("old", "new"):
         (tmp_path / folder).mkdir()
@@ -89,7 +89,7 @@ def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind:
     assert load_mesh(file, tmp_path).look.textures == ()
 
 
-def test_empty_material_file_is_no_fault_of_the_shape(tmp_path: Path) -> None:
+def test_empty_material_file_leaves_the_shape_usable(tmp_path: Path) -> None:
     file = textured(tmp_path, "paint.png")
     (file.parent / "a.mtl").write_bytes(b"")
     assert list(fingerprint({"file": str(file), "root": str(tmp_path)})["file"]["companions"]) == ["a.mtl"]
@@ -118,7 +118,7 @@ def test_size_of_companions_is_bounded_together(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["deep.gltf", "deep.glb"])
-def test_deeply_nested_gltf_is_refused_in_words(tmp_path: Path, name: str) -> None:
+def test_deeply_nested_gltf_is_refused(tmp_path: Path, name: str) -> None:
     brackets = b"[" * 200_000
     header = b"glTF" + b"".join(number.to_bytes(4, "little") for number in (2, 20 + len(brackets), len(brackets), 0x4E4F534A))
     (tmp_path / name).write_bytes((header if name.endswith("glb") else b"") + brackets)

@@ -45,9 +45,9 @@ def textured_quad(folder: Path) -> Path:
 
 def test_materials_and_textures_are_read_per_face(tmp_path):
     look = load_mesh(textured_quad(tmp_path)).look
-    worn = look.material_texture[look.face_material]
-    assert sorted(worn >= 0) == [False, True]
-    plain = int(np.flatnonzero(worn < 0)[0])
+    texture_of_face = look.material_texture[look.face_material]
+    assert sorted(texture_of_face >= 0) == [False, True]
+    plain = int(np.flatnonzero(texture_of_face < 0)[0])
     np.testing.assert_array_equal(look.base_color[look.face_material[plain]], [0, 0, 255, 255])
     (texture,) = look.textures
     np.testing.assert_array_equal(texture[0, 1], [255, 0, 0, 255])
@@ -60,7 +60,7 @@ def test_missing_texture_leaves_the_base_colour(tmp_path):
     assert load_mesh(path).look.textures == ()
 
 
-def test_truncated_texture_loses_the_look_and_keeps_the_shape(tmp_path, rng):
+def test_truncated_texture_is_dropped_and_the_shape_is_kept(tmp_path, rng):
     path, image_file = textured_quad(tmp_path), tmp_path / "paint.png"
     Image.fromarray(rng.integers(0, 255, (64, 64, 3), np.uint8)).save(image_file)
     image_file.write_bytes(image_file.read_bytes()[:1000])
@@ -96,8 +96,8 @@ def test_face_colours_become_materials(tmp_path):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
-def test_vertex_colours_stay_those_of_the_vertices(tmp_path, suffix):
-    """Also through cleaning, a row of `surfaces`, and beside a part that states none. glTF states linear light."""
+def test_vertex_colours_stay_with_their_vertices(tmp_path, suffix):
+    """Vertex colours also survive cleaning, a row of `surfaces`, and joining a part without colours. glTF states linear light."""
     box = BOX.copy()
     colors = np.array([[255 * (x > 0), 255 * (y > 0), 255 * (z > 0), 255] for x, y, z in BOX.vertices], np.uint8)
     colors[0, :3] = 128
@@ -107,8 +107,8 @@ def test_vertex_colours_stay_those_of_the_vertices(tmp_path, suffix):
     mesh = read_mesh(mesh_row(clean_mesh(mesh, 100)[0]))
     expected = colors.copy()
     expected[0, :3] = 188 if suffix == ".glb" else 128
-    where = np.linalg.norm(mesh.vertices[:, None] - BOX.vertices, axis=2).argmin(axis=1)
-    np.testing.assert_allclose(mesh.look.vertex_color.astype(int), expected[where], atol=1)
+    nearest = np.linalg.norm(mesh.vertices[:, None] - BOX.vertices, axis=2).argmin(axis=1)
+    np.testing.assert_allclose(mesh.look.vertex_color.astype(int), expected[nearest], atol=1)
     assert mesh.look.base_color.tolist() == [[255, 255, 255, 255]]
     joined = _join([mesh, Mesh.bare(BOX.vertices, BOX.faces)])
     assert (joined.look.vertex_color[len(mesh.vertices) :] == 255).all()
@@ -141,7 +141,7 @@ def test_files_without_a_mesh_are_refused_by_name(tmp_path, name, content, reaso
         load_mesh(tmp_path / name)
 
 
-def test_a_part_without_faces_is_left_out(tmp_path):
+def test_part_without_faces_is_left_out(tmp_path):
     (tmp_path / "parts.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl one\nf 1 usemtl two\nf 1 2 3\n")
     assert load_mesh(tmp_path / "parts.obj").faces.shape == (1, 3)
 
@@ -186,14 +186,14 @@ def test_pixels_of_textures_are_bounded_together_before_decoding(tmp_path: Path,
         parse_mesh(path, tmp_path)
 
 
-def test_texture_that_needs_another_program_loses_the_look(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_texture_that_needs_another_program_is_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = textured_quad(tmp_path)
     (tmp_path / "paint.png").write_bytes(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n%%EOF\n")
     monkeypatch.setattr(EpsImagePlugin, "Ghostscript", pytest.fail)
     assert parse_mesh(path, tmp_path).look.textures == ()
 
 
-def test_gltf_of_too_many_entries_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+def test_gltf_with_too_many_entries_is_refused_before_parsing(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="entries in its JSON, 1000000 are the most"):
         load_mesh(gltf(tmp_path, extras=[0] * 1_000_001))
 

@@ -1,4 +1,4 @@
-"""The limits of memory and processor time within which each mesh file is read."""
+"""Each mesh file is read within limits of memory and processor time."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def views_of_the_same_bytes(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("make", [instances_of_instances, instances_of_a_geometry, millions_of_vertices, views_of_the_same_bytes])
-def test_small_file_that_stands_for_gigabytes_is_refused(
+def test_small_file_that_expands_to_gigabytes_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], Path]
 ) -> None:
     monkeypatch.setattr(mesh_reader, "BYTES", 2**27)
@@ -86,22 +86,22 @@ def test_file_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest
         load_object(path)
 
 
-def test_limits_hold_in_any_thread_and_the_next_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_hold_in_threads_and_the_next_file_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_reader, "BYTES", 2**27)
     BOX.export(tmp_path / "box.ply")
-    path, read = instances_of_instances(tmp_path), []
+    path, meshes = instances_of_instances(tmp_path), []
 
-    def both() -> None:
+    def read_both() -> None:
         with pytest.raises(InvalidInput, match="needs more than"):
             load_mesh(path)
-        read.append(load_mesh(tmp_path / "box.ply"))
+        meshes.append(load_mesh(tmp_path / "box.ply"))
 
-    threads = [threading.Thread(target=both) for _ in range(2)]
+    threads = [threading.Thread(target=read_both) for _ in range(2)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    assert [len(mesh.faces) for mesh in read] == [12, 12]
+    assert [len(mesh.faces) for mesh in meshes] == [12, 12]
 
 
 def test_file_that_crashes_its_reader_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,7 +115,7 @@ def test_file_that_crashes_its_reader_is_refused(tmp_path: Path, monkeypatch: py
         mesh_reader.end_reader()
 
 
-def test_a_fork_of_this_process_reads_for_itself(tmp_path: Path) -> None:
+def test_forked_process_starts_its_own_reader(tmp_path: Path) -> None:
     BOX.export(tmp_path / "box.ply")
     load_mesh(tmp_path / "box.ply")
     fork = os.fork()
@@ -131,14 +131,14 @@ def test_a_fork_of_this_process_reads_for_itself(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["ply", "glb"])
-def test_a_mesh_is_what_it_is_in_this_process(tmp_path: Path, suffix: str) -> None:
+def test_mesh_from_the_reader_process_equals_one_parsed_in_this_process(tmp_path: Path, suffix: str) -> None:
     box = BOX.copy()
     box.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
     box.export(tmp_path / f"box.{suffix}")
-    apart, here = load_mesh(tmp_path / f"box.{suffix}"), parse_mesh(tmp_path / f"box.{suffix}", tmp_path)
-    for ours, theirs in (
-        (apart.vertices, here.vertices),
-        (apart.faces, here.faces),
-        *zip(vars(apart.look).values(), vars(here.look).values(), strict=True),
+    from_reader, parsed = load_mesh(tmp_path / f"box.{suffix}"), parse_mesh(tmp_path / f"box.{suffix}", tmp_path)
+    for value, expected in (
+        (from_reader.vertices, parsed.vertices),
+        (from_reader.faces, parsed.faces),
+        *zip(vars(from_reader.look).values(), vars(parsed.look).values(), strict=True),
     ):
-        np.testing.assert_array_equal(ours, theirs, strict=True)
+        np.testing.assert_array_equal(value, expected, strict=True)

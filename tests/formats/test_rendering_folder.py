@@ -1,4 +1,4 @@
-"""Each fault of a folder of renderings is an error that names it."""
+"""Each fault of a folder of renderings is named."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def folder(tmp_path) -> Path:
     return tmp_path / "rendering"
 
 
-def test_what_was_written_is_read(folder):
+def test_written_renderings_are_read_back(folder):
     images, viewpoints = read_renderings(folder)
     assert np.array_equal(images, IMAGES)
     assert viewpoints == VIEWPOINTS
@@ -60,7 +60,7 @@ def save_image(folder: Path, size: int, mode: str) -> None:
         (lambda folder: replace_line(folder, "1 95 0 0.7 25"), "has an elevation of 95 degrees; it must be from -90 to 90"),
     ],
 )
-def test_each_fault_is_named(folder, spoil, message):
+def test_fault_of_a_rendering_folder_is_named(folder, spoil, message):
     spoil(folder)
     with pytest.raises(InvalidInput, match=message):
         read_renderings(folder)

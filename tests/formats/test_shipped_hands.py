@@ -1,4 +1,4 @@
-"""The hands that ship besides the right Allegro: its mirror image, and a gripper whose fingers share a motor."""
+"""Shipped hands besides the right Allegro: its mirror image, and a gripper whose fingers share a motor."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FAR = np.eye(4)
 FAR[:3, 3] = [1, 1, 1]
 
 
-def test_left_hand_is_the_right_one_mirrored(rng: np.random.Generator) -> None:
+def test_left_hand_mirrors_the_right_hand(rng: np.random.Generator) -> None:
     right, left = load_hand("allegro_right"), load_hand("allegro_left")
     for angles in rng.uniform(right.lower, right.upper, (5, len(right.lower))):
         links = [forward_kinematics(hand, np.eye(4), angles) for hand in (right, left)]
@@ -25,7 +25,7 @@ def test_left_hand_is_the_right_one_mirrored(rng: np.random.Generator) -> None:
         np.testing.assert_allclose(sensors[1][:, :3, 3], sensors[0][:, :3, 3] * [1, -1, 1], atol=1e-12)
 
 
-def test_fingers_of_the_gripper_are_one_finger_with_two_sensors() -> None:
+def test_gripper_is_one_finger_with_two_sensors() -> None:
     hand = load_hand("two_finger_gripper")
     (finger,) = hand.fingers
     assert (finger.name, finger.joints, finger.sensors) == ("left+right", (0,), (0, 1))
@@ -36,7 +36,7 @@ def test_fingers_of_the_gripper_are_one_finger_with_two_sensors() -> None:
 
 @pytest.mark.parametrize("blocked", [False, True])
 def test_follower_stays_with_its_leader_in_physics(blocked: bool) -> None:
-    """Free, and where a block stops the right finger alone: the motor of the left one cannot push it on."""
+    """Test free fingers and a block that stops only the right finger: the motor of the left one cannot push on."""
     hand = load_hand("two_finger_gripper")
     block = centred(trimesh.creation.box((0.02, 0.02, 0.02)))
     with Simulation(hand) as physics:

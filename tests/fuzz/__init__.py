@@ -1,1 +1,1 @@
-"""Files that are wrong in every way: what reads a user's or a stranger's files refuses them in words, soon, in little memory."""
+"""Fuzzing of everything that reads files of users or strangers: mutated files give clear errors, quickly and in little memory."""

@@ -32,18 +32,18 @@ from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS
 
 SECONDS = 120
-"""Of an input: twice the processor time that reading a mesh may take, as others want the processor too."""
+"""Limit per input: twice the processor time that reading a mesh may take, because the processor is shared."""
 
 BYTES = 2 * 2**30
 PEAK = 1.5e9
-"""Bytes that an input may take in any process: `BYTES` are those of addresses, most of which nothing is behind."""
+"""Bytes that an input may take in any process: `PEAK` of memory, `BYTES` of addresses, most of which are not backed."""
 
 TREES = (".yaml", ".gltf", ".json")
 
 
 @dataclass
 class Tally:
-    """What became of a target's inputs; `findings` by where they were raised, each with a folder of files."""
+    """Outcomes of the inputs of a target; `findings` maps where an error was raised to a folder of files."""
 
     outcomes: Counter[str] = field(default_factory=Counter)
     findings: dict[str, str] = field(default_factory=dict)
@@ -56,7 +56,7 @@ class _TooSlow(BaseException):
 
 
 def main() -> None:
-    """Fuzz, gather, print."""
+    """Fuzz the targets and print the findings."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--inputs", type=int, default=1_000_000, help="in all")
     parser.add_argument("--only", nargs="+", choices=list(TARGETS), default=list(TARGETS), help="these targets alone")
@@ -65,39 +65,39 @@ def main() -> None:
     parser.add_argument("--keep", type=Path, default=Path("fuzz-findings"), help="where the files of findings go")
     chosen = parser.parse_args()
     shares = {name: TARGETS[name][1] for name in chosen.only}
-    found = False
+    has_findings = False
     for name, share in shares.items():
         tally = fuzz(name, round(chosen.inputs * share / sum(shares.values())), chosen.seed, chosen.lanes, chosen.keep)
         counts = ", ".join(f"{count} {outcome}" for outcome, count in sorted(tally.outcomes.items()))
         peak = f"the slowest {tally.slowest:.2f} s, the largest process {tally.largest / 1e9:.2f} GB"
         print(f"{name}: {sum(tally.outcomes.values())} inputs: {counts}; {peak}", flush=True)
         for where, files in tally.findings.items():
-            found = True
+            has_findings = True
             print(f"  FOUND {where}\n        {files}", flush=True)
-    sys.exit(found)
+    sys.exit(has_findings)
 
 
 def fuzz(name: str, inputs: int, seed: int, lanes: int, keep: Path) -> Tally:
-    """Feed wrong files to a target, in processes of their own; one that dies is a finding, and another takes its place."""
+    """Feed mutated files to a target in separate processes; a process that dies is a finding and is replaced."""
     target = TARGETS[name][0]()
     whole = Tally()
     with tempfile.TemporaryDirectory(prefix="fuzz-", dir="/dev/shm" if Path("/dev/shm").is_dir() else None) as root:
-        left = {lane: (0, inputs // lanes + (lane < inputs % lanes)) for lane in range(lanes)}
-        running = {lane: _start(target, Path(root), lane, seed, *left[lane], keep / name) for lane in left}
+        remaining = {lane: (0, inputs // lanes + (lane < inputs % lanes)) for lane in range(lanes)}
+        running = {lane: _start(target, Path(root), lane, seed, *remaining[lane], keep / name) for lane in remaining}
         while running:
             for lane, (process, log) in list(running.items()):
                 end = finish(process, log, limit=100_000)
-                told = [json.loads(line) for line in end.output.splitlines() if line.startswith("{")]
-                done = _add(whole, told)
+                parts = [json.loads(line) for line in end.output.splitlines() if line.startswith("{")]
+                done = _add(whole, parts)
                 del running[lane]
                 if end.status:
                     folder = Path(root) / str(lane)
                     where = f"the process ended with {end.status}: {end.output.strip()[-200:]}"
                     whole.findings.setdefault(where, _keep(folder, keep / name))
                     whole.outcomes["crashed"] += 1
-                    left[lane] = (left[lane][0] + done + 1, left[lane][1])
-                    if left[lane][0] < left[lane][1]:
-                        running[lane] = _start(target, Path(root), lane, seed, *left[lane], keep / name)
+                    remaining[lane] = (remaining[lane][0] + done + 1, remaining[lane][1])
+                    if remaining[lane][0] < remaining[lane][1]:
+                        running[lane] = _start(target, Path(root), lane, seed, *remaining[lane], keep / name)
     return whole
 
 
@@ -107,11 +107,11 @@ def _start(target: Target, root: Path, lane: int, seed: int, first: int, stop: i
 
 
 def _feed(target: Target, folder: Path, numbers: range, seed: str, keep: Path) -> None:
-    """Feed inputs one after the other, and tell what became of each thousand."""
+    """Feed inputs one after the other and print the outcomes of each thousand."""
     signal.signal(signal.SIGALRM, _alarm)
     limit = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + BYTES
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    tally, told = Tally(), set[str]()
+    tally, reported = Tally(), set[str]()
     for number in numbers:
         rng = random.Random(f"{seed} {number}")
         files = _mutated_files(target, rng)
@@ -125,13 +125,13 @@ def _feed(target: Target, folder: Path, numbers: range, seed: str, keep: Path) -
             outcome = "refused in words"
         except (Exception, _TooSlow) as error:
             outcome = "found"
-            if (where := _where(error)) not in told:
-                told.add(where)
+            if (where := _where(error)) not in reported:
+                reported.add(where)
                 tally.findings[where] = f"{str(error)[:100]!r}, {_keep(folder, keep)}"
         if number == numbers[-1]:
-            end_reader()  # a process counts when it has ended
-        if (peak := _peak()) > PEAK and "memory" not in told:
-            told.add("memory")
+            end_reader()  # memory of a child counts once it has ended
+        if (peak := _peak()) > PEAK and "memory" not in reported:
+            reported.add("memory")
             tally.findings[f"memory: {peak / 1e9:.2f} GB"] = _keep(folder, keep)
         tally.largest = max(tally.largest, peak)
         tally.outcomes[outcome] += 1
@@ -157,10 +157,10 @@ def _write(folder: Path, files: Files) -> None:
         path.write_bytes(content)
 
 
-def _add(whole: Tally, told: list[dict[str, object]]) -> int:
-    """Add what a process told; the number of inputs that was."""
+def _add(whole: Tally, parts: list[dict[str, object]]) -> int:
+    """Add the outcomes that a process printed; return the number of their inputs."""
     before = whole.outcomes.total()
-    for part in told:
+    for part in parts:
         whole.outcomes.update(part["outcomes"])  # type: ignore[arg-type]
         for where, files in part["findings"].items():  # type: ignore[attr-defined]
             whole.findings.setdefault(where, files)

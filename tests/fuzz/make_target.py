@@ -1,4 +1,4 @@
-"""Variables of the Makefile: whatever their values, they are passed on as they are, or refused, and run nothing."""
+"""Variables of the Makefile: any values are passed on unchanged or refused, and run no command."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tests.fuzz.target import Files, Target
 ROOT = Path(__file__).parents[2]
 CANARY = "canary"
 PASSED = ("MANIFEST", "PRESET", "DATA", "OBJECTS", "UNITS", "UP", "SET", "WORKERS")
-"""In the order in which `vt-pipeline run` is given them."""
+"""In the order of the arguments of `vt-pipeline run`."""
 OPTIONAL = ("OBJECTS", "UNITS", "UP")
 REFUSED = (b"has a line break", b"must be a whole number", b"must be whole numbers", b"is damaged", b"list too long", b"name too long")
 ANSWERS = 'case "$2" in *ensurepip*) echo 3.13 yes yes /usr ;; *) echo 4 ;; esac'
-"""What Python says of itself to tools/install.sh, and of a dataset's shards to tools/shards.sh."""
+"""Answers of Python about itself to tools/install.sh, and about the shards of a dataset to tools/shards.sh."""
 NEEDED = ("sh", "head", "tr", "seq", "touch", "env")
 SOUND = {
     "plain": {"MANIFEST": b"toy", "PRESET": b"draft", "DATA": b"d", "SET": b"a.b=1 c=[1,2]", "SHARDS": b"2", "SEEDS": b"0 1"},
@@ -34,7 +34,7 @@ SOUND = {
 
 
 class MakeVariables(Target):
-    """Values on the command line of make, or in its environment, and what a dataset says its number of shards is."""
+    """Values on the command line or in the environment of make, and a dataset description with a number of shards."""
 
     def sound(self) -> list[Files]:
         return [values | {"dataset.json": b'{"shards": 3}'} for values in SOUND.values()]
@@ -79,31 +79,31 @@ def _make_workplace(work: Path) -> None:
     (work / ".venv" / "installed").touch()
 
 
-def _run(work: Path, values: Mapping[str, bytes], content: int, *asked: str) -> bytes:
-    """Run make, with the values in its environment where `content` is odd; what it says if it fails."""
+def _run(work: Path, values: Mapping[str, bytes], content: int, *targets: str) -> bytes:
+    """Run make, with the values in its environment if `content` is odd; return its error if it fails."""
     pairs = {os.fsencode(name): value for name, value in values.items()}
     environment = {b"PATH": os.fsencode(work / "programs"), **(pairs if content % 2 else {})}
     arguments = [] if content % 2 else [name + b"=" + value for name, value in pairs.items()]
-    command: list[str | bytes] = [str(shutil.which("make")), *asked, *arguments]
+    command: list[str | bytes] = [str(shutil.which("make")), *targets, *arguments]
     try:
-        done = subprocess.run(command, cwd=work, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False)
+        completed = subprocess.run(command, cwd=work, env=environment, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     except OSError as error:
         raise InvalidInput(str(error)) from error
-    return done.stderr + b"failed" if done.returncode else b""
+    return completed.stderr + b"failed" if completed.returncode else b""
 
 
 def _arguments(values: Mapping[str, bytes], *, in_environment: bool) -> list[bytes]:
     """List the arguments that make must pass to `vt-pipeline`; on its command line, make drops leading blanks."""
-    taken = {name: value if in_environment else value.lstrip() for name, value in values.items()}
-    taken = {"MANIFEST": b"toy", "PRESET": b"draft", "WORKERS": b"0"} | taken
-    called = [b"run", b"sample-surfaces"]
+    passed = {name: value if in_environment else value.lstrip() for name, value in values.items()}
+    passed = {"MANIFEST": b"toy", "PRESET": b"draft", "WORKERS": b"0"} | passed
+    expected = [b"run", b"sample-surfaces"]
     for name in PASSED:
         option = f"--{name.lower()}".encode()
         if name == "SET":
-            called += [word for one in taken.get(name, b"").split() for word in (option, one)]
-        elif taken.get(name) or name not in OPTIONAL:
-            called += [option, taken[name]]
-    return [*called, b"--shard", b"0"]
+            expected += [word for word_of_value in passed.get(name, b"").split() for word in (option, word_of_value)]
+        elif passed.get(name) or name not in OPTIONAL:
+            expected += [option, passed[name]]
+    return [*expected, b"--shard", b"0"]
 
 
 def _without_shards(call: list[bytes]) -> list[bytes]:

@@ -1,4 +1,4 @@
-"""Ways in which a file goes wrong: in its bytes, and in the tree that its JSON or YAML says."""
+"""Mutations of files: of their bytes, and of the tree in their JSON or YAML."""
 
 from __future__ import annotations
 
@@ -100,9 +100,9 @@ WORDS = tuple(
 
 
 def mutated(content: bytes, others: list[bytes], rng: random.Random, *, tree: bool) -> bytes:
-    """Damage a file by one to four changes, of its tree if it has one, else of its bytes."""
+    """Mutate a file by one to four changes, some of them in its tree if it has one, else in its bytes."""
     if tree and len(content) < 10_000 and rng.random() < 0.6:
-        with suppress(yaml.YAMLError, ValueError, RecursionError):  # an earlier change left no tree, or one that holds itself
+        with suppress(yaml.YAMLError, ValueError, RecursionError):  # an earlier change may leave no tree, or a cyclic one
             root = yaml.load(content, Loader=yaml.CSafeLoader)
             if isinstance(root, dict | list):
                 for _ in range(rng.choice((1, 1, 1, 2, 3))):

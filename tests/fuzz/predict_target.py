@@ -1,4 +1,4 @@
-"""What `predict` reads: models, and an observation file with the images that it names."""
+"""Inputs of `predict`: models, and an observation file with its images."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from tests.fuzz.target import Files, Target, files_made_by, seal
 NAME, PIXELS = "occluded-touch", 16
 POSE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]
 WHOLE = 8
-"""One in how many inputs goes through the networks; of the others, what was changed is read."""
+"""One in this many inputs goes through the networks; of the others, only the changed files are read."""
 
 
 class Predictions(Target):

@@ -1,4 +1,4 @@
-"""Recipes of strangers: what reads them, checks their sources and asks for stages, up to where these would run."""
+"""Recipes of strangers: they are read, their sources are checked and stages are requested but not run."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def _png() -> bytes:
 
 
 BESIDE = {"robot/palm.obj": MESH, "untouched.png": _png()}
-"""Of a hand, a sensor and a scene: texts that recipes hold, and files that lie in the user's folder."""
+"""Files of a hand and a sensor in the user's folder; `TEXTS` are the texts of hand, sensor and scene that recipes hold."""
 ELSEWHERE = ("../../secret.obj", "../secret.obj", "../../../secret.obj", "/etc/hostname", "~/secret.obj", "package://etc/hostname")
 """Names of files that a recipe must not lead to; `_secrets` writes some."""
 
 
 class Recipes(Target):
-    """Recipes; most of those that are YAML still get the checksums of their content, and hold hand, sensor and scene as mutated."""
+    """Recipes; most of them, if still YAML, get the checksums of their content and the mutated hand, sensor and scene."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -80,9 +80,9 @@ class Recipes(Target):
 
     def read(self, folder: Path, files: Files) -> None:
         path, mark = folder / "my.recipe.yaml", zlib.crc32(b"".join(files.values()))
-        for left in set((folder / "own").rglob("*")) - {folder / name for name in files}:  # what a recipe before this one held
-            if not left.is_dir():
-                left.unlink()
+        for leftover in set((folder / "own").rglob("*")) - {folder / name for name in files}:  # files of an earlier recipe
+            if not leftover.is_dir():
+                leftover.unlink()
         if mark % 3:
             _seal(path, mark)
         for place in (folder, folder / "robot"):
@@ -99,20 +99,20 @@ class Recipes(Target):
         folder = path.parent
         recipe = read_recipe(path)
         named = any(getattr(source, "kind", "") in ("directory", "catalogue", "shapenet") for source in recipe.manifest.sources)
-        asked = prepare_remake(recipe, folder / "meshes" if named else None, folder / "own", 1 if mark % 3 else None)
-        list(asked.requests(folder / "data"))
+        remake = prepare_remake(recipe, folder / "meshes" if named else None, folder / "own", 1 if mark % 3 else None)
+        list(remake.requests(folder / "data"))
         compare(recipe, DataDirectory(folder / "data"))
 
     def _note(self, event: str, arguments: tuple[object, ...]) -> None:
-        """Write down what is opened while a recipe is read, and how."""
+        """Record which files are opened while a recipe is read, and in which mode."""
         if event == "open" and self.opened is not None and isinstance(arguments[0], str | bytes | os.PathLike):
             self.opened.append((Path(os.fsdecode(arguments[0])), str(arguments[1])))
 
 
 def _recipe(sources: list[dict[str, object]], stages: int) -> str:
-    """Write a recipe of objects that are there, with digests of nothing."""
+    """Write a recipe of existing objects with placeholder digests."""
     manifest = {"name": "m", "description": "d", "seed": 0, "splits": SPLITS, "sources": sources}
-    told = {}
+    stage_recipes = {}
     with tempfile.TemporaryDirectory() as root:
         for name, content in (TEXTS | BESIDE).items():
             (Path(root) / name).parent.mkdir(parents=True, exist_ok=True)
@@ -127,7 +127,7 @@ def _recipe(sources: list[dict[str, object]], stages: int) -> str:
                 setting: [f"{root}/{one}" for one in value] if isinstance(value, list) else f"{root}/{value}"
                 for setting, value in mine.items()
             }
-            told[name] = StageRecipe(
+            stage_recipes[name] = StageRecipe(
                 settings=usual | mine,
                 schema_version=stage.output.version,
                 code="0" * 64,
@@ -145,16 +145,24 @@ def _recipe(sources: list[dict[str, object]], stages: int) -> str:
         named = meshes if sources[0]["kind"] == "directory" and "path" not in sources[0] else None
         items = Manifest.model_validate({**manifest, "sources": described}).objects(named)
         rows = [(item.object_id, RecipeRow(source_hash(item.source), ("0" * 16,) * stages)) for item in items]
-    own = {
+    carried = {
         "texts": {name: content.decode() for name, content in TEXTS.items()},
         "files": {name: hashlib.sha256(content).hexdigest() for name, content in BESIDE.items()},
     }
-    whole = {"manifest": manifest, "preset": "draft", "seed": 0, "shards": 1, "stages": told, "versions": {"numpy": "2.4.6"}, **own}
-    return Recipe.model_validate({**whole, "processors": ["x"], "objects": object_lines(rows)}).text()
+    entries = {
+        "manifest": manifest,
+        "preset": "draft",
+        "seed": 0,
+        "shards": 1,
+        "stages": stage_recipes,
+        "versions": {"numpy": "2.4.6"},
+        **carried,
+    }
+    return Recipe.model_validate({**entries, "processors": ["x"], "objects": object_lines(rows)}).text()
 
 
 def _seal(path: Path, mark: int) -> None:
-    """Let checksums be those of the content, with the files of its own as they were mutated; some name a file elsewhere."""
+    """Update the checksums to the content with its mutated description files; some name a file elsewhere."""
     folder = path.parent
     with suppress(ValueError, yaml.YAMLError, RecursionError, TypeError):
         content = parse_yaml(path.read_text())
@@ -169,11 +177,11 @@ def _seal(path: Path, mark: int) -> None:
 
 
 def _check_opened(opened: list[tuple[Path, str]], folder: Path) -> None:
-    """Hold that whatever was opened lies in a folder that the user gave, or in a package, and that files were written in one alone."""
-    given = [folder / "meshes", folder / "own", folder / "my.recipe.yaml"]
+    """Check that all opened files lie in folders of the user or in packages, and that files were written only below `own`."""
+    user_paths = [folder / "meshes", folder / "own", folder / "my.recipe.yaml"]
     packages = [ROOT, Path(sys.prefix), Path(sys.base_prefix), Path("/proc"), Path("/dev/null")]
     for path, mode in opened:
         real = path.resolve()
-        allowed = [folder / "own"] if set(mode) & set("wax+") else given if real.is_relative_to(folder.resolve()) else packages
+        allowed = [folder / "own"] if set(mode) & set("wax+") else user_paths if real.is_relative_to(folder.resolve()) else packages
         if not any(real.is_relative_to(place.resolve()) for place in allowed):
             raise AssertionError(f"a recipe leads to {path}, opened as {mode}")

@@ -1,4 +1,4 @@
-"""Data directories: one with a shard of several artifacts, an object that failed, and a folder."""
+"""A data directory with a shard of each of several artifacts, a failed object and a folder."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from tests.fuzz.target import Files, Target, files_made_by, seal
 
 LEFT_OUT = ("local_points", "local_count")
 SIZE = 2
-"""Of every dimension whose size is a dataset's own."""
+"""Size of every dimension that a dataset chooses."""
 PROVENANCE: dict[str, Any] = {
     **{"location": "unpublished", "key": "0" * 64, "settings": {"grasps": 2}, "speed_settings": {}, "preset": "draft", "seed": 0},
     **{"manifest": "m", "models": {}, "versions": {"numpy": "2"}, "processor": {}},
@@ -47,7 +47,7 @@ PROVENANCE: dict[str, Any] = {
 
 
 class Stores(Target):
-    """What reads data directories, one reader per input; half of the inputs have records that say what is there."""
+    """Readers of data directories, one per input; half of the inputs have records with updated checksums."""
 
     def sound(self) -> list[Files]:
         return [files_made_by(_make)]
@@ -80,7 +80,7 @@ def _checks(data: Path) -> Iterator[Callable[[], object]]:
 
 
 def _make(data: Path) -> None:
-    """Publish the artifacts of an object, and of one that failed, with random values."""
+    """Publish the artifacts of an object and of a failed one with random values."""
     directory, rng = DataDirectory(data), np.random.default_rng(0)
     directory.set_shard_count(1)
     inputs: dict[str, dict[str, str]] = {"a": {}, "b": {}}
@@ -88,11 +88,11 @@ def _make(data: Path) -> None:
         constants = {name: _values(array, rng) for name, array in artifact.arrays.items() if not array.per_object}
         per_object = {name: array for name, array in artifact.arrays.items() if array.per_object and name not in (*COMMON, *LEFT_OUT)}
         ragged = {name.replace("*", "0"): array for name, array in artifact.ragged.items()}
-        found: dict[str, Row] = {"a": {name: _values(array, rng)[0] for name, array in per_object.items()}, "b": {}}
-        found["a"] |= {name: _values(array, rng) for name, array in ragged.items()}
+        values_of_objects: dict[str, Row] = {"a": {name: _values(array, rng)[0] for name, array in per_object.items()}, "b": {}}
+        values_of_objects["a"] |= {name: _values(array, rng) for name, array in ragged.items()}
         failures = {"a": None, "b": Failure(stage="sample-surfaces", reason="it [is] bad")}
         rows = []
-        for name, row in found.items():
+        for name, row in values_of_objects.items():
             made_of = row_digest(row, failures[name], "mug")
             facts: dict[str, Any] = {"category": "mug", "split": "train", "key": "0" * 64, "seconds": 1.5}
             rows.append(RowRecord(object_id=name, digest=made_of, inputs=dict(inputs[name]), failure=failures[name], **facts))
@@ -105,16 +105,22 @@ def _make(data: Path) -> None:
             constants_digest=digest.of_arrays(constants),
             metadata={},
         )
-        shapes = [{path: value.shape for path, value in row.items()} for row in found.values()]
-        encoded = [encode_row(artifact, row) for row in found.values()]
+        shapes = [{path: value.shape for path, value in row.items()} for row in values_of_objects.values()]
+        encoded = [encode_row(artifact, row) for row in values_of_objects.values()]
         sensor = load_sensor("gel_16mm").model_copy(update={"rows": SIZE, "cols": SIZE}).model_dump(mode="json")
         attributes = {"sensors": [sensor] * SIZE}
         ShardOutput(directory, artifact, 0, 1).commit(record, shapes, encoded.__getitem__, constants, attributes)
     (folder := data / ".work" / "unet").mkdir(parents=True)
     (folder / "model.json").write_text("{}")
-    told: dict[str, Any] = {"stage": "train-unet", "splits": ("train",), "facts": {"epochs": 3}, "seconds": 1.0, "files": hashes_of(folder)}
+    facts_of_folder: dict[str, Any] = {
+        "stage": "train-unet",
+        "splits": ("train",),
+        "facts": {"epochs": 3},
+        "seconds": 1.0,
+        "files": hashes_of(folder),
+    }
     grasps = directory.collection(GRASPS).rows_digest(("train",))
-    FolderOutput(directory, "models/unet").commit(folder, FolderRecord(**PROVENANCE, **told, inputs={"grasps": grasps}))
+    FolderOutput(directory, "models/unet").commit(folder, FolderRecord(**PROVENANCE, **facts_of_folder, inputs={"grasps": grasps}))
 
 
 def _values(array: Array, rng: np.random.Generator) -> np.ndarray:
@@ -127,7 +133,7 @@ def _values(array: Array, rng: np.random.Generator) -> np.ndarray:
 
 
 def _seal(data: Path) -> None:
-    """Let records say what is there, so that what reads it is reached."""
+    """Update the digests in records so that readers get beyond the checks."""
 
     def metadata(path: Path, location: str, names: dict[str, str]) -> dict[str, str]:
         return {name: hashlib.sha256((path / location / name / "zarr.json").read_bytes()).hexdigest() for name in names}

@@ -1,4 +1,4 @@
-"""What a target of wrong files is."""
+"""Base class of fuzzing targets."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ Files = dict[str, bytes]
 
 
 class Target(ABC):
-    """Something that reads files: sets of sound ones to begin with, and what reads them."""
+    """A reader of files and sets of valid files to mutate."""
 
     def __init__(self) -> None:
         self.seeds = self.sound()
 
     @abstractmethod
     def sound(self) -> list[Files]:
-        """Return small sets of files that are read without complaint."""
+        """Return small sets of files that are read without errors."""
 
     @abstractmethod
     def read(self, folder: Path, files: Files) -> None:
-        """Read the files in a folder; only errors in words are allowed."""
+        """Read the files in a folder; only errors of the pipeline are allowed."""
 
 
 def files_made_by(make: Callable[[Path], object]) -> Files:
-    """Collect the files that a function writes into a folder; it runs in a process of its own, whose threads no later one inherits."""
+    """Collect the files that a function writes into a folder; it runs in a separate process, so that later forks inherit no threads."""
     with tempfile.TemporaryDirectory() as root:
         folder = Path(root) / "made"
 
-        def made() -> dict[str, str]:
+        def encoded_files() -> dict[str, str]:
             make(folder)
-            found = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-            return {name: base64.b64encode(path.read_bytes()).decode() for name, path in found.items()}
+            paths = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
+            return {name: base64.b64encode(path.read_bytes()).decode() for name, path in paths.items()}
 
-        return {name: base64.b64decode(content) for name, content in answer(made, Path(root) / "log").items()}
+        return {name: base64.b64decode(content) for name, content in answer(encoded_files, Path(root) / "log").items()}
 
 
 def seal(record: Path, changes: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
-    """Change a record, and give it the checksum of its content, as a stranger would; one that is no JSON object stays as it is."""
+    """Change a record and update its checksum, as an attacker would; a record that is not a JSON object stays unchanged."""
     with suppress(ValueError, RecursionError, OSError, KeyError, TypeError, AttributeError):
         content = json.loads(record.read_bytes())
         content |= changes(content)

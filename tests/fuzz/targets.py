@@ -1,4 +1,4 @@
-"""What is fuzzed: whatever opens a file that a user, or a stranger, may have written."""
+"""Fuzzing targets: everything that opens files of users or strangers."""
 
 from __future__ import annotations
 
@@ -239,4 +239,4 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "recipes": (Recipes, 0.14),
     "variables of make": (MakeVariables, 0.003),
 }
-"""Each with its share of all inputs."""
+"""Each target with its share of the inputs."""

@@ -1,4 +1,4 @@
-"""A small robot that sees a ball through its camera and feels it: observations in closed form, as entries of a file."""
+"""A small robot that sees and touches a ball: observations in closed form, as entries of a file."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def touch_pose(direction: tuple[float, float, float]) -> np.ndarray:
 
 
 def ball_depth() -> np.ndarray:
-    """Compute the ball's depth along the viewing direction, m, exactly; NaN beside it."""
+    """Compute the exact depth of the ball along the viewing direction, m; NaN beside it."""
     x, y = np.meshgrid((np.arange(COLS) + 0.5 - COLS / 2) / FOCAL, (np.arange(ROWS) + 0.5 - ROWS / 2) / FOCAL)
     rays = np.stack([x, y, np.ones_like(x)], axis=-1)
     squared, along, away = (rays**2).sum(axis=-1), 0.5, 0.5**2 - RADIUS**2  # |t rays - (0, 0, 0.5)| = RADIUS
@@ -47,7 +47,7 @@ def ball_depth() -> np.ndarray:
 
 
 def write_files(folder: Path) -> dict[str, Any]:
-    """Write photographs, masks and depths; return the entries of a sound observation file."""
+    """Write photographs, masks and depths; return the entries of a valid observation file."""
     depth = ball_depth()
     seen = ~np.isnan(depth)
     photograph = np.where(seen[..., None], np.array([200, 60, 40], np.uint8), np.array([230, 232, 235], np.uint8))
@@ -67,8 +67,8 @@ def write_files(folder: Path) -> dict[str, Any]:
         },
         "sensor": "gel_16mm",
         "touches": [
-            {"tactile_image": f"{name}.png", "pose": touch_pose(way).tolist()}
-            for name, way in (("index", (0, 1, 0)), ("thumb", (0, -1, 0)))
+            {"tactile_image": f"{name}.png", "pose": touch_pose(direction).tolist()}
+            for name, direction in (("index", (0, 1, 0)), ("thumb", (0, -1, 0)))
         ],
     }
 

@@ -1,4 +1,4 @@
-"""`calibrate-sensor` on photographs that our renderer made with a known model: it is recovered, circles are found, bad ones are named."""
+"""`calibrate-sensor` on rendered photographs of a known model: it recovers the model, finds circles and names bad photographs."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def photograph(contact: Circle, sensor: Sensor, rng: np.random.Generator) -> np.
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten contacts all over the gel, an image where nothing touches, one of another size, and one that is no image."""
+    """Write photographs of ten contacts, one without contact, one of another size, and a file that is not an image."""
     rng, path = np.random.default_rng(0), tmp_path_factory.mktemp("photographs")
     untouched = path.parent / "untouched.png"
     Image.fromarray(untouched_image(TRUE)).save(untouched)
@@ -44,20 +44,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_circles_are_found_within_a_pixel_and_bad_photographs_are_named(folder: Path) -> None:
-    found, untouched, left_out = read_photographs(folder, folder.parent / "untouched.png")
+    photographs, untouched, left_out = read_photographs(folder, folder.parent / "untouched.png")
     assert set(left_out) == {"nothing.png", "small.png", "torn.png"}
     assert "nothing touches" in left_out["nothing.png"]
     assert "it has 50 x 213 pixels, the untouched photograph 160 x 213" in left_out["small.png"]
     assert untouched.shape == (160, 213, 3)
-    said = [line.split() for line in (folder.parent / "contacts.txt").read_text().splitlines()]
-    true = {name: np.array(numbers, float) for name, *numbers in said}
-    for one in found:
-        off = np.abs([one.contact.x, one.contact.y, one.contact.radius] - true[one.name])
-        assert off.max() < 1.0, (one.name, off)
+    rows = [line.split() for line in (folder.parent / "contacts.txt").read_text().splitlines()]
+    true = {name: np.array(numbers, float) for name, *numbers in rows}
+    for photograph_read in photographs:
+        error = np.abs([photograph_read.contact.x, photograph_read.contact.y, photograph_read.contact.radius] - true[photograph_read.name])
+        assert error.max() < 1.0, (photograph_read.name, error)
 
 
 def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
-    """Colours of a contact that was not photographed are right to two levels; what is left of photographs is their noise."""
+    """Colours of a contact that was not photographed are right to two levels."""
     (folder / "circles.csv").write_text(
         "name,x,y,radius\n" + "\n".join(",".join(line.split()) for line in (folder.parent / "contacts.txt").read_text().splitlines())
     )
@@ -81,14 +81,14 @@ def test_a_known_model_is_recovered(folder: Path, tmp_path: Path) -> None:
     assert 0.0003 < mine.calibrated.deepest < 0.004
     assert mine.membrane == pytest.approx(TRUE.membrane, rel=0.2)
     contact, rng = Circle(100.0, 80.0, 16.0), None
-    pressed = [tactile_image(one.w - ball_impression(one, contact, BALL), one, rng).astype(float) for one in (mine, TRUE)]
+    pressed = [tactile_image(sensor.w - ball_impression(sensor, contact, BALL), sensor, rng).astype(float) for sensor in (mine, TRUE)]
     error = np.abs(pressed[0] - pressed[1])
     change = np.abs(pressed[1] - untouched_image(TRUE)).max(axis=2) > 5
     assert error[change].mean() < 2.0 < np.abs(pressed[1] - untouched_image(TRUE))[change].mean()
     assert error.mean() < 1.0
 
 
-def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> None:
+def test_unusable_photographs_are_refused_with_the_reason(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="does not exist"):
         read_photographs(tmp_path / "none", folder.parent / "untouched.png")
     few = tmp_path / "few"
@@ -102,7 +102,7 @@ def test_what_cannot_be_calibrated_says_why(folder: Path, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("written", ["my_gel-calibration.png", "my_gel.png"])
-def test_an_untouched_photograph_that_a_picture_would_replace_is_refused(tmp_path: Path, written: str) -> None:
+def test_output_that_would_replace_the_untouched_photograph_is_refused(tmp_path: Path, written: str) -> None:
     with pytest.raises(InvalidInput, match=f"{written} would be replaced by a picture of .*my_gel.yaml; rename"):
         check_name(tmp_path / "my_gel.yaml", tmp_path / written)
 
@@ -115,7 +115,7 @@ def test_an_untouched_photograph_that_a_picture_would_replace_is_refused(tmp_pat
         ("0.jpg,100,80,16", "names 0.jpg, which is not a photograph in"),
     ],
 )
-def test_contacts_that_cannot_be_are_refused(folder: Path, line: str, message: str) -> None:
+def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> None:
     (folder / "circles.csv").write_text(f"name,x,y,radius\n{line}\n", encoding="utf-8-sig")
     with pytest.raises(InvalidInput, match=message):
         read_photographs(folder, folder.parent / "untouched.png")
@@ -123,19 +123,19 @@ def test_contacts_that_cannot_be_are_refused(folder: Path, line: str, message: s
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "message"),
     [({"--mm-per-pixel": "1e6"}, "are lengths in mm?"), ({"--thickness": "1e5"}, "are lengths in mm?")],
 )
-def test_lengths_of_another_unit_are_told_in_words(folder: Path, tmp_path: Path, changed: dict[str, str], said: str) -> None:
+def test_lengths_in_another_unit_give_a_clear_error(folder: Path, tmp_path: Path, changed: dict[str, str], message: str) -> None:
     stated = {"--ball-radius": "2", "--mm-per-pixel": "0.03", "--untouched": str(folder.parent / "untouched.png")} | changed
     options = [text for pair in stated.items() for text in pair]
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / "mine.yaml"), *options])
     assert result.exit_code == 1
-    assert said in " ".join(result.output.split())
+    assert message in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("name", ["my sensor.yaml", "mine.png", "mine"])
-def test_a_name_that_no_sensor_can_have_is_refused_before_the_fit(folder: Path, tmp_path: Path, name: str) -> None:
+def test_invalid_sensor_file_name_is_refused_before_the_fit(folder: Path, tmp_path: Path, name: str) -> None:
     size = ["--ball-radius", "2", "--mm-per-pixel", "0.03", "--untouched", str(folder.parent / "untouched.png")]
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(tmp_path / name), *size])
     assert result.exit_code == 1
@@ -143,8 +143,8 @@ def test_a_name_that_no_sensor_can_have_is_refused_before_the_fit(folder: Path, 
 
 
 @pytest.mark.slow
-def test_train_ends_with_a_network_that_reads_the_photographs(folder: Path, tmp_path: Path) -> None:
-    """Where the network says that something touches lies the contact, and the gel is pressed in as deep as the ball."""
+def test_train_gives_a_network_that_reads_the_photographs(folder: Path, tmp_path: Path) -> None:
+    """The network finds the contact and its depth in the photographs."""
     out, untouched = tmp_path / "mine.yaml", folder.parent / "untouched.png"
     size = ["--ball-radius", "2", "--mm-per-pixel", str(1e3 * TRUE.pitch[1]), "--untouched", str(untouched)]
     result = CliRunner().invoke(app, ["calibrate-sensor", str(folder), str(out), *size, "--position-degree", "2", "--train"])
@@ -152,9 +152,12 @@ def test_train_ends_with_a_network_that_reads_the_photographs(folder: Path, tmp_
     assert "mine-touch: `vt-pipeline read-touch PHOTOGRAPHS" in " ".join(result.output.split())
     photographs, image, _ = read_photographs(folder, untouched)
     reader = TouchReader(out, image)
-    for one in photographs[:3]:
-        reading = reader.read(one.image)
+    for contact_photograph in photographs[:3]:
+        reading = reader.read(contact_photograph.image)
         rows, cols = np.nonzero(reading.contact)
-        assert np.hypot(cols.mean() - one.contact.x, rows.mean() - one.contact.y) < 0.3 * one.contact.radius
-        deepest = ball_impression(load_sensor(out), one.contact, BALL).max()
+        assert (
+            np.hypot(cols.mean() - contact_photograph.contact.x, rows.mean() - contact_photograph.contact.y)
+            < 0.3 * contact_photograph.contact.radius
+        )
+        deepest = ball_impression(load_sensor(out), contact_photograph.contact, BALL).max()
         assert reading.indentation.max() == pytest.approx(deepest, rel=0.4)

@@ -1,4 +1,4 @@
-"""`vt_pipeline.reconstruct`: files and arrays give the same surface, and faults are named."""
+"""`vt_pipeline.reconstruct` gives the same surface for files and arrays, and names faults."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tools.robot_grasp import write_grasp
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def grasp_and_models(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Make a grasp's files, and a folder of models that take an image."""
     data = tmp_path_factory.mktemp("balls")
     spheres.make_data(data, 1)
@@ -21,8 +21,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return write_grasp(data, "a", 0, data / "grasp"), data / "models"
 
 
-def test_a_file_and_arrays_give_the_same_surface(made: tuple[Path, Path]) -> None:
-    path, models = made
+def test_a_file_and_arrays_give_the_same_surface(grasp_and_models: tuple[Path, Path]) -> None:
+    path, models = grasp_and_models
     read = vt.load_observation(path)
     assert read.camera is not None
     from_file = vt.reconstruct(str(path), models, "occluded", resolution=16)
@@ -36,25 +36,25 @@ def test_a_file_and_arrays_give_the_same_surface(made: tuple[Path, Path]) -> Non
     assert not from_file.files
 
 
-def test_what_is_no_observation_and_a_resolution_beyond_its_limits_are_named(made: tuple[Path, Path]) -> None:
+def test_wrong_observation_type_and_invalid_resolution_are_named(grasp_and_models: tuple[Path, Path]) -> None:
     with pytest.raises(TypeError, match="observation is a RobotObservation or the path of an observation file; this is NoneType"):
-        vt.reconstruct(None, made[1])
+        vt.reconstruct(None, grasp_and_models[1])
     for resolution in (0, 7, 401, 16.5, "x"):
         with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 8 to 400"):
-            vt.reconstruct(made[0], made[1], resolution=resolution)
+            vt.reconstruct(grasp_and_models[0], grasp_and_models[1], resolution=resolution)
 
 
-def test_faults_of_arrays_are_named(made: tuple[Path, Path]) -> None:
+def test_faults_of_arrays_are_named(grasp_and_models: tuple[Path, Path]) -> None:
     with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
-        vt.reconstruct(vt.RobotObservation(), made[1], "occluded")
-    seen = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
+        vt.reconstruct(vt.RobotObservation(), grasp_and_models[1], "occluded")
+    camera = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
     with pytest.raises(vt.InvalidInput, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
-        vt.RobotObservation(untouched=None, camera=seen | {"image": np.ones((4, 4))})
-    grey = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}
+        vt.RobotObservation(untouched=None, camera=camera | {"image": np.ones((4, 4))})
+    touch = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}
     with pytest.raises(vt.InvalidInput, match=r"touches.0 is uint8 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
-        vt.RobotObservation(sensor="gel_16mm", untouched=np.ones((4, 4, 3), np.uint8), touches=[grey])
+        vt.RobotObservation(sensor="gel_16mm", untouched=np.ones((4, 4, 3), np.uint8), touches=[touch])
     with pytest.raises(vt.InvalidInput, match=r"there is no entry kamera, did you mean camera\?\. Its entries are unit, up, object"):
-        vt.RobotObservation(kamera=seen)
+        vt.RobotObservation(kamera=camera)
     with pytest.raises(vt.InvalidInput, match=r"depth is int32 \(4, 4\); it must be uint16 \(rows, cols\)"):  # levels, not metres
-        vt.RobotObservation(camera=seen | {"depth": np.full((4, 4), 800, np.int32)})
-    assert vt.RobotObservation(camera=seen | {"depth": np.ones((4, 4), np.float32)}).camera is not None
+        vt.RobotObservation(camera=camera | {"depth": np.full((4, 4), 800, np.int32)})
+    assert vt.RobotObservation(camera=camera | {"depth": np.ones((4, 4), np.float32)}).camera is not None

@@ -1,4 +1,4 @@
-"""What `predict` says of the error of its network."""
+"""The note of `predict` about the error of its network."""
 
 import io
 import math
@@ -27,24 +27,24 @@ SPLITS = ("train", "test", "test")
 def data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, SPLITS)  # balls of radius 100, 120, 140 mm
-    spheres.make_model(folder, "none", still=True)  # always a ball of 250 mm
+    spheres.make_model(folder, "none", still=True)  # predicts a ball of 250 mm for every object
     spheres.make_model(folder, "touch")
     spheres.make_implicit_model(folder, "implicit-any")
     return folder
 
 
-def said(data, name: str) -> str:
+def note_of(data, name: str) -> str:
     return error_note(model_reader(data / "models", name))
 
 
-def test_a_network_that_was_not_evaluated_is_described_by_its_validation_loss(data):
-    assert f"none: {1e3 * math.sqrt(2.5 / 9000 / 2):.1f} mm" in said(data, "none")  # each way counts
-    assert "implicit-any-touch: signed distances near validation objects are wrong by 75.0 mm" in said(data, "implicit-any-touch")
-    assert "`evaluate` compares it" in said(data, "none")
+def test_note_of_an_unevaluated_network_shows_its_validation_loss(data):
+    assert f"none: {1e3 * math.sqrt(2.5 / 9000 / 2):.1f} mm" in note_of(data, "none")  # each way counts
+    assert "implicit-any-touch: signed distances near validation objects are wrong by 75.0 mm" in note_of(data, "implicit-any-touch")
+    assert "`evaluate` compares it" in note_of(data, "none")
 
 
 @pytest.mark.parametrize("facts", [{}, {"best": None}, {"best": {"loss": "small"}}])
-def test_a_record_without_a_validation_loss_is_an_error_in_words(data, monkeypatch, facts):
+def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch, facts):
     reader = model_reader(data / "models", "none")
     record = DataDirectory(data / "models").folder("gcn/none").model_copy(update={"facts": facts})
     monkeypatch.setattr(DataDirectory, "folder", lambda *_: record)
@@ -52,22 +52,24 @@ def test_a_record_without_a_validation_loss_is_an_error_in_words(data, monkeypat
         error_note(reader)
 
 
-def test_predict_warns_of_a_network_that_is_worse_than_the_training_object_in_its_place(data, tmp_path):
+def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data, tmp_path):
     settings = EvaluationSettings(points=500, configurations=("none",))
     objects = spheres.objects(3, SPLITS)
     (plan,) = make_plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
     run(plan, Console(file=io.StringIO()))
-    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
-    output = " ".join(CliRunner().invoke(app, asked).output.split())
-    told = re.search(
+    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
+    output = " ".join(CliRunner().invoke(app, command).output.split())
+    warning = re.search(
         r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output
     )
-    assert told, output
-    assert list(map(float, told.groups())) == pytest.approx([250 - (120 + 140) / 2, (120 + 140) / 2 - 100], rel=0.1)  # of facets and points
-    assert "`evaluate` compares it" in said(data, "touch")  # was not evaluated
+    assert warning, output
+    assert list(map(float, warning.groups())) == pytest.approx(
+        [250 - (120 + 140) / 2, (120 + 140) / 2 - 100], rel=0.1
+    )  # of facets and points
+    assert "`evaluate` compares it" in note_of(data, "touch")  # it was not evaluated
 
 
-def test_a_network_that_ships_is_described_by_its_card():
+def test_note_of_a_shipped_network_shows_the_error_of_its_card():
     errors = read_card("implicit-any").errors["implicit-any-touch"]["all"]
     note = error_note(model_reader(SHIPPED, "implicit-any-touch"))
     assert f"implicit-any-touch: {1e3 * math.sqrt(errors.mean / 9000 / 2):.0f} mm" in note

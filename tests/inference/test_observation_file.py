@@ -1,4 +1,4 @@
-"""Observation files: poses in every form, everything that is wrong named at once, and objects found from depth and touches."""
+"""Observation files: poses in every form, all faults named at once, and objects located from depth and touches."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ def model(name: str = "occluded-touch", **changes: object) -> ModelInputs:
     return ModelInputs(name, config, *fit, SENSOR if config.touch else None)
 
 
-def refused(path: Path, given: ModelInputs | None = None) -> str:
+def error_of(path: Path, inputs: ModelInputs | None = None) -> str:
     with pytest.raises(InvalidInput) as error:
-        load_observation(path, lambda part: faults(part, given))
+        load_observation(path, lambda part: faults(part, inputs))
     return str(error.value)
 
 
-def test_a_sound_file_is_read_with_its_images(tmp_path: Path) -> None:
+def test_valid_file_is_read_with_its_images(tmp_path: Path) -> None:
     path = write_observation(tmp_path, write_files(tmp_path))
     observation = load_observation(path, lambda part: faults(part, model()))
     assert observation.camera is not None
@@ -44,8 +44,8 @@ def test_a_sound_file_is_read_with_its_images(tmp_path: Path) -> None:
     assert len(repr(observation)) < 100
 
 
-def test_every_fault_of_a_file_is_named_at_once(tmp_path: Path) -> None:
-    """Unknown keys, missing files, sizes, poses that are not rigid, units, a camera that looks away, touches off the object."""
+def test_all_faults_of_a_file_are_named_at_once(tmp_path: Path) -> None:
+    """The file has unknown entries, a missing image, poses that are not rigid, a camera that looks away and a touch off the object."""
     entries = write_files(tmp_path)
     Image.new("L", (80, 60), 255).save(tmp_path / "small.png")
     entries["objekt"] = 3
@@ -57,7 +57,7 @@ def test_every_fault_of_a_file_is_named_at_once(tmp_path: Path) -> None:
         {"tactile_image": "index.png", "pose": (2 * np.eye(4)).tolist()},
         {"tactile_image": "index.png", "pose": far.tolist(), "name": "ring"},
     ]
-    said = refused(write_observation(tmp_path, entries), model())
+    message = error_of(write_observation(tmp_path, entries), model())
     for words in (
         "there is no entry objekt, did you mean object?",
         "touches.2.tactile_image: ",
@@ -67,20 +67,20 @@ def test_every_fault_of_a_file_is_named_at_once(tmp_path: Path) -> None:
         "ring is 0.459 m from the object's centre",
         "Its entries are unit, up, object, camera",
     ):
-        assert words in said
+        assert words in message
     entries["camera"]["mask"] = "small.png"
-    assert "camera: mask has 80 x 60 pixels, the image 160 x 120" in refused(write_observation(tmp_path, entries))
+    assert "camera: mask has 80 x 60 pixels, the image 160 x 120" in error_of(write_observation(tmp_path, entries))
 
 
-def test_millimetres_that_are_not_said_to_be_are_named(tmp_path: Path) -> None:
+def test_positions_in_millimetres_without_a_unit_are_named(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     for touch in entries["touches"]:
         touch["pose"] = np.array(touch["pose"])
         touch["pose"][:3, 3] *= 1e3
         touch["pose"] = touch["pose"].tolist()
-    said = refused(write_observation(tmp_path, entries))
-    assert "touches.0 pose is 400 m away (at most 10 m): write unit: mm if these are millimetres" in said
-    assert "touches.1 pose is 400 m" in said
+    message = error_of(write_observation(tmp_path, entries))
+    assert "touches.0 pose is 400 m away (at most 10 m): write unit: mm if these are millimetres" in message
+    assert "touches.1 pose is 400 m" in message
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,13 @@ def test_millimetres_that_are_not_said_to_be_are_named(tmp_path: Path) -> None:
         (7, "touches.0.pose"),
     ],
 )
-def test_poses_that_are_none_are_errors(tmp_path: Path, pose: object, words: str) -> None:
+def test_invalid_poses_are_errors(tmp_path: Path, pose: object, words: str) -> None:
     entries = write_files(tmp_path)
     entries["touches"][0]["pose"] = pose
-    assert words in refused(write_observation(tmp_path, entries))
+    assert words in error_of(write_observation(tmp_path, entries))
 
 
-def test_poses_of_every_form_are_equal_and_rounded_ones_are_made_rigid() -> None:
+def test_pose_forms_are_equivalent_and_rounded_poses_are_made_rigid() -> None:
     turn = Rotation.from_euler("xyz", [0.3, -0.7, 2.0])
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = turn.as_matrix(), [0.1, 0.2, 0.3]
@@ -122,20 +122,20 @@ def test_poses_of_every_form_are_equal_and_rounded_ones_are_made_rigid() -> None
 
 
 @pytest.mark.parametrize("changed", ["opengl", "inverse", "both"])
-def test_a_camera_pose_in_another_reading_is_recognised(tmp_path: Path, changed: str) -> None:
+def test_camera_pose_in_another_convention_is_recognised(tmp_path: Path, changed: str) -> None:
     entries = write_files(tmp_path)
     pose = camera_pose() @ (np.diag([1.0, -1, -1, 1]) if changed != "inverse" else np.eye(4))
     entries["camera"]["pose"] = (pose if changed == "opengl" else np.linalg.inv(pose)).tolist()
-    said = refused(write_observation(tmp_path, entries))
+    message = error_of(write_observation(tmp_path, entries))
     assert {
         "opengl": "with convention: opengl it would",
         "inverse": "with the inverse pose it would: give camera to frame",
         "both": "with the inverse pose and convention: opengl it would",
-    }[changed] in said
+    }[changed] in message
 
 
 @pytest.mark.parametrize(("file", "scale"), [("depth.png", 1e-4), ("depth.npy", 1e-3)])
-def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scale: float) -> None:
+def test_object_is_located_from_depth_and_mask(tmp_path: Path, file: str, scale: float) -> None:
     entries = write_files(tmp_path)
     del entries["object"]
     entries["camera"] |= {"depth": file, "depth_scale": scale}
@@ -159,15 +159,15 @@ def test_the_object_is_found_from_depth_and_mask(tmp_path: Path, file: str, scal
         ({"depth_as_touch": True, "mask": None}, "depth_as_touch needs depth and mask:"),
     ],
 )
-def test_depth_that_does_not_fit_is_named(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+def test_inconsistent_depth_is_named(tmp_path: Path, changes: dict[str, object], words: str) -> None:
     entries = write_files(tmp_path)
     np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
     np.save(tmp_path / "mm.npy", np.full((120, 160), 500.0, np.float32))
     entries["camera"] |= changes
-    assert words in refused(write_observation(tmp_path, entries))
+    assert words in error_of(write_observation(tmp_path, entries))
 
 
-def test_visible_points_are_given_to_a_network_that_takes_touches(tmp_path: Path) -> None:
+def test_visible_points_are_passed_as_touches(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     entries["camera"] |= {"depth": "depth.npy", "depth_as_touch": True}
     del entries["touches"], entries["sensor"]
@@ -178,10 +178,10 @@ def test_visible_points_are_given_to_a_network_that_takes_touches(tmp_path: Path
     np.testing.assert_allclose(np.linalg.norm(charts - [0.1, 0.2, 0.7], axis=-1), RADIUS, atol=1e-3)
     assert f"{len(charts)} patches of the visible surface are given as touched" in placed.remarks
     entries["camera"]["depth_as_touch"] = False
-    assert "needs touches" in refused(write_observation(tmp_path, entries), model())
+    assert "needs touches" in error_of(write_observation(tmp_path, entries), model())
 
 
-def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) -> None:
+def test_object_is_located_between_touches_or_its_centre_is_required(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     del entries["object"]
     box = find_object(load_observation(write_observation(tmp_path, entries), faults))
@@ -189,39 +189,39 @@ def test_the_object_is_found_between_touches_and_else_asked_for(tmp_path: Path) 
     assert box.diagonal is None
     np.testing.assert_allclose(box.centre, CENTRE, atol=1e-9)
     entries["touches"] = entries["touches"][:1]
-    assert "object.centre is missing, and cannot be estimated: state it, or" in refused(write_observation(tmp_path, entries))
+    assert "object.centre is missing, and cannot be estimated: state it, or" in error_of(write_observation(tmp_path, entries))
     np.save(tmp_path / "none.npy", np.zeros((120, 160), np.float32))
     entries["camera"]["depth"] = "none.npy"
-    assert "cannot be estimated: camera.depth is 0 or not finite wherever" in refused(write_observation(tmp_path, entries))
+    assert "cannot be estimated: camera.depth is 0 or not finite wherever" in error_of(write_observation(tmp_path, entries))
     entries["camera"]["depth"] = "gone.npy"
-    told = refused(write_observation(tmp_path, entries))
-    assert "gone.npy" in told
-    assert "object.centre is missing" not in told  # the camera may have told it
+    message = error_of(write_observation(tmp_path, entries))
+    assert "gone.npy" in message
+    assert "object.centre is missing" not in message  # the camera may give the centre
 
 
-def test_what_a_model_needs_and_is_not_given_is_named(tmp_path: Path) -> None:
+def test_missing_and_unsuitable_inputs_of_a_model_are_named(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     blind = {name: value for name, value in entries.items() if name not in ("camera", "touches", "sensor")}
-    said = refused(write_observation(tmp_path, blind), model())
-    assert "model occluded-touch needs a photograph: add the entry camera" in said
-    assert "model occluded-touch needs touches: add the entry touches" in said
+    message = error_of(write_observation(tmp_path, blind), model())
+    assert "model occluded-touch needs a photograph: add the entry camera" in message
+    assert "model occluded-touch needs touches: add the entry touches" in message
     wide = SENSOR.model_copy(update={"width": 0.02, "name": "wide"})
     other = ModelInputs("touch", CONFIGURATIONS["touch"], None, None, None, wide)
-    said = refused(write_observation(tmp_path, entries), other)
-    assert "sensor gel_16mm has 16.41 x 16.41 mm with a gel of 6.8 mm, the model's wide 20 x 20 mm" in said
+    message = error_of(write_observation(tmp_path, entries), other)
+    assert "sensor gel_16mm has 16.41 x 16.41 mm with a gel of 6.8 mm, the model's wide 20 x 20 mm" in message
     small = model(radius=0.05)
-    assert "the object's diagonal is 0.208 m (as stated), model occluded-touch knows objects of at most 0.1 m" in refused(
+    assert "the object's diagonal is 0.208 m (as stated), model occluded-touch knows objects of at most 0.1 m" in error_of(
         write_observation(tmp_path, entries), small
     )
     Image.new("RGB", (200, 100)).save(tmp_path / "index.png")
     Image.new("RGB", (200, 100)).save(tmp_path / "thumb.png")
-    assert "tactile images have 200 x 100 pixels, another shape than the model's 100 x 100" in refused(
+    assert "tactile images have 200 x 100 pixels, another shape than the model's 100 x 100" in error_of(
         write_observation(tmp_path, entries), model()
     )
 
 
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
-def test_an_observation_is_placed_where_the_network_expects_it_and_returned(tmp_path: Path, unit: float) -> None:
+def test_observation_is_moved_to_the_frame_of_the_network_and_back(tmp_path: Path, unit: float) -> None:
     entries = write_files(tmp_path)
     read = load_observation(write_observation(tmp_path, entries))
     scaled = [touch.changed(pose=_scaled(touch.pose, 1 / unit)) for touch in read.touches]
@@ -252,7 +252,7 @@ def _scaled(pose: Pose, scale: float) -> np.ndarray:
     return scaled
 
 
-def test_pixels_outside_the_mask_become_the_trainings_background(tmp_path: Path) -> None:
+def test_pixels_outside_the_mask_become_the_training_background(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     messy = np.array(Image.open(tmp_path / "seen.png"))
     messy[:, :40] = [10, 200, 10]  # a green cupboard
@@ -263,7 +263,7 @@ def test_pixels_outside_the_mask_become_the_trainings_background(tmp_path: Path)
     assert (image[0, 0] == (230, 232, 235)).all()
 
 
-def test_tactile_images_are_resampled_and_compared_with_the_robots_own_untouched_one() -> None:
+def test_tactile_images_are_resampled_and_corrected_by_the_untouched_image_of_the_robot() -> None:
     rng = np.random.default_rng(0)
     base = np.full((*SENSOR.shape, 3), 100, np.uint8)
     pressed = base.copy()
@@ -271,16 +271,16 @@ def test_tactile_images_are_resampled_and_compared_with_the_robots_own_untouched
     large = [np.repeat(np.repeat(image, 2, axis=0), 2, axis=1) for image in (pressed, base)]
     touch = {"tactile_image": large[0], "pose": np.eye(4)}
     plain = RobotObservation(sensor=SENSOR, touches=[touch])
-    made = network_tactile_images(plain, SENSOR, base)
-    assert made.shape == (1, *SENSOR.shape, 3)
-    assert np.abs(made[0].astype(int) - pressed)[32:58, 32:58].max() <= 1
-    np.testing.assert_array_equal(made[0][:25], base[:25])
+    images = network_tactile_images(plain, SENSOR, base)
+    assert images.shape == (1, *SENSOR.shape, 3)
+    assert np.abs(images[0].astype(int) - pressed)[32:58, 32:58].max() <= 1
+    np.testing.assert_array_equal(images[0][:25], base[:25])
     shifted = RobotObservation(sensor=SENSOR, untouched=large[1] + 20, touches=[{**touch, "tactile_image": large[0] + 20}])
-    np.testing.assert_array_equal(network_tactile_images(shifted, SENSOR, base), made)
+    np.testing.assert_array_equal(network_tactile_images(shifted, SENSOR, base), images)
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (0, 0, -1), (1e-300, 0, 0), (3e200, 1e200, -2e200), (0.1, 0.2, -0.99)])
-def test_up_is_turned_to_z(up: tuple[float, float, float]) -> None:
+def test_up_is_rotated_to_z(up: tuple[float, float, float]) -> None:
     turn = turn_to_z(np.array(up, float))
     np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
     assert np.linalg.det(turn) == pytest.approx(1)

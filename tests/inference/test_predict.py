@@ -47,13 +47,13 @@ def data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def grasp(data, tmp_path_factory):
-    """Write grasp 2 as a robot would have recorded it, in the frame of its base."""
+    """Write grasp 2 as a robot records it, in the frame of its base."""
     return write_grasp(data, "a", 2, tmp_path_factory.mktemp("files"))
 
 
 @pytest.fixture(scope="module")
-def uncharted(data, tmp_path_factory):
-    """Copy the data without charts: they are fitted to the tactile images, as a robot's are."""
+def data_without_charts(data, tmp_path_factory):
+    """Copy the data without charts, which are then fitted to the tactile images as for a robot."""
     return shutil.copytree(data, tmp_path_factory.mktemp("bare") / "data", ignore=shutil.ignore_patterns("charts"))
 
 
@@ -77,24 +77,24 @@ def write(path: Path, described: dict) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
-def test_a_stored_grasp_becomes_charts_and_a_joined_surface(data, tmp_path, suffix):
-    made = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", data=data, object_id="a", grasps=[2])
-    assert [path.name for path in made.files] == [f"ball{suffix}", f"ball-joined{suffix}"]
-    assert list(made.touched) == [True, True, False, True]
-    apart, together = (trimesh.load_scene(path, process=False).to_mesh() for path in made.files)
+def test_stored_grasp_gives_charts_and_a_joined_surface(data, tmp_path, suffix):
+    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", data=data, object_id="a", grasps=[2])
+    assert [path.name for path in prediction.files] == [f"ball{suffix}", f"ball-joined{suffix}"]
+    assert list(prediction.touched) == [True, True, False, True]
+    apart, together = (trimesh.load_scene(path, process=False).to_mesh() for path in prediction.files)
     sphere = vision_charts(0)
     assert len(apart.vertices) == 24 * CHART_VERTICES + FELT * spheres.SIDE**2
     assert len(apart.faces) == len(sphere.faces) + FELT * 8
     assert len(together.vertices) == sphere.position.max() + 1 + FELT * spheres.SIDE**2
     upright = apart.vertices[:, [0, 2, 1]] * [1, -1, 1] if suffix == ".glb" else apart.vertices
-    np.testing.assert_allclose(np.sort(upright, axis=0), np.sort(made.reconstruction.vertices, axis=0), atol=1e-6)
+    np.testing.assert_allclose(np.sort(upright, axis=0), np.sort(prediction.reconstruction.vertices, axis=0), atol=1e-6)
     orange = (np.asarray(apart.visual.vertex_colors)[:, :3] == TOUCH_COLOR[:3]).all(axis=1)
     assert orange.sum() == FELT * spheres.SIDE**2
     assert not list(tmp_path.glob("*.tmp"))
 
 
 @pytest.mark.parametrize(
-    ("left_out", "way"),
+    ("left_out", "inputs"),
     [
         ((), "occluded-touch"),
         (("touches", "sensor", "untouched"), "occluded"),
@@ -102,87 +102,85 @@ def test_a_stored_grasp_becomes_charts_and_a_joined_surface(data, tmp_path, suff
         (("hand_mask", "touches", "sensor", "untouched"), "unoccluded"),
     ],
 )
-def test_one_network_takes_whatever_an_observation_has(data, grasp, tmp_path, left_out, way):
+def test_implicit_any_uses_the_inputs_that_an_observation_has(data, grasp, tmp_path, left_out, inputs):
     described = entries(grasp)
     described["object"] = {"centre": described["object"]["centre"], "diagonal": 0.2}
     for name in left_out:
         (described["camera"] if name == "hand_mask" else described).pop(name, None)
     file = write(tmp_path / "g.yaml", described)
-    made = [
+    predictions = [
         predict(tmp_path / f"{number}.ply", data / "models", name, observation=file)
-        for number, name in enumerate(("implicit-any", f"implicit-any-{way}"))
+        for number, name in enumerate(("implicit-any", f"implicit-any-{inputs}"))
     ]
-    np.testing.assert_array_equal(made[0].reconstruction.vertices, made[1].reconstruction.vertices)
-    assert bool(len(made[0].touched)) == ("touch" in way)
-    done = CliRunner().invoke(
+    np.testing.assert_array_equal(predictions[0].reconstruction.vertices, predictions[1].reconstruction.vertices)
+    assert bool(len(predictions[0].touched)) == ("touch" in inputs)
+    result = CliRunner().invoke(
         app, ["check", str(file), "--picture", str(tmp_path / "g.png"), "--models", str(data / "models"), "--configuration", "implicit-any"]
     )
-    assert done.exit_code == 0, done.output
+    assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])
-def test_every_chart_has_its_name(data, tmp_path, suffix):
-    made = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="charts")
-    assert [path.name for path in made.files] == [f"ball{suffix}"]
+def test_every_chart_is_named(data, tmp_path, suffix):
+    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="charts")
+    assert [path.name for path in prediction.files] == [f"ball{suffix}"]
     if suffix == ".obj":
-        names = [line.split()[1] for line in made.files[0].read_text().splitlines() if line.startswith(("o ", "g "))]
+        names = [line.split()[1] for line in prediction.files[0].read_text().splitlines() if line.startswith(("o ", "g "))]
     else:
-        names = list(trimesh.load_scene(made.files[0], process=False).geometry)
+        names = list(trimesh.load_scene(prediction.files[0], process=False).geometry)
     assert sorted(names) == sorted([*(f"touch_{n:02d}" for n in range(2 * FELT)), *(f"vision_{n:03d}" for n in range(24))])
 
 
-def test_the_joined_surface_is_closed(data, tmp_path):
-    made = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="joined").reconstruction
-    surface = trimesh.Trimesh(*join_vision_charts(made), process=False)
+def test_joined_surface_is_closed(data, tmp_path):
+    reconstruction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="joined").reconstruction
+    surface = trimesh.Trimesh(*join_vision_charts(reconstruction), process=False)
     assert surface.is_watertight
     assert surface.is_winding_consistent
     assert surface.euler_number == 2
     assert surface.volume > 0
-    np.testing.assert_allclose(
-        np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6
-    )  # nothing moved: averages of equals
+    np.testing.assert_allclose(np.linalg.norm(surface.vertices - spheres.CENTRE, axis=1), 0.25, rtol=1e-6)  # averages of equal vertices
 
 
-def test_steps_of_a_slow_prediction_are_shown(data, tmp_path, monkeypatch):
+def test_slow_prediction_prints_its_steps(data, tmp_path, monkeypatch):
     monkeypatch.setattr("pipeline.console.SECONDS_PER_LINE", -1.0)
-    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
-    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, asked).output
+    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--configuration", "none"]
+    assert "predict: 1 of 3 steps" in CliRunner().invoke(app, command).output
 
 
-def test_the_command_says_what_the_closed_mesh_is_made_of(data, tmp_path):
-    asked = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "16"]
-    wrong = CliRunner().invoke(app, [*asked, "--configuration", "none", "--surface", "shut"])
+def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
+    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "16"]
+    wrong = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "shut"])
     assert wrong.exit_code == 1
     assert "it is one of charts, joined, both, closed" in " ".join(wrong.output.split())
-    guessed = CliRunner().invoke(app, [*asked, "--configuration", "none", "--surface", "closed"])
+    guessed = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "closed"])
     assert "no touch, so that no place of it is certain; no colour" in " ".join(guessed.output.split())
-    felt = CliRunner().invoke(app, [*asked, "--configuration", "touch", "--surface", "closed"])
-    assert f"faces, {FELT} touches; no colour" in " ".join(felt.output.split())
+    touched = CliRunner().invoke(app, [*command, "--configuration", "touch", "--surface", "closed"])
+    assert f"faces, {FELT} touches; no colour" in " ".join(touched.output.split())
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
-def test_the_closed_mesh_goes_through_the_touches_and_has_the_image_s_colours(data, tmp_path, suffix):
-    asked = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 24}
-    made = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", **asked)
-    mesh, shape = trimesh.load_scene(made.files[0], process=False).to_mesh(), made.reconstruction
-    assert made.files == [tmp_path / f"ball{suffix}"]
+def test_closed_mesh_passes_through_the_touches_and_has_the_colours_of_the_image(data, tmp_path, suffix):
+    options = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 24}
+    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", **options)
+    mesh, shape = trimesh.load_scene(prediction.files[0], process=False).to_mesh(), prediction.reconstruction
+    assert prediction.files == [tmp_path / f"ball{suffix}"]
     assert mesh.is_watertight
     assert mesh.body_count == 1
     assert mesh.volume > 0
     upright = mesh.vertices[:, [0, 2, 1]] * [1, -1, 1] if suffix == ".glb" else np.asarray(mesh.vertices)
-    np.testing.assert_allclose(upright, made.closed.vertices, atol=1e-6)
-    felt = shape.vertices[shape.vision :]
-    assert len(felt) == FELT * spheres.SIDE**2
-    assert np.sqrt(igl.point_mesh_squared_distance(felt, upright, np.asarray(mesh.faces))[0]).max() <= 5e-4
+    np.testing.assert_allclose(upright, prediction.closed.vertices, atol=1e-6)
+    touch_vertices = shape.vertices[shape.vision :]
+    assert len(touch_vertices) == FELT * spheres.SIDE**2
+    assert np.sqrt(igl.point_mesh_squared_distance(touch_vertices, upright, np.asarray(mesh.faces))[0]).max() <= 5e-4
     colors = np.asarray(mesh.visual.vertex_colors)
-    assert (colors[~made.closed.seen] == VISION_COLORS[0]).all()
-    np.testing.assert_array_equal(colors[made.closed.seen, :3], made.closed.colors[made.closed.seen])
+    assert (colors[~prediction.closed.seen] == VISION_COLORS[0]).all()
+    np.testing.assert_array_equal(colors[prediction.closed.seen, :3], prediction.closed.colors[prediction.closed.seen])
 
 
-def test_a_closed_mesh_of_a_network_that_sees_and_feels_nothing_is_grey(data, tmp_path):
-    made = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=16)
-    assert not made.closed.seen.any()
-    mesh = trimesh.load(made.files[0], process=False)
+def test_closed_mesh_without_image_and_touch_is_grey(data, tmp_path):
+    prediction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=16)
+    assert not prediction.closed.seen.any()
+    mesh = trimesh.load(prediction.files[0], process=False)
     assert (np.asarray(mesh.visual.vertex_colors) == VISION_COLORS[0]).all()
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 0.25**3, rel=0.1)
 
@@ -192,16 +190,16 @@ def in_base(vertices: np.ndarray) -> np.ndarray:
     return vertices @ BASE[:3, :3].T + BASE[:3, 3]
 
 
-def test_a_robots_observation_gives_what_the_store_gives_in_its_frame(data, uncharted, grasp, tmp_path):
-    """The base is turned and moved against the world, the camera is OpenCV's: still the same surface, to the digits of the file."""
-    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=uncharted, object_id="a", grasps=[2])
-    own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=grasp)
-    assert (own.touched == stored.touched).all()
-    np.testing.assert_array_equal(own.reconstruction.faces, stored.reconstruction.faces)
-    np.testing.assert_allclose(own.reconstruction.vertices, in_base(stored.reconstruction.vertices), atol=1e-6)
-    assert any("views differ by 0.0°" in line for line in own.remarks)
-    again = predict(tmp_path / "c.ply", data / "models", "occluded-touch", observation=grasp)
-    assert again.files[0].read_bytes() == own.files[0].read_bytes()
+def test_observation_file_gives_the_surface_of_the_stored_grasp_in_its_frame(data, data_without_charts, grasp, tmp_path):
+    """The base differs from the world and the camera has OpenCV's convention: the surface is equal to the digits of the file."""
+    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=data_without_charts, object_id="a", grasps=[2])
+    observed = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=grasp)
+    assert (observed.touched == stored.touched).all()
+    np.testing.assert_array_equal(observed.reconstruction.faces, stored.reconstruction.faces)
+    np.testing.assert_allclose(observed.reconstruction.vertices, in_base(stored.reconstruction.vertices), atol=1e-6)
+    assert any("views differ by 0.0°" in line for line in observed.remarks)
+    repeated = predict(tmp_path / "c.ply", data / "models", "occluded-touch", observation=grasp)
+    assert repeated.files[0].read_bytes() == observed.files[0].read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -215,71 +213,73 @@ def millimetres(grasp):
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_a_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data, grasp, millimetres, tmp_path, suffix):
+def test_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data, grasp, millimetres, tmp_path, suffix):
     first, second = (
         predict(tmp_path / f"{number}{suffix}", data / "models", "occluded-touch", observation=file, surface="charts")
         for number, file in enumerate((grasp, millimetres))
     )
     np.testing.assert_allclose(second.reconstruction.vertices, 1e3 * first.reconstruction.vertices, atol=1e-3)
-    small, large = (trimesh.load_scene(made.files[0], process=False).to_mesh().extents for made in (first, second))
+    small, large = (trimesh.load_scene(prediction.files[0], process=False).to_mesh().extents for prediction in (first, second))
     np.testing.assert_allclose(large, small if suffix == ".glb" else 1e3 * small, rtol=1e-5)
 
 
-def test_a_closed_mesh_of_an_observation_has_its_images_colours(data, millimetres, tmp_path):
-    asked = {"surface": "closed", "resolution": 24}
-    own = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **asked)
-    seen = own.closed.seen
+def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millimetres, tmp_path):
+    options = {"surface": "closed", "resolution": 24}
+    prediction = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **options)
+    seen = prediction.closed.seen
     assert 0.2 < seen.mean() < 0.6
-    world = (own.closed.vertices[seen] / 1e3 - BASE[:3, 3]) @ BASE[:3, :3]
+    world = (prediction.closed.vertices[seen] / 1e3 - BASE[:3, 3]) @ BASE[:3, :3]
     col, row = project_points(projection_matrix(spheres.CAMERA), world).astype(int).T
     image = GraspDataset(data, ["occluded"], "test")[2]["occluded"][0].numpy()
-    assert (own.closed.colors[seen] == image[row, col]).all(axis=1).mean() > 0.95  # but for some at borders of pixels
-    felt = own.reconstruction.vertices[own.reconstruction.vision :]
-    assert np.sqrt(igl.point_mesh_squared_distance(felt, own.closed.vertices, own.closed.faces)[0]).max() <= 0.5
+    assert (prediction.closed.colors[seen] == image[row, col]).all(axis=1).mean() > 0.95  # except at some pixel borders
+    touch_vertices = prediction.reconstruction.vertices[prediction.reconstruction.vision :]
+    assert np.sqrt(igl.point_mesh_squared_distance(touch_vertices, prediction.closed.vertices, prediction.closed.faces)[0]).max() <= 0.5
 
 
-def test_the_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp_path):
-    """Its camera looks down on the object, the balls' does not: the view is turned, and said to differ."""
+def test_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp_path):
+    """Its camera looks down on the object, unlike that of the balls: the view is rotated, with a warning."""
     example = Path(__file__).parents[2] / "examples" / "robot_grasp" / "grasp.yaml"
-    made = predict(tmp_path / "bottle.ply", data / "models", "occluded-touch", observation=example)
-    assert made.touched.all()
-    assert np.linalg.norm(made.reconstruction.vertices - [0.62, -0.17, 0.25], axis=1).max() < 0.5
-    assert any(line.startswith("warning: camera 1.14 m from the object and 19.2° above its horizon; in training") for line in made.remarks)
+    prediction = predict(tmp_path / "bottle.ply", data / "models", "occluded-touch", observation=example)
+    assert prediction.touched.all()
+    assert np.linalg.norm(prediction.reconstruction.vertices - [0.62, -0.17, 0.25], axis=1).max() < 0.5
+    assert any(
+        line.startswith("warning: camera 1.14 m from the object and 19.2° above its horizon; in training") for line in prediction.remarks
+    )
 
 
-def test_an_rgbd_camera_stands_in_for_touches(data, grasp, tmp_path):
-    """The ball's visible side is part of the surface, where it is, though no sensor touched it."""
+def test_depth_of_a_camera_replaces_touches(data, grasp, tmp_path):
+    """The visible side of the ball becomes part of the surface without a touch."""
     described = yaml.safe_load((grasp.parent / "rgbd.yaml").read_text())
     described["camera"] |= {name: str(grasp.parent / value) for name, value in described["camera"].items() if str(value).endswith(".png")}
     file = write(tmp_path / "rgbd.yaml", described)
-    made = predict(tmp_path / "ball.ply", data / "models", "touch", observation=file)
-    assert not len(made.touched)
-    seen = made.reconstruction.vertices[made.reconstruction.vision :]
-    assert len(seen) > 10 * spheres.SIDE**2
+    prediction = predict(tmp_path / "ball.ply", data / "models", "touch", observation=file)
+    assert not len(prediction.touched)
+    visible = prediction.reconstruction.vertices[prediction.reconstruction.vision :]
+    assert len(visible) > 10 * spheres.SIDE**2
     middle = (BASE @ [*spheres.CENTRE, 1])[:3]
-    np.testing.assert_allclose(np.linalg.norm(seen - middle, axis=1), 0.1, atol=2e-3)  # depth is in whole millimetres
-    assert any("patches of the visible surface are given as touched" in line for line in made.remarks)
+    np.testing.assert_allclose(np.linalg.norm(visible - middle, axis=1), 0.1, atol=2e-3)  # depth is in whole millimetres
+    assert any("patches of the visible surface are given as touched" in line for line in prediction.remarks)
 
 
-def test_touches_are_recognised_where_they_are_not_stated(data, grasp, tmp_path):
+def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp_path):
     described = entries(grasp)
     stated = [touch.pop("touched") for touch in described["touches"]]
-    made = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
-    assert list(made.touched) == stated
-    assert "model touch takes no image: the photograph only colours a closed mesh" in made.remarks
+    prediction = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
+    assert list(prediction.touched) == stated
+    assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
 
 
 @pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
-def test_what_is_not_there_is_missed_by_networks_that_do_not_feel_too(data, tmp_path, configuration, asked):
+def test_missing_object_or_grasp_is_an_error_for_networks_without_touch(data, tmp_path, configuration, asked):
     with pytest.raises(StoreError, match=r"no object typo|no grasp 99"):
         predict(tmp_path / "a.ply", data / "models", configuration, data=data, **asked)
 
 
-def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
-    made = predict(tmp_path / "a.obj", data / "models", "touch", data=data, object_id="a", grasps=[1]).reconstruction
+def test_stored_charts_are_used_unchanged(data, tmp_path):
+    reconstruction = predict(tmp_path / "a.obj", data / "models", "touch", data=data, object_id="a", grasps=[1]).reconstruction
     charts = GraspDataset(data, ["vertices", "stop_rule"], "test")[1]
-    felt = charts["vertices"][charts["stop_rule"] > 0].reshape(-1, 3).double().numpy()
-    np.testing.assert_array_equal(made.vertices[made.vision :], felt)
+    fitted = charts["vertices"][charts["stop_rule"] > 0].reshape(-1, 3).double().numpy()
+    np.testing.assert_array_equal(reconstruction.vertices[reconstruction.vision :], fitted)
 
 
 @pytest.mark.parametrize(
@@ -308,17 +308,24 @@ def test_charts_that_stand_are_taken_as_they_are(data, tmp_path):
         ({"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
-def test_what_cannot_be_predicted_is_an_error(data, tmp_path, asked, error, words):
-    plain = {"out": "ball.ply", "models": data / "models", "configuration": "touch", "data": data, "object_id": "a", "grasps": [0]} | asked
-    out = tmp_path / "out" / plain.pop("out")
+def test_invalid_arguments_are_errors(data, tmp_path, asked, error, words):
+    arguments = {
+        "out": "ball.ply",
+        "models": data / "models",
+        "configuration": "touch",
+        "data": data,
+        "object_id": "a",
+        "grasps": [0],
+    } | asked
+    out = tmp_path / "out" / arguments.pop("out")
     (tmp_path / "out" / "taken.ply").mkdir(parents=True)
     (tmp_path / "out" / "taken.txt").touch()
     with pytest.raises(error, match=words):
-        predict(out, plain.pop("models"), plain.pop("configuration"), **plain)
+        predict(out, arguments.pop("models"), arguments.pop("configuration"), **arguments)
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"taken.ply", "taken.txt"}
 
 
-def test_observations_that_do_not_fit_are_errors(data, grasp, tmp_path):
+def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path):
     def refused(words, configuration="touch", models=data / "models", **changes):
         with pytest.raises(PipelineError, match=words):
             predict(tmp_path / "ball.ply", models, configuration, observation=write(tmp_path / "g.yaml", entries(grasp, **changes)))
@@ -339,30 +346,30 @@ def test_observations_that_do_not_fit_are_errors(data, grasp, tmp_path):
     refused("models has no U-Net, which makes points of tactile images; name the models of a data directory", models=bare)
 
 
-def test_another_training_is_used_where_it_is_asked_for(data, grasp, tmp_path):
+def test_training_seed_selects_the_model(data, grasp, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     spheres.make_model(copy, "touch", training_seed=1)
-    given = {"observation": grasp}
-    first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **given) for seed in (0, 1))
+    options = {"observation": grasp}
+    first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **options) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
-        predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **given)
+        predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **options)
     with pytest.raises(StageError, match=r"has no model tuch: its models are .*; did you mean touch\?"):
-        predict(tmp_path / "ball.ply", copy / "models", "tuch", **given)
+        predict(tmp_path / "ball.ply", copy / "models", "tuch", **options)
 
 
-def test_stored_charts_of_another_size_are_an_error(data, tmp_path):
-    made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
-    description = json.loads((made / "model.json").read_text())
-    (made / "model.json").write_text(json.dumps(description | {"network": description["network"] | {"side": 5}}))
+def test_stored_charts_of_another_size_are_refused(data, tmp_path):
+    folder = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
+    description = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps(description | {"network": description["network"] | {"side": 5}}))
     shutil.copytree(data / "models", tmp_path / "models")
-    publish(tmp_path, "models/gcn/touch", made, "train-gcn")
+    publish(tmp_path, "models/gcn/touch", folder, "train-gcn")
     with pytest.raises(StageError, match=r"have 9 vertices, model touch takes 25; run fit-charts with fit-charts.side=5"):
         predict(tmp_path / "ball.ply", tmp_path / "models", "touch", data=data, object_id="a")
 
 
 @pytest.mark.parametrize("file", ["models/gcn/touch", "models/unet"])
-def test_a_model_of_which_a_bit_flipped_is_not_used(data, grasp, tmp_path, file):
+def test_model_with_a_flipped_bit_is_refused(data, grasp, tmp_path, file):
     copy = shutil.copytree(data, tmp_path / "data")
     weights = DataDirectory(copy).folder_path(file) / "model.safetensors"
     content = bytearray(weights.read_bytes())
@@ -372,7 +379,7 @@ def test_a_model_of_which_a_bit_flipped_is_not_used(data, grasp, tmp_path, file)
         predict(tmp_path / "ball.ply", copy / "models", "touch", observation=grasp)
 
 
-def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
+def test_extra_file_in_a_model_folder_is_allowed(data, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     (DataDirectory(copy).folder_path("models/gcn/none") / "notes.txt").write_text("mine")
     assert predict(tmp_path / "ball.ply", copy / "models", "none").files
@@ -381,11 +388,11 @@ def test_a_file_beside_a_models_own_is_no_fault(data, tmp_path):
 @pytest.mark.parametrize(
     ("charts", "words"), [({"side": 9}, "takes charts of side 3, but .*side=9"), ({"samples": 10**9}, "samples: .* less than or equal")]
 )
-def test_chart_settings_that_cannot_be_used_are_errors(data, grasp, tmp_path, charts, words):
-    made = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
-    description = json.loads((made / "model.json").read_text())
-    (made / "model.json").write_text(json.dumps(description | {"charts": charts}))
+def test_invalid_chart_settings_of_a_model_are_errors(data, grasp, tmp_path, charts, words):
+    folder = shutil.copytree(DataDirectory(data).folder_path("models/gcn/touch"), tmp_path / "made")
+    description = json.loads((folder / "model.json").read_text())
+    (folder / "model.json").write_text(json.dumps(description | {"charts": charts}))
     shutil.copytree(data / "models", tmp_path / "models")
-    publish(tmp_path, "models/gcn/touch", made, "train-gcn")
+    publish(tmp_path, "models/gcn/touch", folder, "train-gcn")
     with pytest.raises(StoreError, match=words):
         predict(tmp_path / "ball.ply", tmp_path / "models", "touch", observation=grasp)

@@ -1,4 +1,4 @@
-"""`read-touch`: what is written, folders that are watched, cameras, and whatever a user may get wrong."""
+"""`read-touch`: written files, watched folders, cameras, and errors."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def reader(folder: Path) -> TouchReader:
     return TouchReader(folder / "my_gel.yaml", UNTOUCHED)
 
 
-def test_a_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_path: Path) -> None:
+def test_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_path: Path) -> None:
     shutil.copytree(folder / "my_gel-touch", tmp_path / "models" / "touch-0123")
     record = {"location": "touch-0123"}
     (tmp_path / "models" / "touch.json").write_text(json.dumps({"checksum": of_json(record), **record}))
@@ -76,7 +76,7 @@ def test_a_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_
     assert reader.network == str(tmp_path / "models" / "touch-0123")
 
 
-def test_files_hold_what_was_read(reader: TouchReader, tmp_path: Path) -> None:
+def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> None:
     reading = reader.read(ball(0.001))
     files = write_reading(reading, tmp_path / "out", "a")
     assert all(file.exists() for file in files)
@@ -90,44 +90,44 @@ def test_files_hold_what_was_read(reader: TouchReader, tmp_path: Path) -> None:
     assert arrays["indentation"].attrs["units"] == "m"
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "a-contact.png")) == 255, reading.contact)
     np.testing.assert_allclose(np.linalg.norm(reading.normals, axis=-1), 1, rtol=0, atol=1e-6)
-    if reading.contact.any():
-        cloud: Any = trimesh.load(tmp_path / "out" / "a.ply")
-        np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
-    write_reading(reading, tmp_path / "out", "a")  # again, in place of the first
+    cloud: Any = trimesh.load(tmp_path / "out" / "a.ply")
+    assert len(cloud.vertices) == reading.contact.sum()
+    np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
+    write_reading(reading, tmp_path / "out", "a")  # replaces the first
 
 
-def test_a_cloud_of_no_point_can_be_read(reader: TouchReader, tmp_path: Path) -> None:
+def test_empty_cloud_is_written(reader: TouchReader, tmp_path: Path) -> None:
     reading = reader.read(UNTOUCHED)
     object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
     write_reading(reading, tmp_path, "none")
     assert b"element vertex 0\n" in (tmp_path / "none.ply").read_bytes()
 
 
-def test_normals_are_those_of_the_gels_surface(reader: TouchReader) -> None:
+def test_normals_follow_the_surface_of_the_gel(reader: TouchReader) -> None:
     reading = reader.read(ball(0.001))
     x = (np.arange(COLS) + 0.5) / COLS * SENSOR.width
     object.__setattr__(reading, "indentation", np.broadcast_to(0.5 * x, (ROWS, COLS)).astype(np.float32))
     np.testing.assert_allclose(reading.normals[5, 5], np.array([0.5, 0, 1]) / np.sqrt(1.25), rtol=0, atol=1e-5)
 
 
-def test_the_command_reads_a_folder_without_the_untouched_photograph(folder: Path, tmp_path: Path) -> None:
+def test_command_reads_all_photographs_of_a_folder_but_the_untouched_one(folder: Path, tmp_path: Path) -> None:
     photographs = folder / "photographs"
     options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml"), "--out", str(tmp_path / "out")]
-    ended = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
-    assert ended.exit_code == 0, ended.output
-    assert "2 photographs" in ended.output
-    assert "read by " in ended.output
+    result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
+    assert result.exit_code == 0, result.output
+    assert "2 photographs" in result.output
+    assert "read by " in result.output
     assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
 
 
-def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def come() -> Iterator[str]:
+def test_new_photographs_of_a_watched_folder_are_read_when_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def watched_names() -> Iterator[str]:
         for name, _ in watched(tmp_path, tmp_path / "untouched.png"):
             yield name
 
     Image.fromarray(UNTOUCHED).save(tmp_path / "untouched.png")
     Image.fromarray(UNTOUCHED).save(tmp_path / "a.png")
-    names = come()
+    names = watched_names()
     assert next(names) == "a"
     (tmp_path / "b.png").write_bytes((tmp_path / "a.png").read_bytes()[:-40])  # half written
     Image.fromarray(UNTOUCHED).save(tmp_path / "c.png")
@@ -150,7 +150,7 @@ def test_new_photographs_of_a_watched_folder_are_read_once_whole(folder: Path, t
 
 
 class Capture:
-    """A camera of two frames, as OpenCV gives them."""
+    """A camera with two frames and the interface of OpenCV."""
 
     def __init__(self, number: int) -> None:
         self.frames = [np.full((2, 3, 3), (1, 2, 3), np.uint8)] * 2 if number == 0 else []
@@ -166,7 +166,7 @@ class Capture:
         self.released = True
 
 
-def test_frames_of_a_camera_are_red_green_blue(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_camera_frames_are_converted_to_rgb(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "cv2", types.SimpleNamespace(VideoCapture=Capture))
     frames = list(camera_frames(0))
     assert [name for name, _ in frames] == ["000000", "000001"]
@@ -178,7 +178,7 @@ def test_frames_of_a_camera_are_red_green_blue(monkeypatch: pytest.MonkeyPatch) 
         next(camera_frames(0))
 
 
-def test_a_network_beside_the_file_is_taken_before_the_one_that_ships_and_neither_for_another_sensor(folder: Path, tmp_path: Path) -> None:
+def test_network_beside_the_sensor_file_precedes_the_shipped_one_and_both_require_the_same_sensor(folder: Path, tmp_path: Path) -> None:
     untouched = untouched_image(load_sensor("gelsight_mini", shape=(ROWS, COLS)))
     ships = "the network that ships for gelsight_mini"
     shipped = TouchReader("gelsight_mini", untouched)
@@ -187,7 +187,7 @@ def test_a_network_beside_the_file_is_taken_before_the_one_that_ships_and_neithe
     described = yaml.safe_load(description_path("sensor", "gelsight_mini").read_text())
     stiff = described["gel"] | {"modulus": 1e5}
     copy.write_text(yaml.safe_dump(described | {"rows": 120, "cols": 160, "gel": stiff}))
-    assert TouchReader(copy, untouched).network == ships  # the same images, but for their pixels
+    assert TouchReader(copy, untouched).network == ships  # the same images in other sizes
     copy.write_text(yaml.safe_dump(described | {"gel": described["gel"] | {"thickness": 0.003}, "w": 0.005}))
     with pytest.raises(InvalidInput, match=f"{ships} was trained for another sensor than {copy} describes: gel, w differ; train one"):
         TouchReader(copy, untouched)
@@ -197,17 +197,17 @@ def test_a_network_beside_the_file_is_taken_before_the_one_that_ships_and_neithe
     with pytest.raises(InvalidInput, match=r"gelsight_mini-touch was trained for another sensor .*: calibrated, .*name, .* differ"):
         TouchReader(copy, untouched)
     assert TouchReader(copy, untouched, beside).network == str(beside)
-    ended = CliRunner().invoke(app, ["read-touch", "--help"])
-    assert "gelsight_mini ship" in " ".join(ended.output.split())
+    result = CliRunner().invoke(app, ["read-touch", "--help"])
+    assert "gelsight_mini ship" in " ".join(result.output.split())
 
 
-def test_photographs_that_were_turned_from_bgr_are_read(reader: TouchReader) -> None:
+def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None:
     image = ball(0.001)
-    turned = image[..., ::-1].copy()[..., ::-1]  # steps backwards, as OpenCV's users write it
+    turned = image[..., ::-1].copy()[..., ::-1]  # negative strides, as after conversion from BGR
     np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
 
 
-def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:
+def test_unusable_inputs_give_clear_errors(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="does not exist; give a photograph"):
         photographs_of(tmp_path / "missing", tmp_path)
     with pytest.raises(InvalidInput, match="holds no photographs besides the untouched one"):
@@ -221,11 +221,12 @@ def test_what_cannot_be_read_is_said(folder: Path, tmp_path: Path) -> None:
     save_touch_model(tmp_path, UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
     with pytest.raises(InvalidInput, match="holds a U-Net, which reads simulated images"):
         TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path)
-    ended = CliRunner().invoke(app, ["read-touch", "--untouched", str(folder / "photographs/untouched.png"), "--sensor", "gelsight"])
-    assert ended.exit_code == 1
+    result = CliRunner().invoke(app, ["read-touch", "--untouched", str(folder / "photographs/untouched.png"), "--sensor", "gelsight"])
+    assert result.exit_code == 1
+    assert "name photographs, or a camera with --camera" in result.output
     options = ["--untouched", str(folder / "photographs/untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
     before = sorted((folder / "photographs").iterdir())
-    ended = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--out", str(folder / "photographs")])
-    assert "is the folder of the photographs" in ended.output
+    result = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--out", str(folder / "photographs")])
+    assert "is the folder of the photographs" in result.output
     assert sorted((folder / "photographs").iterdir()) == before
     assert "leave it out with --camera" in CliRunner().invoke(app, ["read-touch", *options, "--camera", "0", "--watch"]).output

@@ -1,4 +1,4 @@
-"""What is published takes its place at once."""
+"""Publishing replaces a folder atomically."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from pipeline.store.atomic import move_folder
 
 
-def test_a_folder_is_whole_until_the_next_is_in_its_place(tmp_path, monkeypatch):
+def test_published_folder_stays_whole_until_its_replacement_is_in_place(tmp_path, monkeypatch):
     source, target = tmp_path / "work/new", tmp_path / "data/group.zarr"
     for folder, content in ((source, "new"), (target, "old")):
         folder.mkdir(parents=True)

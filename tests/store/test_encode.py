@@ -1,4 +1,4 @@
-"""Groups that are put together from encoded rows are those that Zarr itself would write."""
+"""Groups written from encoded rows are equal to those that Zarr writes."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FAILED = 3
 
 
 def row(number: int) -> Row:
-    """Random arrays: some of one value, some empty."""
+    """Make a row of random arrays, some constant, some empty."""
     rng = np.random.default_rng(number)
     return {
         "image": rng.integers(0, 256, (80, 90, 3), np.uint8),
@@ -60,26 +60,26 @@ def row(number: int) -> Row:
     }
 
 
-def written(path: Path, count: int) -> list[Row]:
-    """Write a group of encoded rows, one of them failed; returns the rows."""
+def write_rows(path: Path, count: int) -> list[Row]:
+    """Write a group of encoded rows, one of them failed; return the rows."""
     rows = [{} if number == FAILED else row(number) for number in range(count)]
     records = [
         RowRecord(
             **{"object_id": f"object-{number}", "category": "thing", "split": "train", "key": "0" * 64, "digest": "0" * 64},
-            **{"inputs": {}, "seconds": 0.0, "failure": None if made else Failure(stage="s", reason="r")},
+            **{"inputs": {}, "seconds": 0.0, "failure": None if arrays else Failure(stage="s", reason="r")},
         )
-        for number, made in enumerate(rows)
+        for number, arrays in enumerate(rows)
     ]
-    shapes = [{name: value.shape for name, value in made.items()} for made in rows]
+    shapes = [{name: value.shape for name, value in arrays.items()} for arrays in rows]
     write_group(path, ARTIFACT, records, shapes, lambda number: encode_row(ARTIFACT, rows[number]), CONSTANTS, {"a": 1})
     return rows
 
 
-def written_by_zarr(path: Path, rows: list[Row]) -> Any:
+def write_with_zarr(path: Path, rows: list[Row]) -> Any:
     """Write the same values with Zarr alone."""
     shapes = {name: (len(rows), *value.shape) for name, value in rows[0].items() if "/" not in name}
     shapes |= dict.fromkeys(("object_id", "category", "split", "ok"), (len(rows),)) | {"scale": (3,)}
-    ragged = {f"meshes/object-{n}/{name[7:]}": value for n, made in enumerate(rows) for name, value in made.items() if "/" in name}
+    ragged = {f"meshes/object-{n}/{name[7:]}": value for n, arrays in enumerate(rows) for name, value in arrays.items() if "/" in name}
     with zarr.config.set({"array.write_empty_chunks": True}):
         group: Any = group_spec(ARTIFACT, shapes | {name: value.shape for name, value in ragged.items()}, {"a": 1}).to_zarr(
             LocalStore(path), path=""
@@ -87,19 +87,19 @@ def written_by_zarr(path: Path, rows: list[Row]) -> Any:
         for name, value in {**ragged, **CONSTANTS}.items():
             group[name][...] = value
         for name in ARTIFACT.arrays.keys() & rows[0].keys():
-            for number, made in enumerate(rows):
-                if made:
-                    group[name][number] = str(made[name]) if name == "label" else made[name]
+            for number, arrays in enumerate(rows):
+                if arrays:
+                    group[name][number] = str(arrays[name]) if name == "label" else arrays[name]
         group["object_id"][:] = np.array([f"object-{number}" for number in range(len(rows))], object)
         group["category"][:], group["split"][:] = "thing", "train"
-        group["ok"][:] = [bool(made) for made in rows]
+        group["ok"][:] = [bool(arrays) for arrays in rows]
     return group
 
 
 @pytest.mark.parametrize("count", [1, 5, OBJECTS_PER_FILE + 5])
-def test_groups_of_encoded_rows_hold_what_zarr_would_write(tmp_path: Path, count: int) -> None:
-    rows = written(tmp_path / "ours", count)
-    wanted = written_by_zarr(tmp_path / "zarr", rows)
+def test_group_of_encoded_rows_equals_the_group_that_zarr_writes(tmp_path: Path, count: int) -> None:
+    rows = write_rows(tmp_path / "ours", count)
+    expected = write_with_zarr(tmp_path / "zarr", rows)
     ours: Any = zarr.open_group(str(tmp_path / "ours"), mode="r")
     metadata = [
         {path.relative_to(folder): path.read_text() for path in folder.rglob("zarr.json")}
@@ -111,12 +111,12 @@ def test_groups_of_encoded_rows_hold_what_zarr_would_write(tmp_path: Path, count
     ]
     assert files[0] >= files[1], "and files of failed objects alone, which have no chunk"
     for path in (path.parent.as_posix() for path in metadata[0]):
-        if isinstance(wanted[path] if path != "." else wanted, zarr.Array):
-            np.testing.assert_array_equal(ours[path][...], wanted[path][...], err_msg=path)
+        if isinstance(expected[path] if path != "." else expected, zarr.Array):
+            np.testing.assert_array_equal(ours[path][...], expected[path][...], err_msg=path)
 
 
-def test_a_flipped_bit_is_found_by_the_checksum_of_its_chunk(tmp_path: Path) -> None:
-    written(tmp_path / "group", 2)
+def test_flipped_bit_is_detected_by_the_checksum_of_its_chunk(tmp_path: Path) -> None:
+    write_rows(tmp_path / "group", 2)
     file = tmp_path / "group" / "points" / "c" / "0" / "0" / "0"
     content = bytearray(file.read_bytes())
     content[1000] ^= 1
@@ -126,13 +126,13 @@ def test_a_flipped_bit_is_found_by_the_checksum_of_its_chunk(tmp_path: Path) -> 
         ours["points"][0]
 
 
-def test_rows_come_back_as_they_were_and_damaged_ones_are_removed(tmp_path: Path) -> None:
-    files, made = RowFiles(tmp_path, ARTIFACT), row(5)
-    result = files.save(Result(name="a", key="k", seconds=1.5), made, "thing")
+def test_saved_row_is_loaded_unchanged_and_a_damaged_row_file_is_removed(tmp_path: Path) -> None:
+    files, saved = RowFiles(tmp_path, ARTIFACT), row(5)
+    result = files.save(Result(name="a", key="k", seconds=1.5), saved, "thing")
     assert files.find("a", "k") == result
     loaded = files.load(result)
-    assert list(loaded) == list(made)
-    for name, value in made.items():
+    assert list(loaded) == list(saved)
+    for name, value in saved.items():
         assert loaded[name].dtype == value.dtype
         np.testing.assert_array_equal(loaded[name], value)
     path = tmp_path / "rows" / "a" / "k.row"
@@ -145,10 +145,10 @@ def test_rows_come_back_as_they_were_and_damaged_ones_are_removed(tmp_path: Path
 
 
 @pytest.mark.parametrize("values", [np.zeros((0, 3), np.float32), np.array(2.5), np.array(["a", "b"]), np.arange(6).reshape(2, 3)])
-def test_arrays_without_a_declaration_are_kept_too(values: np.ndarray) -> None:
-    again = decode_array(None, values.shape, values.dtype.str, encode_array(None, values))
-    np.testing.assert_array_equal(again, values)
-    assert again.dtype == values.dtype
+def test_undeclared_arrays_survive_encoding(values: np.ndarray) -> None:
+    decoded = decode_array(None, values.shape, values.dtype.str, encode_array(None, values))
+    np.testing.assert_array_equal(decoded, values)
+    assert decoded.dtype == values.dtype
 
 
 def test_equal_values_are_encoded_as_equal_bytes() -> None:

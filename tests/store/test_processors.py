@@ -1,4 +1,4 @@
-"""Rows say which kind of processor computed them; an artifact of several kinds is marked, and a strict check objects to it."""
+"""Rows record the kind of processor that computed them; several kinds in an artifact are marked and fail a strict check."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ OTHER_KIND = "Other CPU, x86_64, X86_V2 X86_V3"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def known_noise() -> Iterator[None]:
+def noise_in_catalogue() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ARTIFACTS, "noise", NOISE)
         yield
 
 
 @pytest.fixture
-def mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Five rows in one shard, two of which were computed by another kind of processor than the rest."""
+def mixed_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make five rows in one shard, two of them computed by another kind of processor."""
     with monkeypatch.context() as patch:
         patch.setattr(session, "processor", lambda: OTHER)
         for name in "ab":
@@ -48,17 +48,17 @@ def strict_problems(data: Path) -> list[str]:
     return [line for lines in problems_below(data, strict=True).values() for line in lines]
 
 
-def test_each_row_says_what_computed_it_and_a_strict_check_objects_to_several_kinds(mixed: Path) -> None:
-    assert published(mixed).processors() == {HERE: 3, OTHER_KIND: 2}
-    (line,) = strict_problems(mixed)
+def test_rows_record_their_processor_and_a_strict_check_reports_several_kinds(mixed_data: Path) -> None:
+    assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
+    (line,) = strict_problems(mixed_data)
     assert "2 kinds of processors" in line
     assert f"{HERE}: 3 rows; {OTHER_KIND}: 2 rows" in line
     assert "run make-noise on one kind" in line
 
 
-def test_status_marks_it_and_validate_ends_with_1_only_where_it_is_strict(mixed: Path) -> None:
+def test_status_marks_several_kinds_and_only_strict_validation_fails(mixed_data: Path) -> None:
     def output(*command: str) -> tuple[int, str]:
-        result = CliRunner().invoke(app, [*command, str(mixed)])
+        result = CliRunner().invoke(app, [*command, str(mixed_data)])
         return result.exit_code, result.output
 
     code, text = output("status")
@@ -73,20 +73,20 @@ def test_one_kind_is_not_marked(tmp_path: Path) -> None:
     assert strict_problems(tmp_path) == []
 
 
-def test_digests_do_not_depend_on_the_processor_and_rows_keep_theirs_when_they_move(
-    mixed: Path, tmp_path_factory: pytest.TempPathFactory
+def test_digests_do_not_depend_on_the_processor_and_rows_keep_it_through_reshard(
+    mixed_data: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     other = tmp_path_factory.mktemp("alone")
     run(request(other))
-    assert digest(mixed) == digest(other)
-    for _ in reshard(DataDirectory(mixed), 3):
+    assert digest(mixed_data) == digest(other)
+    for _ in reshard(DataDirectory(mixed_data), 3):
         pass
-    assert published(mixed).processors() == {HERE: 3, OTHER_KIND: 2}
-    assert run(request(mixed, count=6)) == 1  # the others are packed again, with what is recorded of them
-    assert published(mixed).processors() == {HERE: 4, OTHER_KIND: 2}
+    assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
+    assert run(request(mixed_data, count=6)) == 1  # the other rows are packed again with their records
+    assert published(mixed_data).processors() == {HERE: 4, OTHER_KIND: 2}
 
 
-def test_rows_that_do_not_say_count_as_computed_by_what_their_shard_says(tmp_path: Path) -> None:
+def test_rows_without_a_processor_take_that_of_their_shard(tmp_path: Path) -> None:
     run(request(tmp_path, shards=2))
     first, second = (DataDirectory(tmp_path).shard_record("noise", number, 2) for number in range(2))
     counts = [len(shard.record.rows) for shard in published(tmp_path).shards]

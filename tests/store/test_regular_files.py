@@ -1,4 +1,4 @@
-"""Pipes, devices and links to them in a dataset, or in a user's files: none is opened, everything ends in words."""
+"""Pipes, devices and links to them in a dataset are never opened; each gives a clear error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.stages import ball_dataset
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def original(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 1)
     ball_dataset.make_model(folder, "touch")
@@ -33,13 +33,13 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def data(made, tmp_path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "data"))
+def data(original, tmp_path) -> Path:
+    return Path(shutil.copytree(original, tmp_path / "data"))
 
 
 @pytest.fixture(autouse=True)
 def no_test_hangs() -> Iterator[None]:
-    """End a test that waits for a pipe; SIGALRM interrupts the main thread alone, which is the one that waits."""
+    """Fail a test that waits for a pipe: SIGALRM interrupts the main thread, which waits."""
 
     def fail(number: int, frame: object) -> None:
         raise AssertionError("it waits for ever")
@@ -80,7 +80,7 @@ FILES = [
 
 @irregular
 @pytest.mark.parametrize("name", FILES)
-def test_a_dataset_with_something_else_in_place_of_a_file_is_not_valid(data, name: str, put: Callable[[Path], None]):
+def test_dataset_with_a_pipe_device_or_link_in_place_of_a_file_is_invalid(data, name: str, put: Callable[[Path], None]):
     (path,) = data.glob(name)
     for replace in (link_to_itself, put):
         path.unlink(missing_ok=True)
@@ -100,7 +100,7 @@ def test_a_dataset_with_something_else_in_place_of_a_file_is_not_valid(data, nam
 
 
 @pytest.mark.parametrize("put", [pipe, link_to_zeros, link_to_itself])
-def test_a_chunk_that_becomes_something_else_while_it_is_open(data, put: Callable[[Path], None]):
+def test_chunk_replaced_by_a_pipe_or_device_while_open_gives_an_error(data, put: Callable[[Path], None]):
     shard = DataDirectory(data).collection(SURFACES).first
     shard.array("points")
     path = shard.path / "points" / "c" / "0" / "0" / "0"
@@ -111,8 +111,8 @@ def test_a_chunk_that_becomes_something_else_while_it_is_open(data, put: Callabl
 
 
 @irregular
-def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
-    said = {
+def test_pipes_and_devices_in_unrecorded_files_are_refused(tmp_path, put: Callable[[Path], None]):
+    facts = {
         "settings": {"points": 1, "scale": 1.0},
         "seed": 0,
         "paper_sizes": True,
@@ -120,7 +120,7 @@ def test_files_that_no_record_lists(tmp_path, put: Callable[[Path], None]):
         "configurations": {"none": {"touch": False}},
         "left_out": {},
     }
-    write_evaluation(tmp_path, {}, said)
+    write_evaluation(tmp_path, {}, facts)
     assert read_root(tmp_path)["seed"] == 0
     (tmp_path / "tables.zarr" / "zarr.json").unlink()
     put(tmp_path / "tables.zarr" / "zarr.json")

@@ -1,4 +1,4 @@
-"""Temporary folders: private, and removed after a kill by the next process."""
+"""Temporary folders are private; the next process removes those of killed ones."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ with temporary_folder() as folder:
 
 
 @pytest.fixture(autouse=True)
-def own_folder(tmp_path, monkeypatch):
+def temporary_root(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setenv("TMPDIR", str(tmp_path))
 
@@ -35,19 +35,19 @@ def test_folder_is_private_and_removed_at_the_end_even_after_an_error():
     assert not folder.exists()
 
 
-def test_folder_of_a_killed_process_is_removed_by_the_next_and_that_of_a_live_one_kept():
+def test_next_process_removes_the_folder_of_a_killed_process_and_keeps_that_of_a_live_one():
     with subprocess.Popen([sys.executable, "-c", HOLD], stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        left = process.stdout.readline().strip()
+        folder_of_process = process.stdout.readline().strip()
         with temporary_folder() as first, temporary_folder() as second:
-            assert os.path.exists(left)
+            assert os.path.exists(folder_of_process)
             assert first.exists()
             assert second.exists()
         process.send_signal(signal.SIGKILL)
         process.wait()
-        assert os.path.exists(left)
+        assert os.path.exists(folder_of_process)
     with temporary_folder():
-        assert not os.path.exists(left)
+        assert not os.path.exists(folder_of_process)
 
 
 def test_name_that_another_user_has_taken_is_not_used(tmp_path):

@@ -1,4 +1,4 @@
-"""`validate` rejects what is not whole, naming array and reason."""
+"""`validate` rejects damaged data and names array and reason."""
 
 import gc
 import hashlib
@@ -19,23 +19,23 @@ from tests.engine.tiny_stages import NOISE, published, request, run
 
 
 @pytest.fixture(scope="module", autouse=True)
-def known_noise():
+def noise_in_catalogue():
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(ARTIFACTS, "noise", NOISE)
         yield
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def original(tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("made")
     run(request(data))
     return data
 
 
 @pytest.fixture
-def shard(made, tmp_path) -> Path:
+def shard(original, tmp_path) -> Path:
     """Copy the dataset and return the group of the copy."""
-    return published(Path(shutil.copytree(made, tmp_path / "data"))).first.path
+    return published(Path(shutil.copytree(original, tmp_path / "data"))).first.path
 
 
 def problems(shard: Path) -> list[str]:
@@ -54,57 +54,57 @@ def resealed(record: bytes, **changes: object) -> bytes:
 
 
 def only_problem(shard: Path) -> str:
-    found = problems(shard)
-    assert len(found) == 1, found
-    return found[0]
+    lines = problems(shard)
+    assert len(lines) == 1, lines
+    return lines[0]
 
 
-def test_a_shard_as_it_was_written_is_valid(shard):
+def test_shard_is_valid_as_written(shard):
     assert problems(shard) == []
 
 
-def test_a_missing_array(shard):
+def test_missing_array_is_reported(shard):
     shutil.rmtree(shard / "values")
     assert only_problem(shard).startswith("values: the array is missing")
 
 
-def test_an_array_no_schema_knows(shard):
+def test_array_that_is_not_in_the_schema_is_reported(shard):
     shutil.copytree(shard / "values", shard / "walues")
     assert only_problem(shard).startswith("walues: the schema has no such array")
 
 
-def test_a_wrong_dtype(shard):
+def test_wrong_dtype_is_reported(shard):
     shutil.rmtree(shard / "values")
     zarr.open_group(str(shard)).create_array("values", shape=(5, 50, 3), dtype="float64", dimension_names=("object", "sample", "xyz"))
     assert only_problem(shard).startswith("values: dtype is float64, the schema says float32")
 
 
-def test_a_wrong_dimension_name(shard):
+def test_wrong_dimension_name_is_reported(shard):
     rewrite(shard, "values", dimension_names=["object", "point", "xyz"])
     assert "values: dimensions are ('object', 'point', 'xyz')" in only_problem(shard)
 
 
-def test_a_dimension_that_differs_between_arrays(shard):
+def test_dimension_of_another_size_than_in_the_schema_is_reported(shard):
     shutil.rmtree(shard / "reach")
     zarr.open_group(str(shard)).create_array("reach", shape=(50, 4), dtype="float64", dimension_names=("sample", "xyz"))
     assert only_problem(shard).startswith("reach: dimension xyz has size 4, the schema says 3")
 
 
-def test_a_value_that_was_changed(shard):
+def test_changed_value_is_reported(shard):
     zarr.open_group(str(shard), mode="r+")["values"][2, 0, 0] = np.nan
     assert "c is damaged; `vt-pipeline run make-noise --check`" in problems(shard)[0]
 
 
 @pytest.mark.parametrize(
-    ("array", "said"), [("category", "category: c has 'digit', its record says 'letter'"), ("object_id", "object_id: c has")]
+    ("array", "message"), [("category", "category: c has 'digit', its record says 'letter'"), ("object_id", "object_id: c has")]
 )
-def test_a_label_that_was_changed(shard, array, said):
+def test_changed_label_is_reported(shard, array, message):
     zarr.open_group(str(shard), mode="r+")[array][2] = "digit"
-    assert any(line.startswith(said) for line in problems(shard))
+    assert any(line.startswith(message) for line in problems(shard))
 
 
 @pytest.mark.parametrize("array", ["values", "ok", "reach", "object_id", "lists/c/numbers"])
-def test_a_flipped_byte_in_a_chunk(shard, array):
+def test_flipped_bit_in_a_chunk_is_reported(shard, array):
     for chunk in (path for path in (shard / array / "c").rglob("*") if path.is_file()):
         content = bytearray(chunk.read_bytes())
         content[len(content) // 2] ^= 1
@@ -113,13 +113,13 @@ def test_a_flipped_byte_in_a_chunk(shard, array):
 
 
 @pytest.mark.parametrize("damage", [Path.unlink, lambda chunk: chunk.write_bytes(b"")], ids=["missing", "empty"])
-def test_a_missing_or_empty_chunk(shard, damage):
+def test_missing_or_empty_chunk_is_reported(shard, damage):
     for chunk in (path for path in (shard / "values" / "c").rglob("*") if path.is_file()):
         damage(chunk)
     assert "of values 1 of 1 files are missing or empty" in problems(shard)[0]
 
 
-def test_metadata_that_cannot_be_read_is_said_without_tracebacks(shard, caplog):
+def test_unreadable_metadata_is_reported_without_tracebacks(shard, caplog):
     for array in ("values", "ok", "split", "category"):
         rewrite(shard, array, zarr_format="none")
     assert "metadata cannot be read" in only_problem(shard)
@@ -127,13 +127,13 @@ def test_metadata_that_cannot_be_read_is_said_without_tracebacks(shard, caplog):
     assert not caplog.records
 
 
-def test_an_attribute_that_was_changed(shard):
+def test_changed_attribute_is_reported(shard):
     zarr.open_group(str(shard), mode="r+").attrs["seed"] = 1
     assert "zarr.json differs from what was written" in only_problem(shard)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "the record is damaged"),
         (b"{}", "the record is damaged"),
@@ -146,14 +146,14 @@ def test_an_attribute_that_was_changed(shard):
     ],
     ids=["empty", "other", "nested", "flipped", "version", "location", "key", "model"],
 )
-def test_a_damaged_record_is_a_line_and_the_rest_is_still_checked(shard, content, said):
+def test_damaged_record_is_reported(shard, content, message):
     record = shard.parent / "0000-of-0001.json"
     record.write_bytes(content if isinstance(content, bytes) else content(record.read_bytes()))
-    assert any(said in line for line in problems(shard))
+    assert any(message in line for line in problems(shard))
 
 
 def replace_metadata(shard: Path, name: str, content: bytes) -> None:
-    """Write the `zarr.json` of an array or the group, and let the record say so: a stranger's store that is consistent in itself."""
+    """Write the `zarr.json` of an array or the group, and record its digest: a foreign store that is consistent."""
     (shard / name / "zarr.json").write_bytes(content)
     record = shard.parent / "0000-of-0001.json"
     digests = json.loads(record.read_bytes())["metadata"] | {name: hashlib.sha256(content).hexdigest()}
@@ -163,24 +163,24 @@ def replace_metadata(shard: Path, name: str, content: bytes) -> None:
 @pytest.mark.parametrize(
     "content", [b"{", b"[" * 100_000, b'{"zarr_format": 4, "node_type": "group"}', b'{"zarr_format": 3, "node_type": "array"}']
 )
-def test_a_group_that_its_record_knows_and_zarr_does_not(shard, content):
+def test_group_with_recorded_metadata_that_zarr_cannot_open_is_reported(shard, content):
     replace_metadata(shard, "", content)
     assert "the group cannot be opened" in problems(shard)[0]
 
 
-def test_a_group_in_an_arrays_place_is_refused(shard):
+def test_group_in_place_of_an_array_is_refused(shard):
     replace_metadata(shard, "values", b'{"zarr_format": 3, "node_type": "group"}')
     with pytest.raises(StoreError, match="values cannot be opened"):
         published(shard.parent.parent).first.array("values")
 
 
-def test_an_array_of_another_kind_than_its_schema_says_is_refused(shard):
+def test_array_of_another_dtype_than_in_the_schema_is_refused(shard):
     replace_metadata(shard, "values", (shard / "label" / "zarr.json").read_bytes())
     with pytest.raises(StoreError, match="values: dtype is string, the schema says float32"):
         published(shard.parent.parent).first.array("values")
 
 
-def test_a_record_of_more_rows_than_the_arrays_have_is_refused(shard):
+def test_record_with_more_rows_than_the_arrays_is_refused(shard):
     record = shard.parent / "0000-of-0001.json"
     first, *_ = rows = json.loads(record.read_bytes())["rows"]
     record.write_bytes(resealed(record.read_bytes(), rows=[*rows, {**first, "object_id": "z"}]))
@@ -189,7 +189,7 @@ def test_a_record_of_more_rows_than_the_arrays_have_is_refused(shard):
     assert "it has 5 rows, the record 6" in problems(shard)[0]
 
 
-def test_attributes_that_are_no_json_are_refused(shard):
+def test_attributes_that_are_not_json_are_refused(shard):
     content = json.loads((shard / "zarr.json").read_bytes())
     content["attributes"]["seed"] = float("nan")
     replace_metadata(shard, "", json.dumps(content).encode())
@@ -197,6 +197,6 @@ def test_attributes_that_are_no_json_are_refused(shard):
         published(shard.parent.parent).first.attributes  # noqa: B018
 
 
-def test_a_group_that_is_gone(shard):
+def test_missing_group_is_reported(shard):
     shutil.rmtree(shard)
     assert "cannot be read (No such file or directory)" in problems(shard)[0]
