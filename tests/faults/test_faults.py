@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.faults.sandbox import Sandbox
 from tests.faults.trial import follow
 from tests.fuzz.__main__ import fuzz
@@ -14,9 +16,10 @@ from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
-KINDS = ("kill −9 of a run",)
+KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that waits to be published")
 
 
+@pytest.mark.slow
 def test_dataset_survives_a_few_faults():
     command = [sys.executable, "-m", "tests.faults", "--share", "0", "--only", *KINDS]
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
