@@ -32,7 +32,7 @@ def felt(count: int, touched: bool = True) -> Observation:
 
 
 @pytest.mark.parametrize(("count", "touched"), [(0, True), (1, True), (20, True), (20, False)])
-def test_surface_has_the_charts_of_successful_touches_alone(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
+def test_surface_has_the_charts_of_successful_touches_only(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
     found = models["touch"].reconstruct([felt(count, touched), felt(0)])
     assert [len(made.vertices) for made in found] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
     assert all(np.isfinite(made.vertices).all() for made in found)
@@ -54,7 +54,7 @@ def test_charts_without_a_fit_count_as_failed_touches() -> None:
     }
 
 
-def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructor]) -> None:
+def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, Reconstructor]) -> None:
     nowhere = felt(2)
     nowhere.touch_vertices[1, 3, 0] = np.nan
     image = np.zeros((1, 1, 3), np.uint8)
@@ -80,7 +80,7 @@ def test_black_and_white_images_give_finite_surfaces(models: dict[str, Reconstru
     assert np.isfinite(made.vertices).all()
 
 
-def test_reconstruction_leaves_torchs_generator_alone(models: dict[str, Reconstructor]) -> None:
+def test_reconstruction_keeps_the_state_of_torchs_generator(models: dict[str, Reconstructor]) -> None:
     before = torch.random.get_rng_state()
     models["touch"].reconstruct([felt(1)])
     assert torch.equal(torch.random.get_rng_state(), before)

@@ -56,7 +56,7 @@ def vt(*arguments: object) -> str:
     return " ".join(done.output.split())
 
 
-def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_where_they_ship(made):
+def test_shipped_weights_have_the_figures_of_the_evaluated_weights(made):
     directory = DataDirectory(made)
     own, theirs = (read_figures(directory.verified_folder(name)) for name in ("evaluation", "scores/shipped"))
     assert list(read_root(directory.verified_folder("scores/shipped"))["configurations"]) == [f"shipped-{way}" for way in WAYS]
@@ -67,7 +67,7 @@ def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_wh
     assert theirs["shipped-touch"].per_case("chamfer").shape == (2, 1)  # of the first grasp alone
 
 
-def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypatch):
+def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_once(made, monkeypatch):
     ship(monkeypatch, made)
     before = DataDirectory(made).verified_folder("scores/shipped")
     printed = vt("report", made, "--shipped", "--no-pages")
@@ -89,7 +89,7 @@ def test_a_figure_shows_the_nearest_middling_and_farthest_objects(most, shown):
     assert "".join(nearest_middle_farthest("abcdefg", most)) == shown
 
 
-def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypatch):
+def test_rows_without_their_inputs_are_left_out_with_the_reason(made, tmp_path, monkeypatch):
     ship(monkeypatch, made)
     copy = shutil.copytree(made, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
     assert (copy / "scores" / "shipped.json").exists()
@@ -117,7 +117,7 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
     assert " of 7 networks " in found.sentences[2]
 
 
-def test_the_summary_takes_a_method_at_its_name_only_where_its_inputs_are_known_to_be_those():
+def test_summary_places_a_method_by_name_only_if_its_inputs_match():
     by_network, scored = {"image": "occluded", "touch": True}, {"image": None, "touch": True}  # of a scored method no image is known
     assert _ways({"occluded-touch": by_network, "mine-touch": scored, "mine-occluded-touch": scored, "mine": scored, "none": scored}) == {
         "occluded-touch": "occluded-touch",
@@ -125,7 +125,7 @@ def test_the_summary_takes_a_method_at_its_name_only_where_its_inputs_are_known_
     }
 
 
-def test_the_results_begin_with_the_summary_and_their_tables_are_folded(made, monkeypatch):
+def test_results_begin_with_the_summary_and_tables_are_folded(made, monkeypatch):
     monkeypatch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
     monkeypatch.setattr("pipeline.reports.html_report.overview_panels", lambda *_: [])
     monkeypatch.setattr("pipeline.reports.html_report.trained_models", lambda *_: {})  # the balls' network has no losses

@@ -67,14 +67,14 @@ def test_errors_of_other_objects_keep_to_the_bounds(made: Path, tmp_path: Path) 
         assert met.error <= one.bound(len(other.objects))
 
 
-def test_measured_again_nothing_is_run(made: Path) -> None:
+def test_repeated_measurement_runs_no_stage(made: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
     measure(setup(made))
     assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
     assert not (made / "tradeoff" / STAGE).exists()  # what candidates made is removed
 
 
-def test_stopped_and_continued_gives_the_same_errors(made: Path, tmp_path: Path) -> None:
+def test_interrupted_and_resumed_measurement_gives_the_same_errors(made: Path, tmp_path: Path) -> None:
     assert len(measure(setup(tmp_path), deadline=time.monotonic()).points) == 1
     whole = measure(setup(made))
     part = whole.model_copy(update={"points": whole.points[:2]})  # as a killed run leaves it
@@ -99,7 +99,7 @@ def test_other_settings_are_measured_again(made: Path) -> None:
     assert hands[0] != hands[1]
 
 
-def test_a_whole_dataset_is_measured_again_with_another_sensor_in_the_same_file(tmp_path: Path) -> None:
+def test_key_changes_with_the_content_of_the_sensor_file(tmp_path: Path) -> None:
     described = description_path("sensor", "gel_16mm").read_text()
     (file := tmp_path / "gel.yaml").write_text(described)
     own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
@@ -122,7 +122,7 @@ def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     assert not left_out
 
 
-def test_candidates_that_do_not_fit_the_user_s_settings_are_left_out(tmp_path):
+def test_candidates_that_conflict_with_the_settings_are_left_out(tmp_path):
     labels = candidates("simulate-grasps", setup(tmp_path, assignments=("simulate-grasps.grasps=50",)))
     assert "ik_samples=256" in labels
     assert "attempts=10" not in labels  # they yield 40 grasps at most
@@ -135,12 +135,12 @@ def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
     assert "train-unet" not in stages_before("train-gcn", setup(tmp_path, assignments=("fit-charts.cloud=true",)))
 
 
-def test_a_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
+def test_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown trade evaluate; choose from sample-surfaces"):
         measure_trade("evaluate", setup(tmp_path), limit=1, deadline=LATER, console=console)
 
 
-def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypatch) -> None:
+def test_sample_without_an_error_is_reported(tmp_path: Path, monkeypatch) -> None:
     declared = replace(load_trade(STAGE), errors=lambda data, reference: {})
     monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
     with pytest.raises(StoreError, match="sample-surfaces, draft, standard, paper: no object of the sample has this error"):
@@ -148,13 +148,13 @@ def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypa
     assert not trade_path(tmp_path, STAGE).exists()
 
 
-def test_more_time_lists_more_points_although_fewer_were_asked_for_before(made: Path, tmp_path: Path) -> None:
+def test_points_limited_by_an_earlier_request_are_listed_again(made: Path, tmp_path: Path) -> None:
     whole = measure(setup(made))
     whole.model_copy(update={"total": 1}).write(tmp_path)
     assert measure(setup(tmp_path)).total == whole.total == len(whole.points)
 
 
-def test_an_error_is_a_share_of_as_many_things_as_the_data_has(tmp_path: Path, monkeypatch) -> None:
+def test_number_of_trials_is_counted_in_the_dataset_and_stored(tmp_path: Path, monkeypatch) -> None:
     declared = replace(load_trade(STAGE), trials=lambda data: len(ObjectRows(data, ("points",), split=None)))
     monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
     assert measure(setup(tmp_path), deadline=time.monotonic()).trials == 3
@@ -170,7 +170,7 @@ def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
     assert trade_path(made, STAGE) == made / "tradeoff" / "sample-surfaces.json"
 
 
-def test_a_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
+def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
     fine = load_sensor("gelsight", shape=(30, 40))
     calibrated = fine.calibrated
     assert calibrated is not None

@@ -20,7 +20,7 @@ def welded(sphere: VisionCharts) -> tuple[np.ndarray, np.ndarray]:
     return positions, sphere.position[sphere.faces]
 
 
-def test_default_sphere_is_the_supplements() -> None:
+def test_default_sphere_is_that_of_the_supplement() -> None:
     sphere = vision_charts()
     assert len(sphere.centres) == 96
     assert sphere.vertices.shape == (1824, 3)

@@ -75,7 +75,7 @@ class LargestDraw:
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-3, 1.0, 3.0, 1e3, 1e9])
-def test_faces_without_area_are_never_drawn(size) -> None:
+def test_faces_without_area_are_never_sampled(size) -> None:
     real = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]) * size
     flat = np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]]) * size
     triangles = np.concatenate([flat, real, flat, real / 3, flat])

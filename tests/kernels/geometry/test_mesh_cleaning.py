@@ -115,6 +115,6 @@ def test_clean_mesh_rejects_vertices_that_are_not_finite(bad) -> None:
         sample_exterior(mesh, 10, np.random.default_rng(0))
 
 
-def test_minus_zero_and_zero_are_one_position() -> None:
+def test_minus_zero_and_zero_are_the_same_position() -> None:
     places = number_positions(np.array([[0.0, 1, 2], [-0.0, 1, 2], [0.0, 1, 3]]))
     assert places[0] == places[1] != places[2]

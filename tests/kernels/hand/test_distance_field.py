@@ -40,7 +40,7 @@ def test_exact_distance_to_a_box_wound_either_way(rng: np.random.Generator, insi
     np.testing.assert_allclose(field_of(mesh).exact(points), box_distance(points, np.array([0.1, 0.16, 0.3]), (0, 0, 0.6)), atol=1e-12)
 
 
-def test_lookup_is_first_order_in_its_band_and_a_bound_beyond(rng: np.random.Generator) -> None:
+def test_lookup_is_first_order_in_its_band_and_a_lower_bound_beyond(rng: np.random.Generator) -> None:
     mesh = centred(trimesh.creation.icosphere(subdivisions=4, radius=0.1))
     field, points = field_of(mesh), around(mesh, rng)
     exact = field.exact(points)
@@ -52,7 +52,7 @@ def test_lookup_is_first_order_in_its_band_and_a_bound_beyond(rng: np.random.Gen
     assert (seen[far] > 0.01).all()
 
 
-def test_box_inside_a_box_makes_no_hollow(rng: np.random.Generator) -> None:
+def test_box_inside_a_box_leaves_it_solid(rng: np.random.Generator) -> None:
     mesh = centred(trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.1, 0.1, 0.1)))
     points = around(mesh, rng)
     outside = np.abs(points - [0, 0, 0.6]).max(axis=1) > 0.1
@@ -170,7 +170,7 @@ def spiky(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["cone", "triangle", "plate", "thin plate", "soup"])
 @given(seed=seeds)
-def test_lookup_errs_by_two_cells_at_most(kind, seed) -> None:
+def test_lookup_error_is_at_most_two_cells(kind, seed) -> None:
     """Edges, tips, sheets and parts thinner than a cell, all within the grid's band; and on the right side from 3 cells on."""
     rng = np.random.default_rng(seed)
     vertices, faces = spiky(kind, rng)

@@ -35,7 +35,7 @@ def test_fingers_clear_of_palm_ignores_other_fingers(hand: Hand) -> None:
     assert fingers_clear_of_palm(hand, collision_boxes(hand), frames, 0.001).all()
 
 
-def test_choose_postures_drops_the_lesser_of_two_that_collide(hand: Hand) -> None:
+def test_choose_postures_drops_the_lower_rated_of_two_that_collide(hand: Hand) -> None:
     """The best index and the best middle finger cross, so the lesser of the two gives way."""
     boxes = collision_boxes(hand)
     options = np.zeros((2, 16))

@@ -15,7 +15,7 @@ def slow_interval(values, rng, resamples, level):
     return means[cut], means[-cut - 1]
 
 
-def test_the_interval_is_that_of_objects_drawn_one_by_one():
+def test_interval_equals_that_of_objects_drawn_one_by_one():
     values = np.random.default_rng(0).gamma(2.0, size=25)
     found = mean_interval(values, np.random.default_rng(1))
     low, high = slow_interval(values, np.random.default_rng(2), 4000, 0.95)
@@ -24,7 +24,7 @@ def test_the_interval_is_that_of_objects_drawn_one_by_one():
     assert found.high == pytest.approx(high, abs=0.05 * (high - low))
 
 
-def test_the_interval_of_a_normal_mean_is_nearly_the_textbook_one():
+def test_interval_of_a_normal_mean_is_close_to_the_closed_form():
     values = np.random.default_rng(3).normal(5, 2, size=400)
     found = mean_interval(values, np.random.default_rng(4))
     half = 1.96 * values.std() / 20
@@ -42,7 +42,7 @@ def test_difference_interval_cancels_the_difficulty_of_objects():
     assert apart.high - apart.low > 20 * (paired.high - paired.low)
 
 
-def test_the_same_seed_gives_the_same_interval_and_another_another():
+def test_interval_follows_from_the_seed():
     values = np.random.default_rng(0).normal(size=30)
     assert mean_interval(values, np.random.default_rng(7)) == mean_interval(values, np.random.default_rng(7))
     assert mean_interval(values, np.random.default_rng(7)) != mean_interval(values, np.random.default_rng(8))
@@ -74,7 +74,7 @@ def test_mean_interval_rejects_empty_or_infinite_values(bad):
         mean_interval(bad, np.random.default_rng(0))
 
 
-def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
+def test_interval_over_objects_and_trainings_has_the_variance_of_both():
     rng = np.random.default_rng(6)
     objects, trainings = rng.normal(0, 1, size=100), np.array([-0.6, 0.1, 0.5])
     values = 5 + objects + trainings[:, None]
@@ -89,7 +89,7 @@ def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
     assert paired.mean == pytest.approx(trainings.mean() - trainings[:2].mean() - 0.3)
 
 
-def test_what_makes_one_training_better_cancels_between_figures_of_the_same_trainings():
+def test_differences_between_trainings_cancel_in_figures_of_the_same_trainings():
     values = np.random.default_rng(9).normal(size=100) + np.array([-0.6, 0.1, 0.5])[:, None]
     apart = difference_interval(values, values + 0.1, np.random.default_rng(10))
     paired = difference_interval(values, values + 0.1, np.random.default_rng(10), same_trainings=True)
@@ -97,7 +97,7 @@ def test_what_makes_one_training_better_cancels_between_figures_of_the_same_trai
     assert astuple(paired) == pytest.approx((-0.1, -0.1, -0.1, 100))
 
 
-def test_the_interval_over_trainings_is_that_of_values_drawn_one_by_one():
+def test_interval_over_trainings_equals_that_of_values_drawn_one_by_one():
     values = np.random.default_rng(0).gamma(2.0, size=(3, 12))
     found = mean_interval(values, np.random.default_rng(1))
     rng = np.random.default_rng(2)

@@ -38,7 +38,7 @@ def barycentric(points: Tensor, face: int) -> Tensor:
     return torch.where(on[:, None], solved, torch.nan)
 
 
-def test_sampled_points_equal_the_twins() -> None:
+def test_sampled_points_equal_those_of_the_slow_twin() -> None:
     uniform = torch.rand(1, 500, 3, generator=generator(), dtype=torch.float64)
     torch.testing.assert_close(map_to_surfaces(VERTICES[None], FACES, uniform)[0], twin(VERTICES, FACES, uniform[0]), rtol=0, atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_gradient_reaches_the_vertices() -> None:
         torch.testing.assert_close(gradient[i], slow, rtol=0, atol=1e-13)
 
 
-def test_a_row_does_not_depend_on_the_others_and_a_seed_settles_it() -> None:
+def test_samples_of_a_surface_depend_on_it_and_the_seed_only() -> None:
     uniform = torch.rand(3, 100, 3, generator=generator(4), dtype=torch.float64)
     several = torch.stack([VERTICES, VERTICES * 2, VERTICES + 1])
     together = map_to_surfaces(several, FACES, uniform)

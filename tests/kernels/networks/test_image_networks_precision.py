@@ -72,7 +72,7 @@ def test_unet_has_the_documented_errors_in_each_precision(kind: str) -> None:
 
 
 @pytest.mark.parametrize("bias", [-1e4, 1e4, -88.0, 20.0])
-def test_a_saturated_depth_is_the_end_of_its_range(bias: float) -> None:
+def test_saturated_depth_equals_the_end_of_its_range(bias: float) -> None:
     unet = made(UNet, 1).eval()
     nn.init.constant_(unet.head.bias, bias)
     depth = unet(network_images("noise", 16))

@@ -96,7 +96,7 @@ def test_network_learns_the_distance_to_a_touched_ball():
     assert loss.item() < 0.3 * float(truth.clamp(-0.1, 0.1).abs().mean())
 
 
-def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
+def test_decode_with_touches_uses_touches_nearby_and_the_network_far_away():
     network, seen = small(), given([1])
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
     seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
@@ -117,7 +117,7 @@ def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, -0.003), (0.004, 0.0, 0.0), (0.0, -0.001, FINGER_DEPTH + 0.002), (0.005, 0.002, -0.001)])
-def test_touches_are_followed_as_far_as_the_network_errs_there(shift: tuple[float, float, float]):
+def test_reach_of_touches_grows_with_the_error_of_the_network_there(shift: tuple[float, float, float]):
     network, seen = small(), given([1])
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)
     code = network.encode(**seen | {"touch_vertices": flat[None], "touched": torch.tensor([True])})

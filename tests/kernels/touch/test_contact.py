@@ -97,7 +97,7 @@ def test_surface_in_front_of_the_whole_gel() -> None:
 
 
 @given(seed=seeds, offset=offsets)
-def test_local_points_are_right_to_half_a_float32_unit(seed, offset) -> None:
+def test_local_points_are_accurate_to_half_a_float32_unit(seed, offset) -> None:
     """Against rigid motion in fractions."""
     rng = np.random.default_rng(seed)
     pose = np.eye(4)

@@ -17,7 +17,7 @@ from tests.kernels.touch.shapes import (
 from tests.references.brute_force_depth import brute_force
 
 
-def test_culling_drops_what_no_ray_meets_and_keeps_the_rest() -> None:
+def test_culling_drops_faces_that_no_ray_hits_and_keeps_the_rest() -> None:
     triangles = ball(6, 0.25)
     faces = box_faces(triangles)
     pose = pose_at(np.array([0.25, 0, 0]), np.array([-1.0, 0, 0]), 0.005)

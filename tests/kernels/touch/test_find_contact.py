@@ -34,7 +34,7 @@ def whole() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seen", [1.7, 1.3, 1.0])
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
-def test_contact_that_the_rim_cuts_is_found(whole: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
+def test_contact_cut_by_the_rim_is_found(whole: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
     """`seen` radii of its two are in the image."""
     reach = 22.0 * (seen - 1)
     cut = {
