@@ -1,4 +1,4 @@
-"""What a benchmark of searches counts."""
+"""Measures of the benchmark of grasp searches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Benchmarks import the project and each other without a circle, never the tests; documents name those that exist."""
+"""Benchmarks import the project and each other without a cycle, never the tests; documents name existing ones."""
 
 from __future__ import annotations
 

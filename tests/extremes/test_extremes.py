@@ -1,4 +1,4 @@
-"""No kernel is wrong without a word; shapes within the ranges are taken. `make test-extremes` feeds the large ones too."""
+"""Kernels are accurate or raise an error; shapes within the ranges are accepted. `make test-extremes` feeds the large ones too."""
 
 from __future__ import annotations
 

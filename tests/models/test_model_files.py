@@ -1,4 +1,4 @@
-"""Saved networks come back as they were; what is none is refused in words, before memory is taken."""
+"""Saved networks load unchanged; invalid files give a clear error before memory is allocated."""
 
 from __future__ import annotations
 

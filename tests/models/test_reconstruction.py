@@ -40,7 +40,7 @@ def test_surface_has_the_charts_of_successful_touches_only(models: dict[str, Rec
 
 
 def test_charts_without_a_fit_count_as_failed_touches() -> None:
-    """Whatever ended a fit is a surface; the square of a sensor that met nothing is none."""
+    """Every ended fit is a surface; the square of a sensor without touch is not."""
     rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
     arrays = {"vertices": np.zeros((*rules.shape, SIZE, 3), np.float32), "stop_rule": rules}
     rows = Mock(read=lambda name, object_id: arrays[name])

@@ -1,4 +1,4 @@
-"""Weights that ship: copied with a card from a data directory, found by `predict` without --models, refused where there are none."""
+"""Shipped weights: copied with a card from a data directory, found by `predict` without --models, an error if there are none."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def _sensor_card(path: Path) -> SensorCard:
 
 
 def test_shipped_weights_are_small_and_each_has_a_card():
-    """Of those in the repository, if there are any."""
+    """Check the weights in the repository, if there are any."""
     for name in shipped_weights.trained_models(shipped_weights.SHIPPED):
         assert read_card(name).network
     for card in (shipped_weights.SHIPPED / SENSORS).glob("*.yaml"):
@@ -127,7 +127,7 @@ def test_shipped_weights_are_small_and_each_has_a_card():
 
 @pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))
 def test_depth_error_on_simulated_balls_is_that_of_the_sensors_card(name):
-    """Of balls that it was not trained on; the file of the sensor has not changed since, or the reader would refuse it."""
+    """Balls are not those of the training; the reader would refuse a changed sensor file."""
     sensor = load_sensor(name)
     balls = ship_sensor_weights.simulated_balls(sensor, ship_sensor_weights.BALLS)
     reader = TouchReader(name, untouched := untouched_image(sensor))

@@ -1,4 +1,4 @@
-"""Objects as convex parts, and what is said where their library or MuJoCo is missing."""
+"""Objects as convex parts, and the error if their library or MuJoCo is missing."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ def test_client_prints_nothing(hand: Hand, capfd: pytest.CaptureFixture[str]) ->
 
 
 def test_loaded_objects_release_their_memory(hand: Hand) -> None:
-    """PyBullet keeps the lists that it is given: 0.2 MB per object of 1280 faces, were they new each time."""
+    """PyBullet keeps its input lists: new lists would cost 0.2 MB per object of 1280 faces."""
     mesh = centred(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     with Simulation(hand) as physics:
         sizes = []

@@ -1,4 +1,4 @@
-"""`vt-pipeline check` of hands, scenes, manifests and observations: what is wrong is named, and a picture drawn."""
+"""`vt-pipeline check` of hands, scenes, manifests and observations: faults are named, and a picture is drawn."""
 
 from __future__ import annotations
 

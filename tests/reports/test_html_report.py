@@ -1,4 +1,4 @@
-"""The pages of a report: nothing outside their folder is touched, and what is wrong with them is found and written again."""
+"""Pages of a report: files outside their folder are kept, and damaged pages are found and written again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lifts to be watched: what holds stays and what does not falls, the same every time, and the animation shows it where it is."""
+"""Animated lifts: held objects stay, others fall; lifts are reproducible, and the animation agrees with them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`vt-pipeline check` of a manifest reads every object: its size, unit, faces and textures, and what is wrong with it."""
+"""`vt-pipeline check` of a manifest reads every object: size, unit, faces, textures and faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The network that ships on any dataset: measured beside what was trained there, shown in its pages, and left out where it does not fit."""
+"""The shipped network on any dataset: measured beside networks trained there, shown in pages, left out without its inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The summary's tables: of any hand, by its own names."""
+"""Tables of the summary for any hand, with its names of fingers."""
 
 import io
 import itertools

@@ -1,4 +1,4 @@
-"""The trades of a data directory in its report, and what was left out of its scenes."""
+"""Trades of a data directory in its report, and omissions of its scenes."""
 
 from __future__ import annotations
 

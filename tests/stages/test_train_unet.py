@@ -122,7 +122,7 @@ def test_validation_does_not_depend_on_the_batch_size(touches: Touches) -> None:
 
 
 def test_diverged_network_is_refused(touches: Touches) -> None:
-    """The loop then stops and names the touches."""
+    """The training loop then stops and names the touches."""
     trained = learner(touches, loss="chamfer")
     with torch.no_grad():
         next(trained.network.parameters()).fill_(torch.nan)

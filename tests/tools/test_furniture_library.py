@@ -1,4 +1,4 @@
-"""Furniture libraries: what is unpacked, what the catalogue says of it, and what is left out."""
+"""Furniture libraries: unpacked files, entries of the catalogue, and omissions."""
 
 from __future__ import annotations
 

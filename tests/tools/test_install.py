@@ -1,4 +1,4 @@
-"""`tools/install.sh` installs what is missing, once, and says what it cannot install."""
+"""`tools/install.sh` installs missing packages once and reports those that it cannot install."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PIP = "-m pip install --quiet --disable-pip-version-check"
 
 
 class Machine:
-    """A repository, and a system whose programs write down what they are called with."""
+    """A repository and a system whose programs log their calls."""
 
     def __init__(self, root: Path) -> None:
         self.root = root

@@ -1,4 +1,4 @@
-"""The procedural objects: closed outward-wound parts, one seed one object, and no two alike."""
+"""Procedural objects: closed outward-wound parts, determined by the seed, all different."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def parts(mesh: Mesh) -> np.ndarray:
 
 
 def check(mesh: Mesh) -> None:
-    """Everything that holds of each object, whatever its kind."""
+    """Check all properties that every object must have."""
     vertices, faces, look = mesh.vertices, mesh.faces, mesh.look
     assert vertices.dtype == np.float64
     assert faces.dtype == np.int32

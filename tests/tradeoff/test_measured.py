@@ -1,4 +1,4 @@
-"""Means, bounds and fronts of measured points; what is kept of them."""
+"""Means, bounds and fronts of measured points, and their files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sample stands for all objects, and costs what it may."""
+"""Samples represent all objects within a time limit."""
 
 from __future__ import annotations
 

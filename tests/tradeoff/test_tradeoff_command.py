@@ -22,7 +22,7 @@ def vt(*arguments: object) -> tuple[int, str]:
 
 @pytest.fixture
 def measured(tmp_path: Path) -> Path:
-    """Make a data directory whose dataset stages were measured, as far as anybody can tell."""
+    """Make a data directory with trades of every dataset stage, written without measuring."""
     own = Setup(tmp_path, "toy", (), load_manifest("toy").seed, "draft")
     for stage in DATASET:
         name = {"render-vision": "resolution", "simulate-touch": "gel_bits"}.get(

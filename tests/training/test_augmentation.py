@@ -1,4 +1,4 @@
-"""What varies training items by chance: as much as asked, and nothing where nothing is asked."""
+"""Random variation of training items: as much as set, and none by default."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The training loop: resumable to the bit, seeded, and loud about what no later step mends."""
+"""The training loop: resumable to the bit, seeded, and stopped by losses that no later step repairs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a training refuses, and says so with the items that caused it."""
+"""Errors of a training, with the items that caused them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Perfect(Regression):
 
 
 class Steep(Regression):
-    """A finite loss whose gradient is none: the root of 0."""
+    """A finite loss without a finite gradient: the root of 0."""
 
     def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         return 1 + (0 * super().loss(network, batch)).sqrt()
@@ -53,14 +53,14 @@ class Refused(Regression):
 
 
 class Unmeasured(Regression):
-    """Validates to no number."""
+    """Learner whose validation loss is NaN."""
 
     def validate(self, network: torch.nn.Module) -> dict[str, float]:
         return {"loss": math.nan}
 
 
 class Few(Regression):
-    """So many items."""
+    """Learner with a set number of items."""
 
     def __init__(self, count: int, plain: bool = False) -> None:
         super().__init__(plain=plain)

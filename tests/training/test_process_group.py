@@ -1,4 +1,4 @@
-"""What started a process with others, as its environment says."""
+"""Process groups, read from the environment."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TORCHRUN = {"RANK": "1", "WORLD_SIZE": "3", "LOCAL_WORLD_SIZE": "3", "LOCAL_RANK
 
 @pytest.fixture(autouse=True)
 def clean(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Forget what was found, before and after, and what was added to the environment."""
+    """Clear the cached process group and restore the environment."""
     for name in (*TORCHRUN, "TORCHELASTIC_RUN_ID", "MASTER_ADDR", "MASTER_PORT", *(f"SLURM_{name}" for name in STEP)):
         monkeypatch.setenv(name, "")  # so that it is removed afterwards
         monkeypatch.delenv(name)
@@ -43,7 +43,7 @@ def test_slurm_step_with_several_tasks_is_a_process_group(monkeypatch: pytest.Mo
 
 
 def test_sbatch_script_has_no_process_group(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has the tasks of its job in its environment, and is one process."""
+    """The environment holds the tasks of the job, but the script is one process."""
     for name, value in {"JOB_ID": "5", "NTASKS": "4", "PROCID": "0", "LOCALID": "0"}.items():
         monkeypatch.setenv(f"SLURM_{name}", value)
     assert process_group() is None

@@ -1,4 +1,4 @@
-"""Trainings of several processes: the losses of one, an end in words when one is killed, and nothing left behind."""
+"""Trainings of several processes: the losses of one, a clear error when one is killed, and no process left running."""
 
 from __future__ import annotations
 

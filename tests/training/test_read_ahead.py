@@ -1,4 +1,4 @@
-"""The next batch is read while one is learned from."""
+"""The next batch is read while the network learns from the current one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chart fitting: against a plain loop, on clouds of every kind, together and alone."""
+"""Chart fitting: against a slow twin, on clouds of every kind, in groups and alone."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Cloud = NDArray[np.float64]
 
 
 def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
-    """Compute the points in the gel of a depth (m) given over the pixel centres."""
+    """Compute the points in the gel from a function of the pixel centres that gives depth, m."""
     centres = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * WIDTH
     x, y = np.meshgrid(centres, centres)
     z = depth(x, y)
@@ -58,7 +58,7 @@ def alone(cloud: Cloud, rule: FitOptions, seed: int = 0) -> ChartFits:
 
 
 def distances(points: Cloud, vertices: Cloud, faces: NDArray[np.int64]) -> Cloud:
-    """From each point to the nearest place of any triangle, by projection on planes, edges and corners: all of them."""
+    """Compute distances from points to triangles: projections on all planes, edges and corners."""
     best = np.full(len(points), np.inf)
     for a, b, c in vertices[faces]:
         for start, end in ((a, b), (b, c), (c, a)):

@@ -49,7 +49,7 @@ def test_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale: fl
 
 @given(kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_fit_of_any_cloud_is_finite(kind: str, seed: int, scale: float, offset: np.ndarray) -> None:
-    """From a millimetre to 1 km, and up to 100 m away."""
+    """Clouds from a millimetre to 1 km in size, up to 100 m away."""
     points = cloud(kind, seed, scale, offset)
     fits = fit(points)
     assert fits.stop_rule[0] in (StopRule.cap, StopRule.threshold)

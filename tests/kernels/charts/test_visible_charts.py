@@ -1,4 +1,4 @@
-"""Charts of a visible surface: on planes and balls in closed form, through noise, and none where there is no smooth surface."""
+"""Charts of a visible surface: on planes and balls in closed form, with noise, and none without a smooth surface."""
 
 from __future__ import annotations
 

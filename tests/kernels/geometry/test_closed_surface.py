@@ -25,7 +25,7 @@ NO_CHARTS = np.zeros((0, 81, 3))
 
 
 def chart(direction, outward: float = 0.0) -> np.ndarray:
-    """Make a patch of the ellipsoid, 17 mm wide, moved outwards, as a sensor would feel it that comes from that direction."""
+    """Make a patch of the ellipsoid, 17 mm wide, moved outwards, as touched by a sensor from that direction."""
     away = np.array(direction, float) / np.linalg.norm(direction)
     across = np.cross(away, [0.3, 0.5, 0.8])
     across /= np.linalg.norm(across)
@@ -102,7 +102,7 @@ def test_closed_surface_passes_through_touches_anywhere(charts, volume):
 
 
 def test_both_charts_of_a_displaced_thin_body_are_followed():
-    """A plate 6 mm thick, felt on both sides 8 mm beside where it was thought to be: each chart takes the side that faces its way."""
+    """A plate 6 mm thick, touched on both sides 8 mm from its predicted position: each chart attaches to the side that faces it."""
     plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
     grid = 0.0174 * SQUARE
     above, below = grid * [1, -1, 1] + [0, 0, 0.011], grid + [0, 0, 0.005]  # felt from above, z into the plate is down

@@ -49,7 +49,7 @@ def test_surface_is_followed_however_steep_the_field_is():
 
 
 def test_field_is_computed_at_small_parts_where_it_is_steep():
-    """A small ball far below the slope that is asked for, beside a large one."""
+    """A small ball beside a large one, far below the set slope."""
     small = np.array([1.0, 0, 0.163])
 
     def field(points):
@@ -141,7 +141,7 @@ def test_level_set_rejects_invalid_fields_and_boxes(field, high, spacing, words)
 
 
 def test_neighbourhoods_larger_than_the_grid_are_computed_in_its_memory():
-    """Without a limit on the memory, 2e9 offsets of a place would be listed."""
+    """Without the memory limit, 2e9 offsets of one position would be listed."""
     far = np.array([[5.0, 0, 0], [1.0, 0, 0.05]])
     asked = []
 

@@ -68,7 +68,7 @@ def test_samples_lie_on_their_triangle(seed, scale, offset, aspect) -> None:
 
 
 class LargestDraw:
-    """The greatest number that a generator draws, again and again."""
+    """Generator that always draws its largest number."""
 
     def random(self, size: int | tuple[int, ...]) -> np.ndarray:
         return np.full(size, 1 - 2.0**-53)

@@ -82,7 +82,7 @@ def test_clean_mesh_rejects_mesh_without_usable_surface(vertices, faces, reason)
 
 @given(seed=seeds, scale=scales, offset=offsets, flat=st.integers(0, 3), twice=st.integers(0, 5))
 def test_cleaning_report_depends_on_shape_alone(seed, scale, offset, flat, twice) -> None:
-    """Scale, offset, attitude, winding and the order of faces change nothing."""
+    """The report does not depend on scale, offset, rotation, winding and order of faces."""
     rng = np.random.default_rng(seed)
     vertices = BOX.vertices @ random_rotation(rng).T * scale + offset
     faces = [BOX.faces, *([[k, k, 7 - k]] for k in range(flat)), *(rng.permutation(BOX.faces[k])[None] for k in range(twice))]

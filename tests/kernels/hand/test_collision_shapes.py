@@ -52,7 +52,7 @@ def test_pruned_spheres_reach_as_far_within_the_tolerance(hand: Hand) -> None:
 
 
 def test_spheres_detect_a_needle_inside_a_link(hand: Hand) -> None:
-    """Its surface has no point of the hand in it, but it is 8 mm inside the hand."""
+    """No surface point of the hand lies in the needle, which reaches 8 mm into the hand."""
     needle = trimesh.creation.box((0.0002, 0.0002, 0.1)).apply_translation([0, 0, 0.05])
     field = build_distance_field(needle.vertices, needle.faces, cell=0.0025, band=0.012)
     spheres = collision_spheres(hand, spacing=0.003).of_links([hand.fingers[1].links[1]])

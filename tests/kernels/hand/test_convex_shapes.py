@@ -1,4 +1,4 @@
-"""Convex shapes of heavy meshes: a budget of faces, an error within a bound, measured here on its own, and the same shapes each time."""
+"""Convex shapes of large meshes: face budget, error bound measured independently, determinism."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def link(*meshes: Any) -> Link:
 
 
 def bumpy_link(rng: np.random.Generator, subdivisions: int = 6) -> Any:
-    """Make a finger's length of 81,920 faces, each vertex of which sticks out a little more or less than its neighbours."""
+    """Make a bumpy link of a finger's size, 81,920 faces by default."""
     body = trimesh.creation.icosphere(subdivisions=subdivisions)
     body.vertices = body.vertices * [0.012, 0.015, 0.05] * (1 + 2e-4 * rng.standard_normal((len(body.vertices), 1)))
     return body

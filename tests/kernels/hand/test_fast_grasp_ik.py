@@ -1,4 +1,4 @@
-"""The inverse kinematics, which measures as little as it can, against one that measures every posture in full: equal to the last bit."""
+"""Lazy inverse kinematics against a twin that evaluates every posture completely: equal to the bit."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def field(request: pytest.FixtureRequest) -> DistanceField:
 
 
 def poses_around(ik: GraspIk, mesh: Mesh, count: int) -> list[np.ndarray]:
-    """Palms over points of a mesh, one after the other further away."""
+    """Make palm poses over points of a mesh, at increasing distance."""
     places = zip(*points_on(mesh, count, seed=0), np.linspace(0.02, 0.08, count), strict=True)
     return [tangent_palm_pose(ik.hand, point, normal, distance=distance, angle=9 * distance) for point, normal, distance in places]
 

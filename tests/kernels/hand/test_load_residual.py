@@ -1,4 +1,4 @@
-"""What contacts leave of an object's weight: closed forms, and a solver that scipy wrote."""
+"""Residual load that contacts cannot carry: closed forms, and scipy's solver."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
 
 
 def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
-    """Solve the same by scipy, on wrenches of its own whose edges are turned otherwise."""
+    """Solve the same with scipy, on its own wrenches with differently turned friction edges."""
     columns = []
     for point, normal in zip(points, normals, strict=True):
         across, along = np.linalg.svd(normal[None])[2][1:]
@@ -74,7 +74,7 @@ def test_residuals_equal_bounded_least_squares(rng: np.random.Generator) -> None
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
 def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, friction: float) -> None:
-    """Every residual computed to its end, and compared: leaving those that cannot win changes no choice."""
+    """Stopping early on grasps that cannot win does not change the choice."""
     wins = 0
     for count in (1, 40, 40, 40):
         outward = random_grasps(rng, count, 4)

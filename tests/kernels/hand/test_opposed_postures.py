@@ -1,4 +1,4 @@
-"""Postures in which two gels face each other, by means that did not find them."""
+"""Postures in which two gels face each other, checked independently of the search."""
 
 from __future__ import annotations
 

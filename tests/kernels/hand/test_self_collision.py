@@ -36,7 +36,7 @@ def test_fingers_clear_of_palm_ignores_other_fingers(hand: Hand) -> None:
 
 
 def test_choose_postures_drops_the_lower_rated_of_two_that_collide(hand: Hand) -> None:
-    """The best index and the best middle finger cross, so the lesser of the two gives way."""
+    """The best index and the best middle finger cross, so the lower-rated of the two is dropped."""
     boxes = collision_boxes(hand)
     options = np.zeros((2, 16))
     options[:, 12] = 0.9

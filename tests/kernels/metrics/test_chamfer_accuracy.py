@@ -73,7 +73,7 @@ def test_gradients_in_float32_are_those_of_float64(first: str, second: str, seed
 
 @pytest.mark.parametrize(("apart", "error"), [(1e-3, 0.03), (3e-4, 0.3), (1e-4, 3.0)])
 def test_squared_differences_stay_accurate_where_the_expanded_square_fails(apart: float, error: float) -> None:
-    """|a|² + |b|² - 2ab in float32, as peers have it, errs by 3 % of a millimetre and more; ours by less than a millionth."""
+    """The float32 form |a|² + |b|² - 2ab of other libraries errs by 3 % of a millimetre or more; differences by less than a millionth."""
     rng = np.random.default_rng(0)
     a = torch.from_numpy(rng.uniform(-0.25, 0.25, (60, 3)) + [0, 0, 0.6]).float()
     b = (a.double() + apart * torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(60, 3))))).float()
@@ -89,7 +89,7 @@ def test_squared_differences_stay_accurate_where_the_expanded_square_fails(apart
 
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_all_pairs_search_finds_an_equally_near_point(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
-    """Of float32 differences the least may be another point's, but one whose distance is within a millionth of the least."""
+    """In float32 the search may choose another point, whose distance is within a millionth of the least."""
     a, b = pair(first, second, seed, scale, offset, torch.float32)
     target = SearchCloud(b)
     target._tree = None

@@ -16,7 +16,7 @@ def generator(seed: int = 0) -> torch.Generator:
 
 
 def twin(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
-    """One point after the other, by the words of the docstring."""
+    """Sample one point after the other, as the docstring states."""
     corners = [[vertices[i] for i in face] for face in faces.tolist()]
     areas = [float(torch.linalg.cross(b - a, c - a).norm().detach()) / 2 for a, b, c in corners]
     points = []

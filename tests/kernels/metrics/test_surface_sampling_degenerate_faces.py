@@ -80,7 +80,7 @@ def test_points_scale_exactly_with_doubled_lengths(seed: int, scale: float) -> N
 
 @given(seed=seeds, scale=scales)
 def test_ends_of_the_cumulative_area_choose_faces_with_area(seed: int, scale: float) -> None:
-    """Also 1, the end of the last: segments and points before and behind are never chosen."""
+    """Includes 1, the end of the last face: segments and points before and after are never chosen."""
     vertices, faces = soup(seed)
     order = faces[[1, 2, 0, 3, 2, 1]]
     ends = torch.tensor([[[0.0, 4 / 9, 0.5], [np.nextafter(1, 0), 4 / 9, 0.5], [1.0, 4 / 9, 0.5]]], dtype=torch.float64)
@@ -119,7 +119,7 @@ def test_sampling_rejects_surfaces_without_area(kind: str) -> None:
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
 def test_segment_with_area_from_rounding_is_sampled_as_a_segment(seed: int, scale: float, offset: np.ndarray) -> None:
-    """Corners in a row, but for rounding: no area, or one that keeps every point on the segment."""
+    """Corners are collinear up to rounding: the area is zero, or every point stays on the segment."""
     rng = np.random.default_rng(seed)
     vertices = np.outer(rng.random(3), rng.normal(size=3)) * scale + offset
     try:

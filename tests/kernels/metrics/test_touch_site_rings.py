@@ -41,7 +41,7 @@ def test_rings_follow_the_definition(rings):
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
 def test_rings_ignore_scale_and_offset(seed: int, scale: float, offset: np.ndarray) -> None:
-    """But for points that rounding at that place may carry over an edge."""
+    """Except points that rounding at that offset may move over an edge."""
     rng = np.random.default_rng(seed)
     pose, width = a_pose(rng), 0.016 * scale
     pose[:3, 3] = offset

@@ -76,7 +76,7 @@ def test_surface_moves_with_the_scene() -> None:
     ("name", "single_bound", "half_bound"), [("touch", 1e-6, 0.01), ("occluded-touch", 1e-6, 0.01), ("single-image", 1e-5, 0.05)]
 )
 def test_float32_and_bfloat16_err_as_documented(name: str, single_bound: float, half_bound: float) -> None:
-    """As the docstring says, m, at a quarter of the widths."""
+    """Errors in m as documented, at a quarter of the widths."""
     config = CONFIGURATIONS.get(name, SINGLE_IMAGE).model_copy(update={"splits": 0, "side": 3, "encoder_width": 0.25, "gcn_features": 60})
     network = DeformationNetwork(config, torch.Generator().manual_seed(0)).double().eval()
     exactly = inputs([1] if config.touch else [0], config)
@@ -125,7 +125,7 @@ def test_input_that_is_not_finite_is_rejected(place: str, message: str, value: f
 
 
 def test_diverged_network_raises() -> None:
-    """A network that has diverged is told so where its vertices are to be seen, in the second pass."""
+    """Divergence is reported where vertices are projected, in the second pass."""
     network = small()
     with torch.no_grad():
         network.gcn.last.bias.fill_(math.inf)

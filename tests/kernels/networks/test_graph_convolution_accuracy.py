@@ -58,7 +58,7 @@ def test_averages_lie_between_minimum_and_maximum(dtype: torch.dtype, counts: li
 @TYPES
 @given(seed=seeds, power=st.integers(-20, 20), mixed=st.sampled_from([0.0, 1 / 3, 1.0]))
 def test_layer_without_bias_scales_with_its_features_bit_for_bit(dtype: torch.dtype, seed: int, power: int, mixed: float) -> None:
-    """From 1e-6 to 1e6, value and gradient: nothing in it is added that has a size of its own."""
+    """Value and gradient from 1e-6 to 1e6: the layer adds no constant of fixed size."""
     graph, layer = graph_of([1, 0], dtype), layer_of(mixed, dtype)
     features = torch.randn(sum(graph.sizes), 4, generator=torch.Generator().manual_seed(seed % 2**31), dtype=dtype)
     found = []
@@ -94,7 +94,7 @@ def test_zero_features_give_the_bias_and_its_average() -> None:
 
 
 def test_nan_spreads_to_neighbours_only() -> None:
-    """It is not hidden either: who calls looks at what comes out."""
+    """NaN is not hidden: the caller checks the output."""
     graph, layer = graph_of([1]), layer_of(1.0)
     features = torch.ones(sum(graph.sizes), 4, dtype=torch.float64)
     features[7] = math.nan

@@ -25,7 +25,7 @@ SIDEWAYS = st.sampled_from([-10.0, -1.0, 0.0, 1e-9, 0.3, 10.0]) | st.floats(-10,
 
 
 def placed(depth: float, right: float, down: float) -> np.ndarray:
-    """Compute a world point from what the camera measures of it, m."""
+    """Compute a world point (m) from its coordinates in the camera's frame."""
     axes = scene_camera().numpy()[:, :3].copy()
     axes[:2] = (axes[:2] - SIZE / 2 * axes[2]) / FOCAL  # right and down, from the projection's rows
     return EYE + np.array([right, down, depth]) @ axes

@@ -1,4 +1,4 @@
-"""The drift that is taken away from photographs: all of a smooth one, none of a contact; and a plain computation of the same."""
+"""Removal of drift from photographs: smooth drift is removed, contacts are kept; compared with a slow twin."""
 
 from __future__ import annotations
 

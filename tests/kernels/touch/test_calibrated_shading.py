@@ -106,7 +106,7 @@ def test_untouched_image_is_the_background_polynomial() -> None:
 
 
 def test_membrane_is_isotropic_keeps_the_volume_and_has_the_set_width() -> None:
-    """Of a point: what is drawn in around it sums to it, spreads alike in all directions, with the asked standard deviation."""
+    """The indentation around one point sums to it and is isotropic with the set standard deviation."""
     point = np.zeros((121, 141))
     point[60, 70] = 1.0
     around = membrane_indentation(point, (5.0, 7.0))

@@ -1,4 +1,4 @@
-"""Fits to photographs that our renderer made with a known model: what is chosen, and by which errors."""
+"""Fits to photographs rendered with a known model: chosen options and their errors."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_fit_chooses_the_degree_in_position_that_predicts_best(degree: int) -> N
 
 
 def test_fit_recognises_light_that_grows_with_depth() -> None:
-    """The middle of a contact is flat and yet lit otherwise: by so many levels per mm as the gel there is deep."""
+    """The flat middle of a contact changes colour in proportion to its depth."""
     base = of_degree(0)
     assert base.calibrated is not None
     optics = base.calibrated.model_copy(update={"depth": ((9.0,), (-4.0,), (0.0,))})
@@ -64,7 +64,7 @@ def test_membrane_of_the_largest_candidate_width_is_reported() -> None:
 
 @pytest.mark.parametrize("elastic", [True, False])
 def test_fit_recovers_the_membrane_or_elastic_layer_of_the_photographs(elastic: bool) -> None:
-    """An elastic layer of two contact radii, or a membrane of half of one: the one is not taken for the other."""
+    """An elastic layer of two contact radii and a membrane of half a radius are distinguished."""
     gel = {"gel": Gel(modulus=MODULUS, thickness=2 * RADIUS)} if elastic else {"membrane": 0.5 * RADIUS}
     sensor = of_degree(0).model_copy(update=gel)
     fit = fit_colours(sensor, photographs(sensor, 5), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0))

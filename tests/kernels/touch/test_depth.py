@@ -129,7 +129,7 @@ def test_no_ray_passes_between_faces(trace: Tracer) -> None:
 
 
 def test_ray_through_the_hub_of_a_fan_hits_it() -> None:
-    """Many faces meet at a corner that a ray hits: in any attitude, some face must take it."""
+    """Many faces share a corner on a ray: for any rotation, one of them must be hit."""
     rng = np.random.default_rng(6)
     sensor = coarse(3)  # its middle ray starts at the origin of the sensor's frame
     for _ in range(200):
@@ -185,7 +185,7 @@ def test_depth_ignores_order_and_copies_of_faces(trace, seed) -> None:
 @tracers
 @pytest.mark.parametrize("across", [False, True])
 def test_edge_on_plate_is_hit_at_its_nearest_point_or_missed(trace, across) -> None:
-    """It stands edge-on over the middle column, or row, of rays; with a lid on it, it is met in any case."""
+    """The plate stands edge-on over the middle column or row of rays; with a lid it is always hit."""
     sensor = coarse(5)
     plate = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [0, 0, 0.01]]])
     lid = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [1e-6, 0, 0.004]]])
@@ -203,7 +203,7 @@ def test_edge_on_plate_is_hit_at_its_nearest_point_or_missed(trace, across) -> N
 @tracers
 @given(seed=seeds, aspect=aspects)
 def test_sliver_is_hit(trace, seed, aspect) -> None:
-    """Half a metre long, across the middle ray: a distance to it may be wrong, a depth may not."""
+    """Half a metre long, across the middle ray: distances to it may be inexact, its depth may not."""
     rng = np.random.default_rng(seed)
     face = 0.5 * sliver(aspect, rng)
     normal = face_cross_products(face[None])[0]

@@ -1,4 +1,4 @@
-"""Face culling keeps all that a ray can meet, and little else."""
+"""Face culling keeps every face that a ray can hit, and few others."""
 
 from __future__ import annotations
 

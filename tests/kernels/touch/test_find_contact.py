@@ -1,4 +1,4 @@
-"""Contacts whose rims are too blurred to see, and those that the image's rim cuts."""
+"""Contacts with blurred rims, and contacts cut by the border of the image."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is said of the range of a calibration, and which photographs it lacks."""
+"""Messages about the fitted range of a calibration and the photographs that it lacks."""
 
 import pytest
 

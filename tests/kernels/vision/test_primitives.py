@@ -1,4 +1,4 @@
-"""Primitives: what a renderer is given of a mesh, its colours and its textures."""
+"""Primitives of a mesh for the renderer: geometry, colours and textures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `sample-distances` stores is what the mesh of `sample-surfaces` says."""
+"""Rows of `sample-distances` agree with the meshes of `sample-surfaces`."""
 
 from __future__ import annotations
 

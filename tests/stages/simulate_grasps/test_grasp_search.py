@@ -1,4 +1,4 @@
-"""Attempts at grasps: sound by means that did not choose them, and the same every time."""
+"""Attempts at grasps: sound by independent checks, and reproducible."""
 
 from __future__ import annotations
 

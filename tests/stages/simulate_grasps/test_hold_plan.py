@@ -1,4 +1,4 @@
-"""Plans of a hold search: what is not measured would not have been chosen."""
+"""Plans of a hold search: skipped candidates would not have been chosen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is prepared of hand and object: a grid that knows when fingers are clear."""
+"""Prepared hands and objects: the distance grid classifies clear fingers correctly."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def test_failed_attempts_report_the_reason() -> None:
 
 
 def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change of MuJoCo's side, or of which engines there are, makes no grasp again."""
+    """A change of MuJoCo's code or of the list of engines does not change the key."""
     hashed: list[str] = []
     sources = keys._source
     monkeypatch.setattr(keys, "_source", lambda name, path: hashed.append(name) or sources(name, path))
