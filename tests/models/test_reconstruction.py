@@ -33,10 +33,10 @@ def felt(count: int, touched: bool = True) -> Observation:
 
 @pytest.mark.parametrize(("count", "touched"), [(0, True), (1, True), (20, True), (20, False)])
 def test_surface_has_the_charts_of_successful_touches_only(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
-    found = models["touch"].reconstruct([felt(count, touched), felt(0)])
-    assert [len(made.vertices) for made in found] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
-    assert all(np.isfinite(made.vertices).all() for made in found)
-    assert found[0].faces.max() == len(found[0].vertices) - 1
+    reconstructions = models["touch"].reconstruct([felt(count, touched), felt(0)])
+    assert [len(made.vertices) for made in reconstructions] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
+    assert all(np.isfinite(made.vertices).all() for made in reconstructions)
+    assert reconstructions[0].faces.max() == len(reconstructions[0].vertices) - 1
 
 
 def test_charts_without_a_fit_count_as_failed_touches() -> None:

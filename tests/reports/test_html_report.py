@@ -37,7 +37,7 @@ def no_figures() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def report_data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 1)
     vt("report", folder)
@@ -45,8 +45,8 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def data(made, tmp_path) -> Path:
-    return shutil.copytree(made, tmp_path / "data")
+def data(report_data, tmp_path) -> Path:
+    return shutil.copytree(report_data, tmp_path / "data")
 
 
 @pytest.fixture
@@ -120,8 +120,8 @@ def with_file(written: bytes, name: str) -> bytes:
     ],
     ids=["cut", "empty", "list", "bytes", "nested", "other", "above", "absolute", "nan"],
 )
-def test_unusable_list_of_pages_is_refused(made, tmp_path, damage: Callable[[bytes], bytes]):
-    (tmp_path / "pages.json").write_bytes(damage((made / "report" / "pages.json").read_bytes()))
+def test_unusable_list_of_pages_is_refused(report_data, tmp_path, damage: Callable[[bytes], bytes]):
+    (tmp_path / "pages.json").write_bytes(damage((report_data / "report" / "pages.json").read_bytes()))
     with pytest.raises(StoreError, match=r"pages.json cannot be used \(.*run `vt-pipeline report` again"):
         read_pages(tmp_path)
 
@@ -146,9 +146,9 @@ def test_missing_or_changed_pages_are_reported_and_written_again(data):
     before = {name: (report / name).read_bytes() for name in damages}
     for name, damage in damages.items():
         damage(report / name)
-    said = vt("validate", data, fails=True)
+    output = vt("validate", data, fails=True)
     assert all(
-        f"{name} {'is missing' if damage is Path.unlink else 'differs from what was written'}" in said for name, damage in damages.items()
+        f"{name} {'is missing' if damage is Path.unlink else 'differs from what was written'}" in output for name, damage in damages.items()
     )
     vt("report", data)
     assert {name: (report / name).read_bytes() for name in damages} == before
@@ -222,19 +222,19 @@ def test_full_disk_is_reported_with_the_folder(data, monkeypatch):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # as a quota: "File too large" in place of "No space left on device"
     try:
-        said = vt("report", data, fails=True)
+        output = vt("report", data, fails=True)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert f"File too large: '{data / 'report'}" in said
+    assert f"File too large: '{data / 'report'}" in output
     assert "objects/a.html is missing" in vt("validate", data, fails=True)
     assert not (data / "report" / ".unfinished").exists()
     vt("report", data)
     assert "not valid" not in vt("validate", data)
 
 
-def test_an_object_fills_its_picture_in_the_gallery(made):
+def test_an_object_fills_its_picture_in_the_gallery(report_data):
     """The ball, 0.2 m wide, covers a third of the dataset's images."""
-    image = np.asarray(Image.open(made / "report" / "objects" / "a.webp").convert("RGB")).astype(int)
+    image = np.asarray(Image.open(report_data / "report" / "objects" / "a.webp").convert("RGB")).astype(int)
     shown = np.abs(image - image[2, 2]).max(axis=-1) > 12
     assert np.ptp(np.flatnonzero(shown.any(axis=1))) > 0.85 * image.shape[0]
 

@@ -59,9 +59,9 @@ def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     source = {"kind": "directory", "licence": "mine"}
     described = {"name": "mine", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
     Path("my manifest.yaml").write_text(yaml.safe_dump(described))
-    asked = ["run", "sample-surfaces", "--manifest", "my manifest.yaml", "--objects", folder.name, "--units", "mm", "--up", "y"]
-    asked += ["--data", "my data", "--seed", "7", "--shards", "2", "--set", "points=100", "--executor", "serial"]
-    assert CliRunner().invoke(app, asked).exit_code == 0
+    arguments = ["run", "sample-surfaces", "--manifest", "my manifest.yaml", "--objects", folder.name, "--units", "mm", "--up", "y"]
+    arguments += ["--data", "my data", "--seed", "7", "--shards", "2", "--set", "points=100", "--executor", "serial"]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
     directory = DataDirectory("my data")
     (line,) = commands(directory, records(directory))
     (record,) = directory.shard_records()
@@ -70,4 +70,4 @@ def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     subprocess.run(["sh", "-c", line], check=True, env={**os.environ, "PATH": path}, stdout=subprocess.DEVNULL)
     assert json.loads(record.read_text())["rows"][0]["digest"] == json.loads(before)["rows"][0]["digest"]
-    assert CliRunner().invoke(app, asked).output.count("up to date") == 2
+    assert CliRunner().invoke(app, arguments).output.count("up to date") == 2

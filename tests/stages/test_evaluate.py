@@ -278,12 +278,12 @@ def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data, evaluation)
 
 
 def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkeypatch):
-    asked: list[str] = []
+    reconstructed: list[str] = []
     genuine = Reconstructor.reconstruct
 
     def counted(self, views):
-        asked.append(self.configuration)
-        if asked.count("occluded") == 1 and self.configuration == "occluded" and len(set(asked)) == 2:
+        reconstructed.append(self.configuration)
+        if reconstructed.count("occluded") == 1 and self.configuration == "occluded" and len(set(reconstructed)) == 2:
             raise KeyboardInterrupt
         return genuine(self, views)
 
@@ -293,9 +293,9 @@ def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkey
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
     assert [path.name for path in (work / MEASURED / "rows").iterdir()] == ["none"]
-    asked.clear()
+    reconstructed.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
-    assert set(asked) == {"occluded"}
+    assert set(reconstructed) == {"occluded"}
     assert not (folder / MEASURED).exists()
     for name in ("none", "occluded"):
         assert figures(folder, name).rows == figures(evaluation[0], name).rows
@@ -343,17 +343,17 @@ def test_orderings_report_each_claim_of_an_evaluation(evaluation):
 
 
 def test_implicit_networks_have_the_orderings_of_chart_networks(evaluation, monkeypatch):
-    values = {f"implicit-{name}": found for name, found in read_values([evaluation[0]]).items() if name != "none"}
+    values = {f"implicit-{name}": entry for name, entry in read_values([evaluation[0]]).items() if name != "none"}
     monkeypatch.setattr("pipeline.reports.orderings.read_values", lambda folders: values)
-    found = {one.claim: one for one in orderings([evaluation[0]])}
+    verdicts = {one.claim: one for one in orderings([evaluation[0]])}
     monkeypatch.undo()
     assert {
         "implicit-occluded-touch < implicit-occluded",
         "implicit-touch: 2 grasps < 1",
         "ring ×1: implicit-occluded-touch < implicit-occluded",
-    } <= found.keys()
+    } <= verdicts.keys()
     same = {one.claim: one for one in orderings([evaluation[0]])}["occluded-touch < occluded"]
-    assert found["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
+    assert verdicts["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
 
 
 @pytest.mark.parametrize(
@@ -390,8 +390,8 @@ def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tm
     for seed in (0, 1):
         for name in ("none", "touch"):
             spheres.make_model(balls, name, training_seed=seed)
-        asked = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
-        (plan,) = make_plans(replace(asked, objects=spheres.objects(4, ("train", "test", "test", "test"))))
+        base_request = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
+        (plan,) = make_plans(replace(base_request, objects=spheres.objects(4, ("train", "test", "test", "test"))))
         run(plan, console)
     directory = DataDirectory(balls)
     (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's

@@ -85,9 +85,9 @@ def test_networks_with_fixed_inputs_draw_no_input_choices(data):
 def test_network_is_evaluated_in_every_row_of_the_tables(data):
     folder = DataDirectory(data).verified_folder("evaluation")
     rows = [f"{NAME}-{way}" for way in INPUT_CHOICES]
-    given = read_root(folder)["configurations"]
-    assert list(given) == rows
-    assert given[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
+    configurations = read_root(folder)["configurations"]
+    assert list(configurations) == rows
+    assert configurations[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
     figures = read_figures(folder)
     assert all(np.isfinite(figures[row].per_object("chamfer")).all() for row in rows)
     assert figures[f"{NAME}-touch"].grasps == [1, 5]

@@ -138,10 +138,10 @@ def test_configuration_without_input_trains_without_images_and_touches(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     assert {path.name for path in folder.iterdir()} == {"model.json", "model.safetensors", "metrics.json", "tensorboard"}
-    found = load_reconstructor("none", folder).reconstruct([Observation(None)])[0]
-    assert found.vertices.shape == (1824, 3)
-    assert found.vision == 1824
-    assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
+    reconstruction = load_reconstructor("none", folder).reconstruct([Observation(None)])[0]
+    assert reconstruction.vertices.shape == (1824, 3)
+    assert reconstruction.vision == 1824
+    assert np.abs(reconstruction.vertices - [0, 0, 0.6]).max() < 0.6
     with pytest.raises(StoreError, match="has not been made"):
         run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
 

@@ -81,10 +81,10 @@ def test_mesh_of_a_touched_ball_is_closed_and_of_nearly_its_size(data):
 
 def test_stored_meshes_equal_those_of_the_model(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
-    made = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
-    assert np.array_equal(made[0].vertices, made[1].vertices)
-    assert len(made[0].faces)  # one that knows nothing answers something
-    assert made[0].is_whole
+    predicted = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
+    assert np.array_equal(predicted[0].vertices, predicted[1].vertices)
+    assert len(predicted[0].faces)  # one that knows nothing answers something
+    assert predicted[0].is_whole
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     assert table["vertex_count"].sum() == len(table["vertices"])
     assert table["face_count"].sum() == len(table["faces"])
@@ -94,8 +94,8 @@ def test_stored_meshes_equal_those_of_the_model(data):
 def test_touches_determine_the_size(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
     rows = ObjectRows(data, observed_arrays(model.config), "train")
-    made = model.reconstruct([stored_observation(rows, name, range(5), model.config) for name in ("a", "f")])
-    small, large = (np.median(np.linalg.norm(one.vertices - spheres.CENTRE, axis=1)) for one in made)  # of 10 and 20 cm
+    predicted = model.reconstruct([stored_observation(rows, name, range(5), model.config) for name in ("a", "f")])
+    small, large = (np.median(np.linalg.norm(one.vertices - spheres.CENTRE, axis=1)) for one in predicted)  # of 10 and 20 cm
     assert large > 1.4 * small
 
 
@@ -156,7 +156,7 @@ def test_objects_larger_than_the_meshed_cube_are_named(data):
 def test_settings_without_effect_and_missing_grasps_are_named(data):
     stated = ["image_noise=3", "dropped_touches=0.5", "dropped_image=0.5", "touch_reach=0.02", "max_grasps=9"]
 
-    def said(configuration: str) -> list[str]:
+    def remarks_of(configuration: str) -> list[str]:
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
@@ -164,8 +164,8 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"
-    assert said("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
-    assert said("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
+    assert remarks_of("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
+    assert remarks_of("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
 
 
 def test_each_configuration_reads_its_inputs_only():

@@ -97,9 +97,9 @@ def test_colour_shift_is_the_same_for_all_pixels() -> None:
 def test_network_trains_in_every_precision(presses: RandomPresses, tmp_path: Path, precision: str) -> None:
     settings, usual = (TouchTrainingSettings.model_validate(SETTINGS | {"epochs": 1, "precision": one}) for one in (precision, "32-true"))
     losses = []
-    for number, asked in enumerate((settings, usual)):
+    for number, chosen in enumerate((settings, usual)):
         (folder := tmp_path / str(number)).mkdir()
-        losses.append(train_local_network(presses, presses, asked, folder=folder, seed=0)[1]["best"]["loss"])
+        losses.append(train_local_network(presses, presses, chosen, folder=folder, seed=0)[1]["best"]["loss"])
     assert losses[0] == pytest.approx(losses[1], rel=0.05)
 
 

@@ -132,9 +132,9 @@ def test_diverged_network_is_refused(touches: Touches) -> None:
 
 def test_augmentation_varies_images_and_keeps_depths(touches: Touches) -> None:
     tactile_images, depth, varied = everything(learner(touches, image_gain=0.3))
-    given = touches.read(range(len(touches)))
-    assert torch.equal(tactile_images, given[0])
-    assert torch.equal(depth, given[1])
+    stored = touches.read(range(len(touches)))
+    assert torch.equal(tactile_images, stored[0])
+    assert torch.equal(depth, stored[1])
     assert not torch.equal(varied, tactile_images)
     assert torch.equal(everything(learner(touches))[2], tactile_images), "off by default"
 
@@ -162,7 +162,7 @@ def test_training_whose_inputs_are_removed_ends_with_an_error_and_resumes(
     settings = UnetSettings.model_validate(
         SETTINGS | {"checkpoint_seconds": 0, "cache_megabytes": 0}
     )  # as if the dataset were larger than what is kept
-    asked = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
+    request = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
     read, reads = UnetLearner.read, itertools.count()
 
     def read_and_replace(self: UnetLearner, *given: Any) -> Any:
@@ -173,8 +173,8 @@ def test_training_whose_inputs_are_removed_ends_with_an_error_and_resumes(
 
     monkeypatch.setattr(UnetLearner, "read", read_and_replace)
     with pytest.raises(StoreError, match=r"it was replaced since it was opened: .* run the same command again"):
-        run(asked)
-    assert run(asked) == 5
+        run(request)
+    assert run(request) == 5
     assert DataDirectory(data).folder("models/unet").files["model.safetensors"] == trained[1]["digest"]
 
 

@@ -42,15 +42,16 @@ def measure(one: Setup, deadline: float = LATER) -> MeasuredTrade:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def measured_data(tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("trade")
     measure(setup(data))
     return data
 
 
-def test_more_points_take_more_bytes_and_cover_better(made: Path) -> None:
+def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> None:
     points = sorted(
-        (one for one in measure(setup(made)).points if one.changes.keys() <= {"points"}), key=lambda one: one.changes.get("points", 10_000)
+        (one for one in measure(setup(measured_data)).points if one.changes.keys() <= {"points"}),
+        key=lambda one: one.changes.get("points", 10_000),
     )
     assert [one.label for one in points] == ["points=2500", "points=5000", "draft, standard, paper", "points=20000"]
     for value in ("error", "kilobytes"):
@@ -60,23 +61,23 @@ def test_more_points_take_more_bytes_and_cover_better(made: Path) -> None:
     assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
 
 
-def test_errors_of_other_objects_keep_to_the_bounds(made: Path, tmp_path: Path) -> None:
-    known, other = measure(setup(made)), measure(setup(tmp_path, seed=5))
+def test_errors_of_other_objects_keep_to_the_bounds(measured_data: Path, tmp_path: Path) -> None:
+    known, other = measure(setup(measured_data)), measure(setup(tmp_path, seed=5))
     assert set(known.objects) != set(other.objects)
     for one, met in zip(known.points, other.points, strict=True):
         assert met.error <= one.bound(len(other.objects))
 
 
-def test_repeated_measurement_runs_no_stage(made: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
-    measure(setup(made))
-    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
-    assert not (made / "tradeoff" / STAGE).exists()  # what candidates made is removed
+def test_repeated_measurement_runs_no_stage(measured_data: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in measured_data.rglob("*")}
+    measure(setup(measured_data))
+    assert {path: path.stat().st_mtime_ns for path in measured_data.rglob("*")} == before
+    assert not (measured_data / "tradeoff" / STAGE).exists()  # what candidates made is removed
 
 
-def test_interrupted_and_resumed_measurement_gives_the_same_errors(made: Path, tmp_path: Path) -> None:
+def test_interrupted_and_resumed_measurement_gives_the_same_errors(measured_data: Path, tmp_path: Path) -> None:
     assert len(measure(setup(tmp_path), deadline=time.monotonic()).points) == 1
-    whole = measure(setup(made))
+    whole = measure(setup(measured_data))
     part = whole.model_copy(update={"points": whole.points[:2]})  # as a killed run leaves it
     part.write(tmp_path)
     (tmp_path / "tradeoff" / STAGE / "points=2500" / "surfaces").mkdir(parents=True)
@@ -85,16 +86,17 @@ def test_interrupted_and_resumed_measurement_gives_the_same_errors(made: Path, t
     assert continued.points[:2] == whole.points[:2]
 
 
-def test_other_settings_are_measured_again(made: Path) -> None:
-    own = setup(made)
+def test_other_settings_are_measured_again(measured_data: Path) -> None:
+    own = setup(measured_data)
     assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
     for other in (
-        setup(made, assignments=("sample-surfaces.diagonal=0.3",)),
-        setup(made, seed=0, preset="draft", assignments=("directions=64",)),
+        setup(measured_data, assignments=("sample-surfaces.diagonal=0.3",)),
+        setup(measured_data, seed=0, preset="draft", assignments=("directions=64",)),
     ):
         assert trade_key(STAGE, other) != trade_key(STAGE, own)
     hands = [
-        trade_key("render-vision", setup(made, assignments=(f"simulate-grasps.hand={hand}",))) for hand in ("allegro_right", "allegro_left")
+        trade_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
+        for hand in ("allegro_right", "allegro_left")
     ]
     assert hands[0] != hands[1]
 
@@ -148,8 +150,8 @@ def test_sample_without_an_error_is_reported(tmp_path: Path, monkeypatch) -> Non
     assert not trade_path(tmp_path, STAGE).exists()
 
 
-def test_points_limited_by_an_earlier_request_are_listed_again(made: Path, tmp_path: Path) -> None:
-    whole = measure(setup(made))
+def test_points_limited_by_an_earlier_request_are_listed_again(measured_data: Path, tmp_path: Path) -> None:
+    whole = measure(setup(measured_data))
     whole.model_copy(update={"total": 1}).write(tmp_path)
     assert measure(setup(tmp_path)).total == whole.total == len(whole.points)
 
@@ -166,8 +168,8 @@ def test_sensors_that_may_touch_are_those_of_all_grasps(tmp_path: Path) -> None:
     assert sensors_of_grasps(tmp_path) == ball_dataset.GRASPS_AN_OBJECT * ball_dataset.SENSORS
 
 
-def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
-    assert trade_path(made, STAGE) == made / "tradeoff" / "sample-surfaces.json"
+def test_file_of_a_trade_lies_below_the_data_directory(measured_data: Path) -> None:
+    assert trade_path(measured_data, STAGE) == measured_data / "tradeoff" / "sample-surfaces.json"
 
 
 def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:

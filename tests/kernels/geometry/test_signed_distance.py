@@ -20,22 +20,22 @@ def points(count: int, reach: float) -> np.ndarray:
 
 
 def test_distances_to_a_ball_equal_the_closed_form():
-    asked = points(2000, 2.0)
-    found = signed_distances(asked, BALL.vertices, BALL.faces)
-    assert np.abs(found - (np.linalg.norm(asked, axis=1) - 1)).max() < 1e-3  # a chord's height
-    assert (found < 0).sum() > 100
+    queries = points(2000, 2.0)
+    distances = signed_distances(queries, BALL.vertices, BALL.faces)
+    assert np.abs(distances - (np.linalg.norm(queries, axis=1) - 1)).max() < 1e-3  # a chord's height
+    assert (distances < 0).sum() > 100
 
 
 def test_distances_to_a_box_are_exact():
-    asked = points(2000, 0.5)
-    np.testing.assert_allclose(signed_distances(asked, BOX.vertices, BOX.faces), box_distance(asked, SIDES), atol=1e-12)
+    queries = points(2000, 0.5)
+    np.testing.assert_allclose(signed_distances(queries, BOX.vertices, BOX.faces), box_distance(queries, SIDES), atol=1e-12)
 
 
 def test_mesh_wound_inwards_has_the_same_inside():
-    asked = points(500, 0.5)
-    found = [signed_distances(asked, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
-    np.testing.assert_array_equal(*found)
-    assert (found[0] < 0).any()
+    queries = points(500, 0.5)
+    distances = [signed_distances(queries, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
+    np.testing.assert_array_equal(*distances)
+    assert (distances[0] < 0).any()
 
 
 def test_sign_in_an_open_box_follows_the_solid_angle():
@@ -43,8 +43,8 @@ def test_sign_in_an_open_box_follows_the_solid_angle():
     faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]
     assert len(faces) == 10
     heights = np.array([-0.02, -1e-3, 1e-3, 0.02])
-    found = signed_distances(np.array([0, 0, 0.3]) + heights[:, None] * [0, 0, 1], BOX.vertices, faces)
-    np.testing.assert_allclose(found, np.sign(heights) * np.hypot(0.1, np.maximum(heights, 0)), atol=1e-9)
+    distances = signed_distances(np.array([0, 0, 0.3]) + heights[:, None] * [0, 0, 1], BOX.vertices, faces)
+    np.testing.assert_allclose(distances, np.sign(heights) * np.hypot(0.1, np.maximum(heights, 0)), atol=1e-9)
 
 
 def test_both_sides_of_a_sheet_are_outside_and_overlap_of_parts_is_inside():

@@ -119,8 +119,8 @@ def test_box_gap_bounds_the_distance_and_scales_and_moves_with_the_boxes(seed, s
     assert box_gap(frames[1], half[1], frames[0], half[0]) == pytest.approx(gap, abs=128 * EPS)
     moved, offset = frames.copy(), rng.uniform(-10, 10, 3)
     moved[:, :3, 3] = frames[:, :3, 3] * scale + offset
-    found = box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale)
-    assert np.abs(found - gap * scale) <= 32 * EPS * (np.abs(offset).max() + 8 * scale)
+    moved_gap = box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale)
+    assert np.abs(moved_gap - gap * scale) <= 32 * EPS * (np.abs(offset).max() + 8 * scale)
 
 
 @given(seed=seeds, tilt=st.floats(-9, -2).map(lambda e: 10.0**e))

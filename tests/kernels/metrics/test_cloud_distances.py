@@ -35,20 +35,20 @@ def plane(count, rng, *, width=1.0, height=0.0):
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_distances_equal_exact_arithmetic(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = cloud(first, seed, scale, offset), cloud(second, seed + 1, scale, offset)
-    found = cloud_distances(a, b)
-    for each, ours, theirs in ((found.predicted, a, b), (found.truth, b, a)):
+    distances = cloud_distances(a, b)
+    for each, ours, theirs in ((distances.predicted, a, b), (distances.truth, b, a)):
         np.testing.assert_allclose(each, [float(squared) for squared in exact.nearest_squared(ours, theirs)], rtol=2e-15, atol=0)
-    assert found.chamfer == pytest.approx(exact.chamfer(a, b), rel=1e-14)
+    assert distances.chamfer == pytest.approx(exact.chamfer(a, b), rel=1e-14)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("kind", sorted(CLOUDS))
 def test_distances_of_a_cloud_to_itself_are_zero_in_any_type(kind: str, dtype: type[np.floating]) -> None:
     points = cloud(kind, 1, 1.0, np.zeros(3)).astype(dtype)
-    found = cloud_distances(points, points[::-1])
-    assert found.chamfer == 0
-    assert found.precision_recall(0.0) == (1, 1)
-    assert found.f1(0.0) == 1
+    distances = cloud_distances(points, points[::-1])
+    assert distances.chamfer == 0
+    assert distances.precision_recall(0.0) == (1, 1)
+    assert distances.f1(0.0) == 1
 
 
 @given(kind=KINDS, seed=seeds, power=st.integers(-20, 20))
@@ -83,9 +83,9 @@ def test_chamfer_of_parallel_planes_is_twice_their_squared_distance():
 def test_chamfer_of_concentric_spheres_is_the_squared_difference_of_radii_each_way():
     rng = np.random.default_rng(1)
     directions = sphere(1.0, 4000, rng)
-    found = cloud_distances(0.5 * directions, 0.8 * directions)
-    assert found.predicted.mean() == pytest.approx(0.3**2)
-    assert found.truth.mean() == pytest.approx(0.3**2)
+    distances = cloud_distances(0.5 * directions, 0.8 * directions)
+    assert distances.predicted.mean() == pytest.approx(0.3**2)
+    assert distances.truth.mean() == pytest.approx(0.3**2)
 
 
 def test_chamfer_of_two_samplings_of_a_plane_is_the_sampling_floor():
@@ -96,8 +96,8 @@ def test_chamfer_of_two_samplings_of_a_plane_is_the_sampling_floor():
 
 
 def test_the_mean_distance_is_in_metres_and_the_mean_of_both_directions():
-    found = cloud_distances(np.array([[0.0, 0, 0], [3, 0, 0]]), np.array([[0.0, 0, 0], [0, 4, 0], [0, 4, 0]]))
-    assert found.mean_distance == pytest.approx((3 / 2 + 8 / 3) / 2)
+    distances = cloud_distances(np.array([[0.0, 0, 0], [3, 0, 0]]), np.array([[0.0, 0, 0], [0, 4, 0], [0, 4, 0]]))
+    assert distances.mean_distance == pytest.approx((3 / 2 + 8 / 3) / 2)
     directions = sphere(1.0, 500, np.random.default_rng(1))
     assert cloud_distances(0.5 * directions, 0.8 * directions).mean_distance == pytest.approx(0.3)
 
@@ -147,11 +147,11 @@ def test_copies_of_a_point_have_zero_area_and_sampling_floor() -> None:
 def test_precision_counts_predicted_points_and_recall_true_ones():
     truth = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]])
     predicted = np.array([[0, 0, 0.05], [0, 0, 0.2]])
-    found = cloud_distances(predicted, truth)
-    assert found.precision_recall(0.01) == (0.5, 0.25)
-    assert found.f1(0.01) == pytest.approx(2 * 0.5 * 0.25 / 0.75)
-    assert found.f1(1e-9) == 0
-    assert found.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
+    distances = cloud_distances(predicted, truth)
+    assert distances.precision_recall(0.01) == (0.5, 0.25)
+    assert distances.f1(0.01) == pytest.approx(2 * 0.5 * 0.25 / 0.75)
+    assert distances.f1(1e-9) == 0
+    assert distances.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
 
 
 def test_f1_without_matches_and_with_matches_on_one_side() -> None:
@@ -183,8 +183,8 @@ def test_invalid_clouds_are_rejected(bad, message):
 
 @pytest.mark.parametrize(("tau", "scale"), [(math.nan, 1.0), (-1e-9, 1.0), (1e-4, math.nan), (1e-4, 0.0), (1e-4, math.inf)])
 def test_precision_recall_rejects_invalid_threshold_or_scale(tau: float, scale: float) -> None:
-    found = CloudDistances(np.zeros(1), np.zeros(1))
-    for call in (found.precision_recall, found.f1):
+    distances = CloudDistances(np.zeros(1), np.zeros(1))
+    for call in (distances.precision_recall, distances.f1):
         with pytest.raises(ValueError, match=f"squared distance {tau}, scale {scale}"):
             call(tau, scale)
 

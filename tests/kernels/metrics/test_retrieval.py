@@ -30,9 +30,9 @@ def test_chamfer_matrix_of_points_on_a_line():
 
 @pytest.mark.parametrize("both", [True, False])
 def test_nearest_cloud_equals_that_of_exhaustive_search(both):
-    clouds, asked = shapes(24, 0), shapes(8, 1)
+    clouds, queries = shapes(24, 0), shapes(8, 1)
     searched = [SearchedCloud(cloud) for cloud in clouds]
-    for cloud in (*asked, clouds[5]):
+    for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
         value, number = nearest_cloud(SearchedCloud(cloud), searched, both=both) or (np.nan, -1)
         assert number == int(np.argmin(every))
@@ -42,8 +42,8 @@ def test_nearest_cloud_equals_that_of_exhaustive_search(both):
 
 def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
-    found = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
-    assert found == (0.0, 2)
+    nearest = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
+    assert nearest == (0.0, 2)
 
 
 def test_lower_bounds_hold_and_avoid_most_comparisons():

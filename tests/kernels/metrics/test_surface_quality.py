@@ -39,8 +39,8 @@ def test_seam_gap_is_measured_between_vertices_of_the_same_position():
 
 
 def test_normal_consistency_is_one_for_either_sign_and_half_for_random_normals(rng):
-    points, found = trimesh.sample.sample_surface(BALL, 4000, seed=0)
-    normals = BALL.face_normals[found]
+    points, face_index = trimesh.sample.sample_surface(BALL, 4000, seed=0)
+    normals = BALL.face_normals[face_index]
     assert normal_consistency(points, normals, points, -normals) == pytest.approx(1.0)
     random = rng.standard_normal((4000, 3))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
@@ -56,25 +56,25 @@ def test_crossing_faces_of_two_balls_equal_exact_predicates():
     far.apply_translation([2.5, 0, 0])
     for other, some in ((near, True), (far, False)):
         both = trimesh.util.concatenate([BALL, other])
-        found = crossing_faces(both.vertices, both.faces)
+        crossing = crossing_faces(both.vertices, both.faces)
         slow = np.zeros(len(both.faces), bool)
         corners = both.vertices[both.faces]
         for one in range(len(BALL.faces)):
             for two in range(len(BALL.faces), len(both.faces)) if some and one % 16 == 0 else ():
                 crosses = igl.tri_tri_intersection_test_3d(*corners[one][:, None], *corners[two][:, None])
                 slow[one] |= bool(crosses[0])
-        assert found.any() == some
-        assert (found[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
+        assert crossing.any() == some
+        assert (crossing[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
     assert not crossing_faces(BALL.vertices, BALL.faces).any()
 
 
 def test_large_face_crosses_each_small_face_that_it_intersects():
     ball = trimesh.creation.icosphere(6)
     vertices = np.concatenate([ball.vertices, [[-9, -9, 0.01], [9, -9, 0.01], [0, 9, 0.01]]])
-    found = crossing_faces(vertices, np.concatenate([ball.faces, [len(ball.vertices) + np.arange(3)]]))
+    crossing = crossing_faces(vertices, np.concatenate([ball.faces, [len(ball.vertices) + np.arange(3)]]))
     heights = ball.vertices[ball.faces][:, :, 2] > 0.01
-    assert found[-1]
-    assert (found[:-1] == (heights.any(axis=1) & ~heights.all(axis=1))).all()
+    assert crossing[-1]
+    assert (crossing[:-1] == (heights.any(axis=1) & ~heights.all(axis=1))).all()
 
 
 def test_shared_volume_of_two_boxes(rng):

@@ -43,10 +43,10 @@ def test_any_touch_chart_gives_finite_vertices(kind: str, seed: int, scale: floa
 @pytest.mark.parametrize("count", [0, 1, 20])
 def test_item_does_not_depend_on_its_batch(count: int) -> None:
     network = small(**TOUCH)
-    asked = inputs([0, count, 20], network.config)
-    alone = asked | {"touch_vertices": asked["touch_vertices"][:count], "touched": asked["touched"][:count], "counts": [count]}
+    batch = inputs([0, count, 20], network.config)
+    alone = batch | {"touch_vertices": batch["touch_vertices"][:count], "touched": batch["touched"][:count], "counts": [count]}
     with torch.no_grad():
-        torch.testing.assert_close(network(**asked)[1:2], network(**alone), rtol=0, atol=1e-12)
+        torch.testing.assert_close(network(**batch)[1:2], network(**alone), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("training", [True, False])
@@ -61,14 +61,14 @@ def test_black_white_and_noisy_images_give_finite_vertices(kind: str, training: 
 
 def test_surface_moves_with_the_scene() -> None:
     """Sphere, camera and charts moved together by 10 m."""
-    asked = inputs([1, 2])
+    batch = inputs([1, 2])
     shift = torch.full((3,), 10.0, dtype=torch.float64)
-    camera = asked["camera"].clone()
+    camera = batch["camera"].clone()
     camera[:, 3] -= camera[:, :3] @ shift
     centre = tuple((torch.tensor(SMALL.centre, dtype=torch.float64) + shift).tolist())
     with torch.no_grad():
-        here = small().eval()(**asked)
-        moved = small(centre=centre).eval()(**(asked | {"camera": camera, "touch_vertices": asked["touch_vertices"] + shift}))
+        here = small().eval()(**batch)
+        moved = small(centre=centre).eval()(**(batch | {"camera": camera, "touch_vertices": batch["touch_vertices"] + shift}))
     torch.testing.assert_close(moved - shift, here, rtol=0, atol=1e-9)
 
 
@@ -100,10 +100,10 @@ def test_half_precision_parameters_are_rejected(dtype: torch.dtype) -> None:
 
 
 def test_inputs_come_in_any_floating_type() -> None:
-    network, asked = small().float().eval(), inputs([1])
-    single = {name: asked[name].float() for name in ("images", "touch_vertices")}
+    network, batch = small().float().eval(), inputs([1])
+    single = {name: batch[name].float() for name in ("images", "touch_vertices")}
     with torch.no_grad():
-        assert torch.equal(network(**asked), network(**(asked | single)))
+        assert torch.equal(network(**batch), network(**(batch | single)))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -116,12 +116,12 @@ def test_inputs_come_in_any_floating_type() -> None:
     ],
 )
 def test_input_that_is_not_finite_is_rejected(place: str, message: str, value: float) -> None:
-    asked = inputs([1])
-    spoilt = asked[place]
+    batch = inputs([1])
+    spoilt = batch[place]
     assert isinstance(spoilt, Tensor)
     spoilt.view(-1)[5] = value
     with pytest.raises(InvalidInput, match=message):
-        small()(**asked)
+        small()(**batch)
 
 
 def test_diverged_network_raises() -> None:

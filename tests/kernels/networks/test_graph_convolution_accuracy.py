@@ -87,8 +87,8 @@ def test_gradients_in_float32_are_those_of_float64(counts: list[int], seed: int)
 def test_zero_features_give_the_bias_and_its_average() -> None:
     graph, layer = graph_of([1]), layer_of(1 / 3)
     nn.init.constant_(layer.linear.bias, 0.5)
-    made = layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph)
-    torch.testing.assert_close(made, torch.full_like(made, 0.5), rtol=1e-15, atol=0)
+    output = layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph)
+    torch.testing.assert_close(output, torch.full_like(output, 0.5), rtol=1e-15, atol=0)
     nn.init.constant_(layer.linear.bias, -0.5)
     assert not layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph).any()
 

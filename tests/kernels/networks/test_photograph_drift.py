@@ -53,8 +53,8 @@ def test_drift_equals_weighted_least_squares() -> None:
     for _ in range(ROUNDS):
         root = 1 / (1 + np.square(levels - fitted).sum(axis=1, keepdims=True) / SCALE**2)
         fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
-    found = without_drift(torch.tensor(change[None]))[0].numpy()
-    np.testing.assert_allclose(found, change - fitted.T.reshape(change.shape), atol=0.05)
+    corrected = without_drift(torch.tensor(change[None]))[0].numpy()
+    np.testing.assert_allclose(corrected, change - fitted.T.reshape(change.shape), atol=0.05)
 
 
 def test_gradients_flow_after_a_call_in_inference_mode() -> None:

@@ -13,8 +13,8 @@ from tests.references.slow_slopes import integrate_slowly
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (7, 2), (12, 17)])
 def test_surface_equals_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
     slopes = np.random.default_rng(0).normal(size=(2, *shape))
-    found = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
-    np.testing.assert_allclose(found, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
+    surface = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
+    np.testing.assert_allclose(surface, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
 
 
 def test_smooth_bump_is_recovered_from_its_slopes() -> None:
@@ -22,8 +22,8 @@ def test_smooth_bump_is_recovered_from_its_slopes() -> None:
     bump = np.exp(-8 * (x**2 + y**2))
     depth = torch.tensor(bump)[None]
     pitch = (2 / 80, 2 / 60)
-    found = integrate_slopes(surface_slopes(depth, pitch), pitch)
-    assert float((found - depth).abs().max()) < 0.01
+    surface = integrate_slopes(surface_slopes(depth, pitch), pitch)
+    assert float((surface - depth).abs().max()) < 0.01
 
 
 def test_slopes_of_a_plane_equal_its_gradient() -> None:

@@ -23,7 +23,7 @@ def slow_change(sensor, pressed) -> np.ndarray:
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     left, top, right, bottom = np.array(sensor.calibrated.within) / sensor.width
     x, y = ([min(max(at, least), most) for at in axis] for axis, least, most in ((x, left, right), (y, top, bottom)))
-    found = np.zeros((*sensor.shape, 3))
+    change = np.zeros((*sensor.shape, 3))
     rows, cols = sensor.shape
     for r in range(rows):
         for c in range(cols):
@@ -39,10 +39,10 @@ def slow_change(sensor, pressed) -> np.ndarray:
                 a, b = tilt / size * sensor.calibrated.steepest
             normal = [a**i * b**j for i, j in powers(3)[1:]]
             place = [x[c] ** i * y[r] ** j for i, j in powers(2)]
-            found[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
+            change[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
             if sensor.calibrated.depth is not None:
-                found[r, c] += 1e3 * min(pressed[r, c], sensor.calibrated.deepest) * np.array(sensor.calibrated.depth) @ place
-    return found
+                change[r, c] += 1e3 * min(pressed[r, c], sensor.calibrated.deepest) * np.array(sensor.calibrated.depth) @ place
+    return change
 
 
 def test_colours_are_the_polynomial_of_normal_and_position() -> None:
@@ -66,8 +66,8 @@ def test_light_grows_with_depth_up_to_the_deepest_fitted_contact(deepest: float,
 def test_slopes_beyond_the_fitted_range_have_the_colours_of_the_steepest_fitted_slope(steepest: float) -> None:
     optics = SMALL.calibrated.model_copy(update={"shadows": (), "depth": None, "steepest": steepest})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
-    found = calibrated_change(bump(), sensor, optics)
-    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    change = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(change, slow_change(sensor, bump()), atol=1e-9)
     cone = [slope * np.hypot(*np.meshgrid(*pixel_centres(sensor))) for slope in (1.0, 2.0)]  # both steeper than the steepest
     away = np.hypot(*np.meshgrid(*pixel_centres(sensor))) > 4 * max(sensor.pitch)
     changes = [calibrated_change(one, sensor, optics)[away] for one in cone]
@@ -78,10 +78,10 @@ def test_slopes_beyond_the_fitted_range_have_the_colours_of_the_steepest_fitted_
 def test_positions_outside_the_fitted_range_have_the_colours_of_the_nearest_fitted_position(within: tuple[float, ...]) -> None:
     optics = SMALL.calibrated.model_copy(update={"shadows": (), "within": within})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
-    found = calibrated_change(bump(), sensor, optics)
-    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    change = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(change, slow_change(sensor, bump()), atol=1e-9)
     everywhere = calibrated_change(bump(), sensor, optics.model_copy(update={"within": None}))
-    assert (found == everywhere).all() == (within[0] == -1.0)
+    assert (change == everywhere).all() == (within[0] == -1.0)
 
 
 def test_contact_deeper_than_the_fitted_range_casts_the_shadow_of_the_deepest() -> None:

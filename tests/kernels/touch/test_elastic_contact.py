@@ -117,11 +117,11 @@ def test_press_equals_the_slow_solver(gel, rng):
     worn = sensor(9, 12, gel)
     for shape in ("ball", "prism", "relief"):
         pressed = np.maximum(worn.w - random_press(worn, rng, shapes=[shape]).depth, 0)
-        found = press_elastic(pressed, worn, gel)
+        gel_state = press_elastic(pressed, worn, gel)
         slow, pressure = slow_press(pressed, worn.pitch, modulus=gel.modulus, poisson=gel.poisson, thickness=gel.thickness)
-        assert np.abs(found.pressure - pressure).max() < 1e-3 * pressure.max()
-        assert found.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
-        assert np.abs(found.indentation - slow).max() < 2e-4 * pressed.max()
+        assert np.abs(gel_state.pressure - pressure).max() < 1e-3 * pressure.max()
+        assert gel_state.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
+        assert np.abs(gel_state.indentation - slow).max() < 2e-4 * pressed.max()
 
 
 def grows(number: int) -> None:
@@ -133,13 +133,13 @@ def grows(number: int) -> None:
     deepest = float((worn.w - press.depth).max())
     relief = np.where(np.isfinite(press.depth), -press.depth, -np.inf)
     gels = [press_gel(press_relief(relief, worn, share * deepest), worn) for share in (0.9, 0.96, 1.0)]
-    forces = [normal_force(found.pressure, worn) for found in gels]
+    forces = [normal_force(gel_state.pressure, worn) for gel_state in gels]
     assert forces[0] > 0
     assert (np.diff(forces) / forces[:-1] > 0.5 * np.array([0.06 / 0.9, 0.04 / 0.96])).all(), (press.shape, gel, forces)
-    for found in gels:
-        assert np.isfinite(found.indentation).all()
-        assert (found.pressure >= 0).all()
-        assert (found.contact == (found.pressure > 0)).all()
+    for gel_state in gels:
+        assert np.isfinite(gel_state.indentation).all()
+        assert (gel_state.pressure >= 0).all()
+        assert (gel_state.contact == (gel_state.pressure > 0)).all()
 
 
 @pytest.mark.parametrize("numbers", [range(60), pytest.param(range(60, 1000), marks=pytest.mark.slow)], ids=["60", "1000"])
@@ -153,10 +153,10 @@ def test_a_larger_sensor_feels_the_same_pressure(scale):
     """All lengths times a number: the indentation is that many times as deep, the pressure the same, the force its square."""
     pressed = np.maximum(5e-4 - radii(sensor(60, 80)) ** 2 / 0.008, 0)
     small, large = (sensor(60, 80, Gel(modulus=E, thickness=0.004 * by), SIDE * by) for by in (1.0, scale))
-    found, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
-    np.testing.assert_allclose(again.pressure, found.pressure, atol=1e-6 * found.pressure.max())
-    np.testing.assert_allclose(again.indentation / scale, found.indentation, atol=1e-6 * pressed.max())
-    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(found.pressure, small))
+    gel_state, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
+    np.testing.assert_allclose(again.pressure, gel_state.pressure, atol=1e-6 * gel_state.pressure.max())
+    np.testing.assert_allclose(again.indentation / scale, gel_state.indentation, atol=1e-6 * pressed.max())
+    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(gel_state.pressure, small))
 
 
 def test_depth_without_contact_gives_zero_force_and_indentation():

@@ -105,5 +105,5 @@ def test_shrunk_image_is_smoothed(rng: np.random.Generator) -> None:
     """A chequered image of single pixels becomes grey instead of stripes."""
     image = np.repeat((255 * (np.indices((400, 400)).sum(axis=0) % 2))[..., None], 3, axis=2).astype(np.uint8)
     zoom = np.array([[0.15, 0, 0], [0, 0.15, 0], [0, 0, 1.0]])
-    made, _ = transfer_view(image, TRAINING, zoom @ TRAINING, (60, 60), (0, 0, 0))
-    assert np.abs(made[5:-5, 5:-5].astype(int) - 127).max() < 8
+    shrunk, _ = transfer_view(image, TRAINING, zoom @ TRAINING, (60, 60), (0, 0, 0))
+    assert np.abs(shrunk[5:-5, 5:-5].astype(int) - 127).max() < 8

@@ -124,10 +124,10 @@ def test_failed_attempts_report_the_reason() -> None:
     """Twenty steps are too few for fingers to rest; the object has room."""
     ball = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
     settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20, "resting_speed": 1e-12})
-    told = pytest.raises(
+    error = pytest.raises(
         InvalidInput, match=r"0 of 1 grasps found in 2 attempts: fingers still move after 20 steps \(simulate-grasps.settle_steps\)"
     )
-    with SimulateGrasps().session(settings, {}) as process, told:
+    with SimulateGrasps().session(settings, {}) as process, error:
         process(*unit_of(ball, *points_on(ball, 100, seed=0)))
 
 
