@@ -1,4 +1,4 @@
-"""What a benchmark of searches counts."""
+"""Measures of the benchmark of grasp searches."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from benchmarks.grasp_searches import REACHED, covered
 
 
-def test_covered_surface_is_a_disc_around_each_contact_that_is_there() -> None:
+def test_covered_surface_is_a_disc_around_each_contact_with_area() -> None:
     side = np.linspace(-0.1, 0.1, 401)
     plane = np.stack([*np.meshgrid(side, side), np.zeros((401, 401))], axis=-1).reshape(-1, 3)
     points = np.array([[[-0.05, 0, 0], [0.05, 0, 0], [0, 0, 0]]])

@@ -1,4 +1,4 @@
-"""Benchmarks import the project and each other without a circle, never the tests; documents name those that exist."""
+"""Benchmarks import the project and each other without a cycle, never the tests; documents name existing ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_benchmarks_do_not_import_tests(module):
     assert not [name for name in imported(module) if name.partition(".")[0] == "tests"]
 
 
-def test_imports_among_benchmarks_have_no_circle():
+def test_imports_among_benchmarks_have_no_cycle():
     TopologicalSorter({module: imported(module) & FILES.keys() for module in FILES}).prepare()
 
 

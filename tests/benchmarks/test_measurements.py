@@ -35,7 +35,7 @@ def plane() -> Mesh:
 
 
 @pytest.mark.parametrize("eye", [0.0225, None])
-def test_rasterised_depth_errs_as_its_closed_form(plane: Mesh, eye: float | None) -> None:
+def test_error_of_rasterised_depth_equals_its_closed_form(plane: Mesh, eye: float | None) -> None:
     """A pixel's ray x = u · Z meets the plane at the distance Z from the eye where Z - (eye - w) = NEAREST + SLOPE · u · Z."""
     context = OpenGLContext(SENSOR.cols)
     depth = rasterised_depth(context, plane, SENSOR, eye)(np.eye(4))
@@ -49,7 +49,7 @@ def test_rasterised_depth_errs_as_its_closed_form(plane: Mesh, eye: float | None
     np.testing.assert_allclose(depth, np.broadcast_to(expected, SENSOR.shape), rtol=0, atol=1.2 * half_pixel)
 
 
-def test_embree_shows_a_tilted_plane(plane: Mesh) -> None:
+def test_embree_traces_a_tilted_plane(plane: Mesh) -> None:
     x, _ = pixel_centres(SENSOR)
     expected = np.broadcast_to(NEAREST + SLOPE * x, SENSOR.shape)
     np.testing.assert_allclose(embree_depth(plane.triangles, SENSOR)(np.eye(4)), expected, rtol=0, atol=1e-7)
@@ -77,7 +77,7 @@ def test_every_format_returns_the_shard_and_is_counted() -> None:
     assert float(rows[store.OURS][1]) == 1
 
 
-def test_a_format_that_loses_a_bit_is_refused() -> None:
+def test_lossy_format_is_refused() -> None:
     arrays = {name: np.zeros((1, 1, *SHAPE[name]), np.float32) for name in store.MAPS}
 
     def write(folder: Path, arrays: dict[str, np.ndarray]) -> None:
@@ -88,7 +88,7 @@ def test_a_format_that_loses_a_bit_is_refused() -> None:
         store.compare(table, {store.OURS: (write, lambda folder: np.load(folder / "a.npz"))}, arrays, turns=1)
 
 
-def test_scatter_min_replacement_takes_the_least_per_index() -> None:
+def test_scatter_min_replacement_gives_the_minimum_per_index() -> None:
     source, out = torch.tensor([[5.0, 1.0, 3.0]]), torch.full((1, 3), torch.inf)
     least, _ = scatter_min(source, torch.tensor([2, 0, 2]), dim_size=3, out=out)
     assert least.tolist() == [[1.0, torch.inf, 3.0]]
@@ -110,7 +110,7 @@ def test_table_refuses_wrong_row_width_and_names_peers_that_could_not_run() -> N
     assert text.index("`command` · commit") < text.index("| ours | 1 | 1.5 |") < text.index("- a caption")
 
 
-def test_tacto_reports_a_missing_environment_and_why_it_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tacto_reports_a_missing_environment_and_the_cause_of_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(touch, "TACTO", tmp_path / "python")
     with pytest.raises(RuntimeError, match="missing; `make bench-peers`"):
         touch.tacto([], SENSOR, 1)
@@ -119,7 +119,7 @@ def test_tacto_reports_a_missing_environment_and_why_it_ended(tmp_path: Path, mo
         touch.tacto([], SENSOR, 1)
 
 
-def test_times_are_taken_in_turns_after_warming_up() -> None:
+def test_times_are_measured_in_turns_after_warming_up() -> None:
     order: list[str] = []
     values = iter([9.0, 9.0, 1.0, 5.0, 3.0, 5.0, 2.0, 8.0])
 
@@ -136,5 +136,5 @@ def test_times_are_taken_in_turns_after_warming_up() -> None:
 @pytest.mark.parametrize(
     ("value", "text"), [(0.012345, "0.0123"), (1.2345, "1.23"), (12.34, "12.3"), (1234.5, "1230"), (0.0, "0"), (1.2e-5, "1e-05")]
 )
-def test_three_digits(value: float, text: str) -> None:
+def test_numbers_are_printed_with_three_digits(value: float, text: str) -> None:
     assert three_digits(value) == text

@@ -62,13 +62,13 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Photogr
     return path, read_sets(real, [path])[0]
 
 
-def test_descriptions_that_come_with_it_are_whole() -> None:
+def test_shipped_descriptions_are_complete() -> None:
     described = {path.stem: SetDescription.model_validate(yaml.safe_load(path.read_text())) for path in SETS.glob("*.yaml")}
     assert len(described["gelsight_sim2real"].presses) == 16
     assert described["gelslam_mini"].tested is not None
 
 
-def test_a_set_is_read(photographs: tuple[Path, PhotographSet]) -> None:
+def test_photograph_set_is_read(photographs: tuple[Path, PhotographSet]) -> None:
     _, read = photographs
     assert len(read.balls) == 12
     (press,) = read.presses
@@ -77,12 +77,12 @@ def test_a_set_is_read(photographs: tuple[Path, PhotographSet]) -> None:
     assert press.footprint.sum() == pytest.approx(np.pi * (0.85 * np.sqrt(2 * 5 * 0.5 - 0.25) / SCALE) ** 2, rel=0.05)
 
 
-def test_sets_that_are_not_there_are_said(tmp_path: Path) -> None:
+def test_missing_sets_are_reported(tmp_path: Path) -> None:
     with pytest.raises(SystemExit, match="holds none of the 2 sets; clone them"):
         read_sets(tmp_path, sorted(SETS.glob("*.yaml")))
 
 
-def test_scores_are_those_of_known_errors(photographs: tuple[Path, PhotographSet]) -> None:
+def test_scores_of_known_errors(photographs: tuple[Path, PhotographSet]) -> None:
     press = photographs[1].presses[0]
     right = score(Reading(press.depth, press.footprint), press, SCALE)
     assert (right.rmse, right.bias, right.shape, right.overlap) == (0, 0, 0, 1)
@@ -102,13 +102,13 @@ def test_scores_are_those_of_known_errors(photographs: tuple[Path, PhotographSet
     assert np.isnan(means.flat)
 
 
-def test_the_look_up_table_reads_what_it_was_fitted_to(photographs: tuple[Path, PhotographSet]) -> None:
+def test_look_up_table_reads_its_training_photographs(photographs: tuple[Path, PhotographSet]) -> None:
     read = photographs[1]
     depth = depth_of(look_up_table(read)(read.presses[0].image), SCALE)
     assert score(Reading(depth), read.presses[0], SCALE).rmse < 0.1
 
 
-def test_predictions_of_anybody_are_scored(
+def test_predictions_from_files_are_scored(
     photographs: tuple[Path, PhotographSet], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, read = photographs
@@ -123,7 +123,7 @@ def test_predictions_of_anybody_are_scored(
         command.main()
 
 
-def test_radius_of_a_ball_is_that_of_the_sphere_in_the_footprint() -> None:
+def test_radius_of_a_ball_is_fitted_in_the_footprint() -> None:
     rows, cols = np.indices((ROWS, COLS))
     squared = SCALE**2 * ((cols - 40.3) ** 2 + (rows - 29.0) ** 2)
     depth = np.sqrt(np.maximum(RADIUS**2 - squared, 0)) - 3.0
@@ -132,7 +132,7 @@ def test_radius_of_a_ball_is_that_of_the_sphere_in_the_footprint() -> None:
     assert ball_radius(0.5 * depth, squared < 6.0, SCALE) > 1.5 * RADIUS
 
 
-def test_radius_of_a_ball_is_read_in_the_contact_that_a_method_reads() -> None:
+def test_radius_of_a_ball_is_fitted_in_the_contact_of_the_method() -> None:
     rows, cols = np.indices((ROWS, COLS))
     apart = np.hypot(cols - 30, rows - 25)
     press = Press("ball", np.zeros((ROWS, COLS, 3), np.uint8), np.zeros((ROWS, COLS)), apart < 4, flat=False, absolute=False)

@@ -74,7 +74,7 @@ def test_touch_in_pybullet_prints_its_rate(run):
     assert "tactile images per second" in printed
 
 
-def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
+def test_method_of_twenty_lines_is_scored(run, data, tmp_path):
     with pytest.raises(SystemExit, match=r"Usage: python examples/score_a_method\.py DATA FOLDER"):
         run("score_a_method")
     assert "2 spheres in" in run("score_a_method", data, tmp_path / "sphere")
@@ -86,7 +86,7 @@ def test_a_method_of_twenty_lines_is_scored(run, data, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["grasp", "rgbd"])
-def test_the_observations_are_without_faults_for_the_network_that_ships(name, tmp_path):
+def test_observations_have_no_faults_for_the_shipped_network(name, tmp_path):
     done = CliRunner().invoke(app, ["check", str(EXAMPLES / "robot_grasp" / f"{name}.yaml"), "--picture", str(tmp_path / "a.png")])
     assert done.exit_code == 0, done.output
     assert "no faults" in done.output
@@ -97,9 +97,9 @@ def test_the_observations_are_without_faults_for_the_network_that_ships(name, tm
 
 
 @pytest.mark.slow
-def test_an_rgbd_observation_becomes_a_closed_mesh_where_the_object_is(tmp_path):
-    asked = ["predict", str(tmp_path / "a.ply"), "--observation", str(EXAMPLES / "robot_grasp" / "rgbd.yaml"), "--surface", "closed"]
-    done = CliRunner().invoke(app, [*asked, "--resolution", "48"])
+def test_rgbd_observation_gives_a_closed_mesh_at_the_object(tmp_path):
+    options = ["predict", str(tmp_path / "a.ply"), "--observation", str(EXAMPLES / "robot_grasp" / "rgbd.yaml"), "--surface", "closed"]
+    done = CliRunner().invoke(app, [*options, "--resolution", "48"])
     assert done.exit_code == 0, done.output
     mesh = trimesh.load(tmp_path / "a.ply")
     assert mesh.is_watertight

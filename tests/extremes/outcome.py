@@ -1,4 +1,4 @@
-"""What a kernel makes of a shape: an error, or a refusal in words."""
+"""Outcomes of kernels: an error, or a refusal with a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No kernel is wrong without a word; shapes within the ranges are taken. `make test-extremes` feeds the large ones too."""
+"""Kernels are accurate or raise an error; shapes within the ranges are accepted. `make test-extremes` feeds the large ones too."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SIZES = [pytest.param(shape, id=shape.name, marks=[pytest.mark.slow] if shape.la
 
 @pytest.mark.parametrize("shape", SIZES)
 @pytest.mark.parametrize("kernel", [pytest.param(kernel, id=kernel.name.split(": ")[1]) for kernel in KERNELS])
-def test_kernel_is_right_or_refuses(kernel: Kernel, shape: Shape) -> None:
+def test_kernel_is_accurate_or_refuses_its_input(kernel: Kernel, shape: Shape) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of overflows in what is refused
         assert not feed(kernel, shape).wrong

@@ -14,7 +14,7 @@ CHART = 0.0174 * chart_square(9)[0].numpy() * [1, -1, 1] + [0, 0, 0.104]  # felt
 
 
 @pytest.mark.parametrize("own", [True, False])
-def test_the_mesh_goes_through_charts_of_the_reconstruction_or_beside_it(own):
+def test_closed_mesh_passes_through_the_touch_charts(own):
     vertices, faces = np.asarray(BALL.vertices), np.asarray(BALL.faces)
     whole = Reconstruction(vertices, faces, vision=len(vertices), position=np.arange(len(vertices)), side=9)
     parts = Reconstruction(

@@ -1,4 +1,4 @@
-"""Saved networks come back as they were; what is none is refused in words, before memory is taken."""
+"""Saved networks load unchanged; invalid files give a clear error before memory is allocated."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def module() -> torch.nn.Module:
     return torch.nn.Sequential(torch.nn.Linear(2, 3), torch.nn.BatchNorm1d(3))
 
 
-def test_saved_network_is_loaded_as_it_was(tmp_path: Path) -> None:
+def test_saved_network_is_loaded_unchanged(tmp_path: Path) -> None:
     saved = module()
     save_model(tmp_path, saved, {"width": 8})
     loaded = load_network(tmp_path, module, "cpu")
@@ -58,7 +58,7 @@ def test_folder_without_a_network_is_an_error(tmp_path: Path) -> None:
     ],
     ids=["empty", "cut", "header", "dtype", "shape", "json"],
 )
-def test_weights_that_cannot_be_read_are_errors(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+def test_unreadable_weights_are_errors(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
     save_model(tmp_path, module(), {})
     weights = tmp_path / "model.safetensors"
     weights.write_bytes(damage(weights.read_bytes()))
@@ -104,13 +104,13 @@ def test_touch_models_with_another_description_are_errors(unet: Path, changes: d
 @pytest.mark.parametrize(
     "content", [b"", b"[]", b"[" * 100_000, b'{"width": NaN}', b"\xff"], ids=["empty", "list", "nested", "nan", "bytes"]
 )
-def test_descriptions_that_are_none_are_errors(unet: Path, content: bytes) -> None:
+def test_invalid_descriptions_are_errors(unet: Path, content: bytes) -> None:
     (unet / "model.json").write_bytes(content)
     with pytest.raises(StoreError, match="no trained model that can be used"):
         load_touch_model(unet, "cpu")
 
 
-def test_an_untouched_image_that_is_not_the_sensors_is_an_error(unet: Path) -> None:
+def test_invalid_untouched_image_is_an_error(unet: Path) -> None:
     Image.fromarray(np.zeros((4, 5, 3), np.uint8)).save(unet / "untouched.png")
     with pytest.raises(StoreError, match=r"untouched.png has \(4, 5\) pixels, its sensor \(100, 100\)"):
         load_touch_model(unet, "cpu")

@@ -32,15 +32,15 @@ def felt(count: int, touched: bool = True) -> Observation:
 
 
 @pytest.mark.parametrize(("count", "touched"), [(0, True), (1, True), (20, True), (20, False)])
-def test_surface_has_the_charts_of_successful_touches_alone(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
-    found = models["touch"].reconstruct([felt(count, touched), felt(0)])
-    assert [len(made.vertices) for made in found] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
-    assert all(np.isfinite(made.vertices).all() for made in found)
-    assert found[0].faces.max() == len(found[0].vertices) - 1
+def test_surface_has_the_charts_of_successful_touches_only(models: dict[str, Reconstructor], count: int, touched: bool) -> None:
+    reconstructions = models["touch"].reconstruct([felt(count, touched), felt(0)])
+    assert [len(made.vertices) for made in reconstructions] == [len(SPHERE.vertices) + count * touched * SIZE, len(SPHERE.vertices)]
+    assert all(np.isfinite(made.vertices).all() for made in reconstructions)
+    assert reconstructions[0].faces.max() == len(reconstructions[0].vertices) - 1
 
 
 def test_charts_without_a_fit_count_as_failed_touches() -> None:
-    """Whatever ended a fit is a surface; the square of a sensor that met nothing is none."""
+    """Every ended fit is a surface; the square of a sensor without touch is not."""
     rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
     arrays = {"vertices": np.zeros((*rules.shape, SIZE, 3), np.float32), "stop_rule": rules}
     rows = Mock(read=lambda name, object_id: arrays[name])
@@ -54,7 +54,7 @@ def test_charts_without_a_fit_count_as_failed_touches() -> None:
     }
 
 
-def test_observations_that_do_not_fit_are_refused(models: dict[str, Reconstructor]) -> None:
+def test_observations_that_do_not_match_the_model_are_refused(models: dict[str, Reconstructor]) -> None:
     nowhere = felt(2)
     nowhere.touch_vertices[1, 3, 0] = np.nan
     image = np.zeros((1, 1, 3), np.uint8)
@@ -80,7 +80,7 @@ def test_black_and_white_images_give_finite_surfaces(models: dict[str, Reconstru
     assert np.isfinite(made.vertices).all()
 
 
-def test_reconstruction_leaves_torchs_generator_alone(models: dict[str, Reconstructor]) -> None:
+def test_reconstruction_keeps_the_state_of_torchs_generator(models: dict[str, Reconstructor]) -> None:
     before = torch.random.get_rng_state()
     models["touch"].reconstruct([felt(1)])
     assert torch.equal(torch.random.get_rng_state(), before)

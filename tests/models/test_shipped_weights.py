@@ -1,4 +1,4 @@
-"""Weights that ship: copied with a card from a data directory, found by `predict` without --models, refused where there are none."""
+"""Shipped weights: copied with a card from a data directory, found by `predict` without --models, an error if there are none."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
     return weights
 
 
-def test_what_ships_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
+def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
     card = read_card(NETWORK, shipped)
     assert card.objects == 2
     assert [source.licence for source in card.trained_on] == [source.licence for source in ship_weights.load_manifest("toy").sources[:-1]]
@@ -79,13 +79,13 @@ def test_what_ships_has_a_card_with_sources_licences_and_errors_by_row_and_class
     assert card.not_for
 
 
-def test_shipping_replaces_what_it_ships_and_keeps_the_networks_of_sensors(shipped):
+def test_shipping_replaces_its_files_and_keeps_the_networks_of_sensors(shipped):
     assert (shipped / "sensors" / "gelsight.card.yaml").read_text() == "old"
     assert not (shipped / "implicit" / "old.json").exists()
     assert (shipped / "unet.json").read_text() != "old"
 
 
-def test_predict_without_models_takes_what_ships(data, shipped, tmp_path):
+def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path):
     assert shipped_models() == shipped
     bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("models", "evaluation*"))
     done = CliRunner().invoke(app, ["predict", str(tmp_path / "out.ply"), "--data", str(bare), "--object", "b"])
@@ -96,7 +96,7 @@ def test_predict_without_models_takes_what_ships(data, shipped, tmp_path):
     assert chosen_models(None, bare, f"{NETWORK}-touch") == (shipped, f"{NETWORK}-touch")
 
 
-def test_where_no_weights_ship_the_message_says_what_to_name(tmp_path, monkeypatch):
+def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, monkeypatch):
     for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict"):
         monkeypatch.setattr(f"{module}.SHIPPED", tmp_path / "none")
     with pytest.raises(StageError, match="name a folder of models with --models"):
@@ -105,7 +105,7 @@ def test_where_no_weights_ship_the_message_says_what_to_name(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(("content", "words"), [("[", "cannot be read as a card"), ("network: 3\n", "network")])
-def test_a_damaged_card_is_named(shipped, content, words):
+def test_damaged_card_is_named(shipped, content, words):
     card_path(shipped, NETWORK).write_text(content)
     with pytest.raises(StoreError, match=words):
         read_card(NETWORK, shipped)
@@ -115,8 +115,8 @@ def _sensor_card(path: Path) -> SensorCard:
     return SensorCard.model_validate(yaml.safe_load(path.read_text()))
 
 
-def test_weights_that_ship_are_small_and_each_has_a_card():
-    """Of those in the repository, if there are any."""
+def test_shipped_weights_are_small_and_each_has_a_card():
+    """Check the weights in the repository, if there are any."""
     for name in shipped_weights.trained_models(shipped_weights.SHIPPED):
         assert read_card(name).network
     for card in (shipped_weights.SHIPPED / SENSORS).glob("*.yaml"):
@@ -126,8 +126,8 @@ def test_weights_that_ship_are_small_and_each_has_a_card():
 
 
 @pytest.mark.parametrize("name", sorted(ship_sensor_weights.FITTED_TO))
-def test_depth_of_simulated_balls_is_read_as_well_as_the_card_of_a_sensors_network_says(name):
-    """Of balls that it was not trained on; the file of the sensor has not changed since, or the reader would refuse it."""
+def test_depth_error_on_simulated_balls_is_that_of_the_sensors_card(name):
+    """Balls are not those of the training; the reader would refuse a changed sensor file."""
     sensor = load_sensor(name)
     balls = ship_sensor_weights.simulated_balls(sensor, ship_sensor_weights.BALLS)
     reader = TouchReader(name, untouched := untouched_image(sensor))
@@ -138,7 +138,7 @@ def test_depth_of_simulated_balls_is_read_as_well_as_the_card_of_a_sensors_netwo
     assert error.contact_iou > 0.9 * stated.contact_iou > 0.7
 
 
-def test_a_sensors_network_is_shipped_with_a_card(tmp_path):
+def test_network_of_a_sensor_is_shipped_with_a_card(tmp_path):
     settings = TouchTrainingSettings(epochs=1, width=2, batch_size=2, threads=1)
     assert shipped_sensor_network("gelsight_mini", tmp_path) is None
     card = ship_sensor_weights.ship("gelsight_mini", tmp_path, presses=4, settings=settings)

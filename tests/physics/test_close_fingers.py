@@ -55,10 +55,10 @@ def test_fingers_side_by_side_are_not_pushed_apart(tmp_path: Path, monkeypatch: 
     hand_body._untested_pairs.cache_clear()
 
 
-def test_a_search_keeps_half_of_the_gap_at_rest(tmp_path: Path, hand: Hand) -> None:
+def test_finger_gap_is_at_most_half_of_the_gap_at_rest(tmp_path: Path, hand: Hand) -> None:
     near = load_pair(tmp_path, GAP)
-    found = close_links(near, collision_boxes(near), 2 * FINGER_GAP)
-    assert list(found) == [(1, 2)]
-    assert 0 < found[1, 2] < GAP
-    assert finger_gap(near) == found[1, 2] / 2
+    gaps = close_links(near, collision_boxes(near), 2 * FINGER_GAP)
+    assert list(gaps) == [(1, 2)]
+    assert 0 < gaps[1, 2] < GAP
+    assert finger_gap(near) == gaps[1, 2] / 2
     assert finger_gap(hand) == FINGER_GAP

@@ -32,7 +32,7 @@ def slips(engine: Engine, hand: Hand, mesh: Mesh, *, friction: float, down: tupl
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_sphere_between_two_fingers_slips_when_friction_says_so(engine: Engine, pincers: Hand) -> None:
+def test_sphere_between_two_fingers_slips_below_the_friction_limit(engine: Engine, pincers: Hand) -> None:
     sphere = centred(trimesh.creation.icosphere(subdivisions=4, radius=RADIUS))
     assert not slips(engine, pincers, sphere, friction=1.05 * LIMIT)
     assert slips(engine, pincers, sphere, friction=0.95 * LIMIT)
@@ -40,7 +40,7 @@ def test_sphere_between_two_fingers_slips_when_friction_says_so(engine: Engine, 
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("down", [(1.0, 0.0, 0.0), (1.0, 0.0, -1.0), (-0.5, 0.0, -1.0)])
-def test_friction_is_the_same_in_every_direction_of_the_pads(engine: Engine, pincers: Hand, down: tuple[float, float, float]) -> None:
+def test_friction_of_pads_is_isotropic(engine: Engine, pincers: Hand, down: tuple[float, float, float]) -> None:
     plate = centred(trimesh.creation.box((0.1, 2 * RADIUS, 0.1)))
     assert not slips(engine, pincers, plate, friction=1.05 * LIMIT, down=down)
     assert slips(engine, pincers, plate, friction=0.95 * LIMIT, down=down)

@@ -1,4 +1,4 @@
-"""Objects as convex parts, and what is said where their library or MuJoCo is missing."""
+"""Objects as convex parts, and the error if their library or MuJoCo is missing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def corner() -> Mesh:
     return centred(trimesh.Trimesh(points, np.concatenate([caps[:, ::-1], caps + 6, *sides]), process=False))
 
 
-def test_parts_fill_a_concave_object_and_no_more(cache: Path) -> None:
+def test_convex_parts_have_the_volume_of_a_concave_object_and_are_cached(cache: Path) -> None:
     mesh, others = corner(), set(cache.glob("*"))
     parts = convex_parts(mesh)
     assert sum(trimesh.convex.convex_hull(part).volume for part in parts) == pytest.approx(16e-4 * 0.02, rel=0.02)
@@ -39,7 +39,7 @@ def test_parts_fill_a_concave_object_and_no_more(cache: Path) -> None:
 
 
 @pytest.mark.parametrize("module", ["coacd", "mujoco"])
-def test_missing_package_is_told_with_the_extra_that_has_it(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_package_is_reported_with_its_extra(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)
     hand, sensor = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
     with pytest.raises(InvalidInput, match=r"pip install .*'\.\[mujoco\]'"), hold_test("mujoco", hand, [sensor] * 2, mass=0.1) as test:

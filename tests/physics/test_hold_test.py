@@ -58,17 +58,17 @@ def hold(mesh: Mesh, grasp: StoredGrasp, *, mass: float, engine: Engine) -> Moti
 
 @pytest.mark.parametrize("engine", get_args(Engine))
 @pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.25, False)])
-def test_opposed_gels_hold_what_their_friction_can(engine: Engine, share: float, holds: bool) -> None:
+def test_opposed_gels_hold_weights_up_to_the_friction_limit(engine: Engine, share: float, holds: bool) -> None:
     assert lifted(post(), mass=share * HOLDS, engine=engine) == holds
 
 
 @pytest.mark.parametrize("engine", get_args(Engine))
-def test_object_that_is_touched_from_one_side_falls(engine: Engine) -> None:
+def test_object_touched_from_one_side_falls(engine: Engine) -> None:
     assert not lifted(post(), mass=0.05, sideways=0.03, engine=engine)
 
 
 @pytest.mark.parametrize("engine", get_args(Engine))
-def test_motion_records_the_fall_as_it_is(engine: Engine) -> None:
+def test_recorded_motion_of_an_untouched_object_is_free_fall(engine: Engine) -> None:
     """The gripper is a metre away: the post falls freely, while the fingers stay."""
     angles = np.array([0.03])
     motion = hold(post(), StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None]), mass=0.05, engine=engine)
@@ -98,7 +98,7 @@ def creeping(speed: float, acceleration: float, *, whole: bool) -> tuple[int, bo
     ("speed", "acceleration", "stays"),
     [(0.001, 0.0, True), (0.008, 0.0, True), (0.03, 0.0, False), (0.004, 0.05, False), (0.004, 0.01, True)],
 )
-def test_a_track_that_ends_early_ends_as_the_whole_one(speed: float, acceleration: float, stays: bool) -> None:
+def test_early_stop_gives_the_verdict_of_the_whole_track(speed: float, acceleration: float, stays: bool) -> None:
     looks, verdict = creeping(speed, acceleration, whole=False)
     every, whole = creeping(speed, acceleration, whole=True)
     assert verdict == whole == stays
@@ -108,7 +108,7 @@ def test_a_track_that_ends_early_ends_as_the_whole_one(speed: float, acceleratio
 
 
 @pytest.mark.parametrize("thickness", [None, 2 * SENSOR.w])
-def test_spring_of_a_gel_presses_as_its_layer_and_is_bounded_where_the_object_hardly_touches(thickness: float | None) -> None:
+def test_gel_spring_has_the_stiffness_of_its_layer_and_an_upper_bound_for_slight_contact(thickness: float | None) -> None:
     sensor = SENSOR.model_copy(update={"gel": Gel(modulus=GEL_MODULUS, thickness=thickness)})
     layer, area = GEL_MODULUS / (thickness or SENSOR.w), SENSOR.width**2
     for pressed in (PRESSED, 1.0001 * OVERLAP, OVERLAP / 2):

@@ -12,7 +12,7 @@ from pipeline.physics.mujoco_engine import MujocoHoldTest
 from tests.kernels.hand.meshes import centred, points_on
 
 
-def test_hand_that_touches_nothing_keeps_its_posture(hand: Hand) -> None:
+def test_hand_without_contact_keeps_its_posture(hand: Hand) -> None:
     """A palm that does not move must not collide with the fingers' first links, which it carries."""
     far, pose = centred(trimesh.creation.box((0.05, 0.05, 0.05))), np.eye(4)
     pose[0, 3] = 1.0

@@ -34,7 +34,7 @@ def test_ball_falls_with_gravity(hand: Hand) -> None:
         assert height == pytest.approx(3 + GRAVITY * STEP**2 * steps * (steps + 1) / 2, abs=1e-5)
 
 
-def test_mesh_with_more_vertices_than_pybullet_takes_is_loaded_whole(hand: Hand) -> None:
+def test_mesh_beyond_pybullets_vertex_limit_is_loaded_completely(hand: Hand) -> None:
     """Faces that share no vertex, as an STL has them: three vertices per face, of which PyBullet takes 131,072 at once."""
     sphere = trimesh.creation.icosphere(subdivisions=6, radius=0.05)
     sphere.unmerge_vertices()
@@ -73,7 +73,7 @@ def test_fingers_reach_a_free_target_and_rest(hand: Hand) -> None:
         np.testing.assert_allclose(later, angles, atol=2e-3)
 
 
-def test_fingers_that_slide_rest_as_near_to_their_target_as_those_that_turn(pincers: Hand) -> None:
+def test_sliding_fingers_rest_as_near_to_their_target_as_turning_fingers(pincers: Hand) -> None:
     """In a step they go three tenths of the way that is left: when they rest, that is below a micrometre."""
     target = np.full(2, 0.05)
     with Simulation(pincers) as physics:
@@ -107,8 +107,8 @@ def test_client_prints_nothing(hand: Hand, capfd: pytest.CaptureFixture[str]) ->
     assert capfd.readouterr() == ("", "")
 
 
-def test_objects_that_were_loaded_leave_no_memory_behind(hand: Hand) -> None:
-    """PyBullet keeps the lists that it is given: 0.2 MB per object of 1280 faces, were they new each time."""
+def test_loaded_objects_release_their_memory(hand: Hand) -> None:
+    """PyBullet keeps its input lists: new lists would cost 0.2 MB per object of 1280 faces."""
     mesh = centred(trimesh.creation.icosphere(subdivisions=3, radius=0.05))
     with Simulation(hand) as physics:
         sizes = []
@@ -127,7 +127,7 @@ CHAIN = """<robot name="chain"><link name="palm"/>
 <limit lower="0" upper="1.5" effort="1" velocity="1"/><mimic joint="bend" multiplier="1.05" offset="0"/></joint></robot>"""
 
 
-def test_joint_that_follows_one_of_its_own_finger_does_not_sag(tmp_path: Path) -> None:
+def test_mimic_joint_of_a_finger_does_not_sag(tmp_path: Path) -> None:
     """Bent freely; with the gear between two branches, gravity leaves the tip 5 mrad off."""
     (tmp_path / "chain.urdf").write_text(CHAIN)
     sensor = "sensor: {link: far, origin: [0.02, 0, -0.005], normal: [0, 0, -1], columns: [0, 1, 0]}"

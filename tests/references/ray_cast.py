@@ -1,4 +1,4 @@
-"""What an image must show, by other means than the renderer's."""
+"""Expected images by ray casting, independent of the renderer."""
 
 from __future__ import annotations
 

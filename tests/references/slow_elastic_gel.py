@@ -46,7 +46,7 @@ def cell_displacement(offset: np.ndarray, pitch: tuple[float, float], poisson: f
 
 
 def bonded(distance: float, poisson: float, thickness: float) -> float:
-    """Integrate what the rigid base takes away from the displacement at a distance from a force of 1 N, where E / (1 - poisson²) is 1."""
+    """Integrate the reduction by the rigid base of the displacement at a distance from a force of 1 N, where E / (1 - poisson²) is 1."""
 
     def integrand(q: float) -> float:
         a, k = q * thickness, 3 - 4 * poisson

@@ -56,7 +56,7 @@ def slow_distance(field: DistanceField, points: np.ndarray) -> np.ndarray:
 
 
 def slow_contact_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -> np.ndarray:
-    """(N, F) values of postures in whose way nothing is."""
+    """(N, F) values of postures that are clear."""
     values = np.zeros((len(frames), len(ik.hand.fingers)), np.float32)
     for f, finger in enumerate(ik.hand.fingers):
         for s in finger.sensors:

@@ -1,4 +1,4 @@
-"""`vt-pipeline check` of hands, scenes, manifests and observations: what is wrong is named, and a picture drawn."""
+"""`vt-pipeline check` of hands, scenes, manifests and observations: faults are named, and a picture is drawn."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -
         assert picture.width > 300
 
 
-def test_an_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(tmp_path: Path) -> None:
+def test_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(tmp_path: Path) -> None:
     path = edited("sensor", "gel_16mm", tmp_path / "soft.yaml", gel={"modulus": 2e5})
     (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
     layer = "elastic gel: 0.2 MPa, Poisson's ratio 0.48, 6.8 mm; the ball in the picture, 1.7 mm deep"
@@ -99,7 +99,7 @@ def plates(*spans: tuple[float, float]) -> str:
         ),
     ],
 )
-def test_links_that_block_a_finger_are_a_fault_in_the_words_of_the_stage(old: str, new: str, fault: str, tmp_path: Path) -> None:
+def test_links_that_block_a_finger_are_a_fault_with_the_message_of_the_stage(old: str, new: str, fault: str, tmp_path: Path) -> None:
     urdf = load_hand("two_finger_gripper").urdf.read_text().replace(old, new)
     (tmp_path / "blocked.urdf").write_text(urdf.replace('<mimic joint="left_slide"/>', ""))
     path = edited("hand", "two_finger_gripper", tmp_path / "blocked.yaml", urdf="blocked.urdf")
@@ -112,7 +112,7 @@ def test_links_that_block_a_finger_are_a_fault_in_the_words_of_the_stage(old: st
     assert re.search(r": write `allowed_contacts: \[\[.*\]\]` into ", faults[0])  # these links are boxes: nothing can be cut
 
 
-def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(tmp_path: Path) -> None:
+def test_trial_reports_the_number_of_grasps_and_a_remedy_if_there_is_none(tmp_path: Path) -> None:
     lines = check_file("two_finger_gripper", tmp_path / "a.png")
     assert any(
         re.fullmatch(r"trial: ([5-9]|10) of 10 attempts at a ball of 70 mm are grasps, which touch with .* of 2 sensors", line)
@@ -126,7 +126,7 @@ def test_trial_says_how_many_attempts_are_grasps_and_what_to_change_if_none_is(t
     assert "palm.facing" in fault
 
 
-def test_trial_of_a_hand_with_sensors_on_the_palm_alone_says_when_they_touch(tmp_path: Path) -> None:
+def test_trial_of_a_hand_with_palm_sensors_only_reports_when_they_touch(tmp_path: Path) -> None:
     described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
     mount = {"link": "palm", "origin": [0, 0, -0.005], "normal": [0, 0, 1], "columns": [1, 0, 0]}
     fingers = [{"name": finger["name"], "joints": finger["joints"]} for finger in described["fingers"]]
@@ -138,7 +138,7 @@ def test_trial_of_a_hand_with_sensors_on_the_palm_alone_says_when_they_touch(tmp
     assert any(line.startswith("trial: the palm's sensors touch what is nearer than their gel is thick") for line in lines)
 
 
-def test_gel_is_drawn_as_long_and_as_curved_as_it_is() -> None:
+def test_gel_lines_have_the_size_and_curvature_of_the_gel() -> None:
     base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
     np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
     np.testing.assert_allclose([row[:, 2].max(), column[:, 2].max()], 0.005, atol=1e-5)
@@ -163,7 +163,7 @@ def test_flat_collision_mesh_is_a_fault(tmp_path: Path) -> None:
     assert any(line.startswith("fault: ") and "sheet.stl of link palm is flat" in line for line in lines)
 
 
-def test_links_that_no_image_shows_are_named(tmp_path: Path) -> None:
+def test_links_without_visuals_are_named(tmp_path: Path) -> None:
     text = load_hand("two_finger_gripper").urdf.read_text()
     (tmp_path / "bare.urdf").write_text(re.sub(r"(<link name=.left_finger.>)(.*?)(<collision>)", drop_visuals, text, flags=re.S))
     path = edited("hand", "two_finger_gripper", tmp_path / "bare.yaml", urdf="bare.urdf")
@@ -219,7 +219,7 @@ def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
         assert picture.width > 900
 
 
-def test_observation_is_checked_against_a_model_and_drawn_as_it_is_given(tmp_path: Path) -> None:
+def test_observation_is_checked_against_a_model_and_drawn_as_its_input(tmp_path: Path) -> None:
     path = write_observation(tmp_path, write_files(tmp_path))
     camera = projection_matrix(load_scene("supplement").camera)
     given = ModelInputs("occluded-touch", CONFIGURATIONS["occluded-touch"], camera, (256, 256), (230, 232, 235), SENSOR)
@@ -255,7 +255,7 @@ def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:
     assert check_file(str(write_observation(tmp_path, entries)), tmp_path / "a.png")
 
 
-def test_picture_takes_the_place_of_a_link_and_leaves_what_it_leads_to(tmp_path: Path) -> None:
+def test_picture_replaces_a_symbolic_link_and_keeps_its_target(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     (tmp_path / "a.png").symlink_to(tmp_path / "thesis.txt")
     check_file("supplement", tmp_path / "a.png")
@@ -289,7 +289,7 @@ FORMULA = r"$\frac{$"
 """What matplotlib cannot read as a formula."""
 
 
-def test_names_with_dollars_are_drawn_as_they_are(tmp_path: Path) -> None:
+def test_names_with_dollars_are_drawn_literally(tmp_path: Path) -> None:
     source = {"kind": "pybullet", "licence": "zlib", "category": FORMULA, "files": {"duck": {"file": "duck.obj"}}}
     manifest = {"name": "n", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
     (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
@@ -312,7 +312,7 @@ def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path
             training_losses(tmp_path)
 
 
-def test_check_of_a_hand_says_what_its_convex_shapes_lose_and_fill(tmp_path: Path) -> None:
+def test_check_of_a_hand_reports_the_loss_and_filling_of_convex_shapes(tmp_path: Path) -> None:
     """A palm of 20,480 faces with a dent of a centimetre."""
     described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
     palm = trimesh.creation.icosphere(subdivisions=5, radius=0.03)

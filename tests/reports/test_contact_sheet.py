@@ -80,7 +80,7 @@ def test_sheet_of_no_objects_is_refused(tmp_path) -> None:
         draw([], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
 
 
-def test_depth_colours_distinguish_gel_beyond_and_nothing() -> None:
+def test_depth_colours_distinguish_gel_beyond_gel_and_no_hit() -> None:
     deep, shallow, beyond, nothing = depth_colors(np.array([[0.0, SENSOR.w * 0.99, SENSOR.w * 1.01, np.inf]]), SENSOR)[0].astype(int)
     assert deep[0] > 200 > deep[2]  # yellow
     assert shallow.max() < 100  # dark violet
@@ -99,7 +99,7 @@ def test_depth_colours_follow_a_curved_gel(tmp_path) -> None:
     assert len(draw([band], tmp_path / "sheet.png", [sensor] * 4, title="title", note="note")) == 1
 
 
-def test_a_range_that_ends_with_the_gel_has_colours_too() -> None:
+def test_depth_colours_work_for_a_range_that_ends_with_the_gel() -> None:
     sensor = SENSOR.model_copy(update={"range": SENSOR.w})
     with np.errstate(all="raise"):
         inside, nothing = depth_colors(np.array([[0.0, np.inf]]), sensor)[0].astype(int)
@@ -146,14 +146,14 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
     assert (again.pictures[2][1] == held).all()
 
 
-def test_image_in_which_nothing_is_large_enough_to_be_seen_is_shown_whole() -> None:
+def test_image_without_visible_parts_is_not_enlarged() -> None:
     image = np.zeros((240, 320, 3), np.uint8)
     part, note = enlarged(image, np.zeros((2, 240, 320), bool))
     assert (part.shape, note) == (image.shape, "")
 
 
 @pytest.mark.parametrize(("margin", "words"), [(0.0, "not force-closed"), (0.25, "force-closed with margin 0.25")])
-def test_a_grasp_is_described_in_words(margin, words) -> None:
+def test_grasp_note_describes_contact_closure_and_hold_test(margin, words) -> None:
     judged = {"opposition": [120.0], "closure": [margin], "contact_area": [[1e-4, 5e-5, 0]], "held": [False]}
     judged["held_directions"] = [[False] * 2 + [True] * 4]
     row = {"touch_success": np.array([[True, True, False]]), "penetration": np.array([4e-4])}
@@ -163,7 +163,7 @@ def test_a_grasp_is_described_in_words(margin, words) -> None:
     assert grasp_note(row, 0).endswith("inside")  # of a dataset without these figures
 
 
-def test_size_is_that_of_the_box_along_the_axes() -> None:
+def test_size_is_that_of_the_axis_aligned_bounding_box() -> None:
     assert size_note({"meshes/vertices": np.array([[0, 0, 0.5], [0.32, 0.1, 0.55], [0.1, 0.2, 0.65]])}) == "32 × 20 × 15 cm"
 
 
@@ -174,7 +174,7 @@ def test_progress_of_slow_sheets_is_shown(tmp_path, monkeypatch, capsys) -> None
     assert "contact sheets: 1 of 2 objects" in capsys.readouterr().err
 
 
-def test_sheets_are_drawn_again_where_they_were_changed_and_never_through_links(tmp_path, monkeypatch) -> None:
+def test_changed_sheets_are_drawn_again_and_never_through_symbolic_links(tmp_path, monkeypatch) -> None:
     data, mine = tmp_path / "data", tmp_path / "thesis.txt"
     ball_dataset.make_data(data, 1)
     monkeypatch.setattr("pipeline.reports.contact_sheet._draw", lambda collections, shown, path: path.write_text("a sheet"))

@@ -9,7 +9,7 @@ from pipeline.cli import app
 from pipeline.reports.doctor import _device
 
 
-def test_doctor_finds_everything_here():
+def test_doctor_succeeds_in_a_complete_environment():
     done = CliRunner().invoke(app, ["doctor"])
     assert done.exit_code == 0, done.output
     assert "headless rendering" in done.output
@@ -24,7 +24,7 @@ class Broken:
         return None
 
 
-def test_doctor_goes_on_where_torch_is_broken(monkeypatch):
+def test_doctor_continues_if_torch_is_broken(monkeypatch):
     assert _device() != "none, torch cannot be imported"
     monkeypatch.delitem(sys.modules, torch.__name__)
     monkeypatch.setattr(sys, "meta_path", [Broken(), *sys.meta_path])

@@ -93,7 +93,7 @@ def globe(count: int) -> Mesh:
 
 
 @pytest.mark.parametrize(("count", "textured"), [(60, True), (80, False)])
-def test_a_small_scene_keeps_a_texture_or_else_its_colours(rows, count, textured):
+def test_small_scene_keeps_its_texture_or_colours(rows, count, textured):
     rows["surfaces"] = mesh_row(globe(count))
     scenes = GraspScenes(HAND, [SENSOR] * 4, small=True)
     written = scenes.glb(scenes.scene(rows))

@@ -1,4 +1,4 @@
-"""The pages of a report: nothing outside their folder is touched, and what is wrong with them is found and written again."""
+"""Pages of a report: files outside their folder are kept, and damaged pages are found and written again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def no_figures() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def report_data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     ball_dataset.make_data(folder, 1)
     vt("report", folder)
@@ -45,8 +45,8 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def data(made, tmp_path) -> Path:
-    return shutil.copytree(made, tmp_path / "data")
+def data(report_data, tmp_path) -> Path:
+    return shutil.copytree(report_data, tmp_path / "data")
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def link(path: Path, target: Path) -> None:
         ("report/.unfinished", "v"),
     ],
 )
-def test_links_in_a_report_are_refused_and_nothing_outside_is_touched(data, outside, name, target):
+def test_symbolic_links_in_a_report_are_refused_and_files_outside_are_kept(data, outside, name, target):
     link(data / name, data.parent / target)
     assert f"{data / name} is a symbolic link" in vt("report", data, fails=True)
     assert [path.name for path in outside.iterdir()] == ["thesis.txt"]
@@ -91,7 +91,7 @@ def test_links_in_a_report_are_refused_and_nothing_outside_is_touched(data, outs
     assert f"{data / name} is a symbolic link" in vt("validate", data, fails=True)
 
 
-def test_the_data_directory_may_be_a_link(data, tmp_path):
+def test_data_directory_may_be_a_symbolic_link(data, tmp_path):
     (tmp_path / "link").symlink_to(data)
     (data / "report" / "objects" / "a.html").unlink()
     vt("report", tmp_path / "link")
@@ -120,13 +120,13 @@ def with_file(written: bytes, name: str) -> bytes:
     ],
     ids=["cut", "empty", "list", "bytes", "nested", "other", "above", "absolute", "nan"],
 )
-def test_a_list_of_pages_that_cannot_be_used_is_refused(made, tmp_path, damage: Callable[[bytes], bytes]):
-    (tmp_path / "pages.json").write_bytes(damage((made / "report" / "pages.json").read_bytes()))
+def test_unusable_list_of_pages_is_refused(report_data, tmp_path, damage: Callable[[bytes], bytes]):
+    (tmp_path / "pages.json").write_bytes(damage((report_data / "report" / "pages.json").read_bytes()))
     with pytest.raises(StoreError, match=r"pages.json cannot be used \(.*run `vt-pipeline report` again"):
         read_pages(tmp_path)
 
 
-def test_a_list_of_pages_that_names_files_elsewhere_is_written_again_and_they_are_kept(data, outside):
+def test_list_of_pages_that_names_outside_files_is_written_again_and_they_are_kept(data, outside):
     path = data / "report" / "pages.json"
     path.write_bytes(with_file(path.read_bytes(), "../../v/thesis.txt"))
     assert f"{path} cannot be used" in vt("validate", data, fails=True)
@@ -135,7 +135,7 @@ def test_a_list_of_pages_that_names_files_elsewhere_is_written_again_and_they_ar
     assert (outside / "thesis.txt").read_text() == "mine"
 
 
-def test_pages_that_are_missing_or_changed_are_said_and_written_again(data):
+def test_missing_or_changed_pages_are_reported_and_written_again(data):
     report = data / "report"
     damages = {
         "objects/a.mesh.js": Path.unlink,
@@ -146,15 +146,15 @@ def test_pages_that_are_missing_or_changed_are_said_and_written_again(data):
     before = {name: (report / name).read_bytes() for name in damages}
     for name, damage in damages.items():
         damage(report / name)
-    said = vt("validate", data, fails=True)
+    output = vt("validate", data, fails=True)
     assert all(
-        f"{name} {'is missing' if damage is Path.unlink else 'differs from what was written'}" in said for name, damage in damages.items()
+        f"{name} {'is missing' if damage is Path.unlink else 'differs from what was written'}" in output for name, damage in damages.items()
     )
     vt("report", data)
     assert {name: (report / name).read_bytes() for name in damages} == before
 
 
-def test_pages_that_are_up_to_date_are_left_alone_and_only_pages_of_the_list_are_removed(data):
+def test_current_pages_are_kept_and_only_listed_pages_are_removed(data):
     report = data / "report"
     (report / "objects" / "thesis.txt").write_text("mine")
     (report / "objects" / "gone.html").write_text("of an object that is gone")
@@ -165,7 +165,7 @@ def test_pages_that_are_up_to_date_are_left_alone_and_only_pages_of_the_list_are
     assert not {"objects/gone.html", "objects/thesis.txt"} & read_pages(report).every_file().keys()
 
 
-def test_an_object_that_moves_to_another_split_gets_another_page(data):
+def test_object_that_moves_to_another_split_gets_another_page(data):
     for path in data.glob("*/0000-of-0001.json"):
         rows = json.loads(path.read_bytes())["rows"]
         path.write_bytes(resealed(path.read_bytes(), rows=[row | {"split": "valid"} for row in rows]))
@@ -197,7 +197,7 @@ def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path,
     assert "report" not in vt("report", data)
 
 
-def test_facts_that_no_training_has_are_said(data, tmp_path):
+def test_missing_facts_of_a_training_are_reported(data, tmp_path):
     (tmp_path / "unet").mkdir()
     publish(data, "models/unet", tmp_path / "unet", "train-unet", {"best": 0})
     assert "unet.json: it lacks facts of a training" in vt("report", data, fails=True)
@@ -211,35 +211,35 @@ def test_categories_with_control_characters_are_refused(data, category):
     assert "the record is damaged" in vt("report", data, fails=True)
 
 
-def test_control_characters_are_shown_as_their_codes():
+def test_control_characters_are_shown_as_escape_codes():
     page = _environment().from_string("{% macro cell(x) %}<b>{{ x }}</b>{% endmacro %}{{ cell(text) }}").render(text="<a>\u202eb\x00")
     assert page == "<b>&lt;a&gt;\\u202eb\\x00</b>"
 
 
-def test_a_full_disk_is_said_with_the_folder(data, monkeypatch):
+def test_full_disk_is_reported_with_the_folder(data, monkeypatch):
     monkeypatch.setattr("pipeline.reports.html_report.COPIED", ())
     (data / "report" / "objects" / "a.html").unlink()
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))  # as a quota: "File too large" in place of "No space left on device"
     try:
-        said = vt("report", data, fails=True)
+        output = vt("report", data, fails=True)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert f"File too large: '{data / 'report'}" in said
+    assert f"File too large: '{data / 'report'}" in output
     assert "objects/a.html is missing" in vt("validate", data, fails=True)
     assert not (data / "report" / ".unfinished").exists()
     vt("report", data)
     assert "not valid" not in vt("validate", data)
 
 
-def test_an_object_fills_its_picture_in_the_gallery(made):
+def test_an_object_fills_its_picture_in_the_gallery(report_data):
     """The ball, 0.2 m wide, covers a third of the dataset's images."""
-    image = np.asarray(Image.open(made / "report" / "objects" / "a.webp").convert("RGB")).astype(int)
+    image = np.asarray(Image.open(report_data / "report" / "objects" / "a.webp").convert("RGB")).astype(int)
     shown = np.abs(image - image[2, 2]).max(axis=-1) > 12
     assert np.ptp(np.flatnonzero(shown.any(axis=1))) > 0.85 * image.shape[0]
 
 
-def test_a_report_of_objects_of_real_size_has_no_figures_of_the_paper(data, monkeypatch):
+def test_report_of_objects_of_real_size_has_no_figures_of_the_paper(data, monkeypatch):
     assert "Smith et al. 2020" in (data / "report" / "index.html").read_text()
     monkeypatch.setattr("pipeline.reports.html_report.has_paper_sizes", lambda data: False)
     vt("report", data)
@@ -251,5 +251,5 @@ def test_numbers_and_their_units_stay_on_one_line():
     assert page == "touch, 3.3&nbsp;mm &amp; 12&nbsp;mm², 5&nbsp;% of 2&nbsp;m long"
 
 
-def test_no_sensor_stands_alone_in_a_row():
+def test_no_row_of_the_layout_holds_a_single_sensor():
     assert [columns(2 * 2 + sensors) for sensors in (2, 4, 5, 6, 7, 13)] == [6, 8, 9, 10, 6, 9]

@@ -1,4 +1,4 @@
-"""Lifts to be watched: what holds stays and what does not falls, the same every time, and the animation shows it where it is."""
+"""Animated lifts: held objects stay, others fall; lifts are reproducible, and the animation agrees with them."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def played(engine: PybulletHoldTest, rows: Rows) -> list[Lift]:
     return lifts(engine, rows["surfaces"], rows["grasps"], SENSORS)
 
 
-def test_what_is_gripped_stays_and_what_nothing_touches_falls(played: list[Lift]) -> None:
+def test_gripped_object_is_held_and_untouched_object_falls(played: list[Lift]) -> None:
     gripped, untouched = played
     assert gripped.held
     assert gripped.note.startswith("It stays: it moves ")
@@ -85,7 +85,7 @@ def test_fingers_close_on_an_object_that_is_still_then_let_go_of(played: list[Li
     assert played[0].joint_angles[-1] < rows["grasps"]["joint_angles"][0]  # motors drive to the squeeze
 
 
-def test_a_lift_is_the_same_whatever_was_lifted_before(engine: PybulletHoldTest, rows: Rows, played: list[Lift]) -> None:
+def test_lift_does_not_depend_on_earlier_lifts(engine: PybulletHoldTest, rows: Rows, played: list[Lift]) -> None:
     turned = {name: array[::-1] for name, array in rows["grasps"].items()}
     for one, again in zip(played, lifts(engine, rows["surfaces"], turned, SENSORS)[::-1], strict=True):
         np.testing.assert_array_equal(again.object_motion, one.object_motion)

@@ -1,4 +1,4 @@
-"""`vt-pipeline check` of a manifest reads every object: its size, unit, faces and textures, and what is wrong with it."""
+"""`vt-pipeline check` of a manifest reads every object: size, unit, faces, textures and faults."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_sizes_units_textures_and_files_that_are_no_meshes_are_listed(tmp_path: 
     assert (tmp_path / "a.png").exists()
 
 
-def test_unit_is_doubted_where_objects_are_not_as_large_as_what_hands_grasp(tmp_path: Path, meshes: Path) -> None:
+def test_unlikely_unit_is_reported_for_objects_of_implausible_size(tmp_path: Path, meshes: Path) -> None:
     assert "warning: boxes-tea is 156 m large: is the unit mm?" in check(tmp_path, meshes, units="m")
     trimesh.creation.box((0.1, 0.2, 0.3)).export(meshes / "case.glb")
     lines = check(tmp_path, meshes, units="mm")
@@ -83,7 +83,7 @@ def test_objects_without_a_unit_are_scaled_and_the_likely_unit_is_named(tmp_path
     assert "in their files, diagonals are between 152 and 156; half of them are at most 0.16 m (mm) large" in lines
 
 
-def test_of_many_objects_sizes_are_summarised_and_only_what_is_wrong_is_listed(tmp_path: Path, meshes: Path, monkeypatch) -> None:
+def test_sizes_of_many_objects_are_summarised_and_only_faults_are_listed(tmp_path: Path, meshes: Path, monkeypatch) -> None:
     monkeypatch.setattr(manifest_check, "LISTED", 2)
     for number in range(3):
         trimesh.creation.box((80, 60, 130 + number)).export(meshes / "boxes" / f"{number}.stl")
@@ -93,7 +93,7 @@ def test_of_many_objects_sizes_are_summarised_and_only_what_is_wrong_is_listed(t
     assert not any(line.startswith("  boxes-tea ") for line in lines)
 
 
-def test_command_ends_with_1_where_an_object_cannot_be_used(tmp_path: Path, meshes: Path) -> None:
+def test_command_exits_with_1_if_an_object_cannot_be_used(tmp_path: Path, meshes: Path) -> None:
     arguments = ["check", "directory", "--objects", str(meshes), "--units", "mm", "--picture", str(tmp_path / "a.png")]
     assert CliRunner().invoke(app, arguments).exit_code == 1
     (meshes / "broken.ply").unlink()

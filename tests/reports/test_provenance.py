@@ -26,14 +26,14 @@ def record_of(stage: str, settings: dict[str, Any]) -> ShardRecord:
     return ShardRecord.model_validate({**said, "constants_digest": "0" * 64, "metadata": {}})
 
 
-def test_a_command_names_what_differs_from_the_preset_and_nothing_else(tmp_path):
+def test_command_names_only_settings_that_differ_from_the_preset(tmp_path):
     record = record_of("simulate-grasps", resolve("simulate-grasps", "draft", ["grasps=2"]).results())
     (line,) = commands(DataDirectory(tmp_path), {"grasps": record})
     told = f"--manifest toy --preset draft --seed 3 --data {tmp_path} --set simulate-grasps.grasps=2"
     assert line == f"vt-pipeline run simulate-grasps {told}"
 
 
-def test_points_of_sweeps_have_no_command_which_would_replace_the_model(tmp_path):
+def test_points_of_sweeps_have_no_command(tmp_path):
     settings = resolve("train-gcn", "draft", ()).results()
     origins = {"models/gcn/touch": record_of("train-gcn", settings)}
     origins["sweeps/train-gcn/touch/epochs=3"] = record_of("train-gcn", settings | {"epochs": 3})
@@ -51,7 +51,7 @@ def test_settings_that_follow_the_inputs_are_not_named_as_set(tmp_path):
         assert line.count("--set") == [row.cells[2] for row in table.rows].count("set") == count
 
 
-def test_commands_that_are_pasted_into_a_shell_make_the_same_again(tmp_path, monkeypatch):
+def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "Ann's meshes"
     folder.mkdir()
@@ -59,9 +59,9 @@ def test_commands_that_are_pasted_into_a_shell_make_the_same_again(tmp_path, mon
     source = {"kind": "directory", "licence": "mine"}
     described = {"name": "mine", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
     Path("my manifest.yaml").write_text(yaml.safe_dump(described))
-    asked = ["run", "sample-surfaces", "--manifest", "my manifest.yaml", "--objects", folder.name, "--units", "mm", "--up", "y"]
-    asked += ["--data", "my data", "--seed", "7", "--shards", "2", "--set", "points=100", "--executor", "serial"]
-    assert CliRunner().invoke(app, asked).exit_code == 0
+    arguments = ["run", "sample-surfaces", "--manifest", "my manifest.yaml", "--objects", folder.name, "--units", "mm", "--up", "y"]
+    arguments += ["--data", "my data", "--seed", "7", "--shards", "2", "--set", "points=100", "--executor", "serial"]
+    assert CliRunner().invoke(app, arguments).exit_code == 0
     directory = DataDirectory("my data")
     (line,) = commands(directory, records(directory))
     (record,) = directory.shard_records()
@@ -70,4 +70,4 @@ def test_commands_that_are_pasted_into_a_shell_make_the_same_again(tmp_path, mon
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     subprocess.run(["sh", "-c", line], check=True, env={**os.environ, "PATH": path}, stdout=subprocess.DEVNULL)
     assert json.loads(record.read_text())["rows"][0]["digest"] == json.loads(before)["rows"][0]["digest"]
-    assert CliRunner().invoke(app, asked).output.count("up to date") == 2
+    assert CliRunner().invoke(app, arguments).output.count("up to date") == 2

@@ -21,7 +21,7 @@ SENSOR = load_sensor("gel_16mm")
 SMALL = SENSOR.model_copy(update={"width": 0.01, "w": 0.005, "rows": 10, "cols": 10})
 
 
-def test_touch_patch_lies_before_the_surface() -> None:
+def test_touch_patch_lies_in_front_of_the_surface() -> None:
     depth = np.full((100, 100), 0.02, np.float32)
     depth[:50] = 0.004
     frame = np.eye(4)

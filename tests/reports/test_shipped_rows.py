@@ -1,4 +1,4 @@
-"""The network that ships on any dataset: measured beside what was trained there, shown in its pages, and left out where it does not fit."""
+"""The shipped network on any dataset: measured beside networks trained there, shown in pages, left out without its inputs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WAYS = ("touch", "occluded", "occluded-touch", "unoccluded", "unoccluded-touch")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def data(tmp_path_factory) -> Path:
     """Make balls with an evaluation of `implicit-any`, whose weights stand for those that ship."""
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
@@ -56,8 +56,8 @@ def vt(*arguments: object) -> str:
     return " ".join(done.output.split())
 
 
-def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_where_they_ship(made):
-    directory = DataDirectory(made)
+def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):
+    directory = DataDirectory(data)
     own, theirs = (read_figures(directory.verified_folder(name)) for name in ("evaluation", "scores/shipped"))
     assert list(read_root(directory.verified_folder("scores/shipped"))["configurations"]) == [f"shipped-{way}" for way in WAYS]
     for way in ("touch", "unoccluded"):
@@ -67,13 +67,13 @@ def test_the_same_weights_have_the_same_figures_where_they_were_evaluated_and_wh
     assert theirs["shipped-touch"].per_case("chamfer").shape == (2, 1)  # of the first grasp alone
 
 
-def test_a_report_shows_its_rows_and_meshes_and_measures_it_once(made, monkeypatch):
-    ship(monkeypatch, made)
-    before = DataDirectory(made).verified_folder("scores/shipped")
-    printed = vt("report", made, "--shipped", "--no-pages")
+def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_once(data, monkeypatch):
+    ship(monkeypatch, data)
+    before = DataDirectory(data).verified_folder("scores/shipped")
+    printed = vt("report", data, "--shipped", "--no-pages")
     assert all(f"shipped-{way}" in printed for way in WAYS)
-    assert DataDirectory(made).verified_folder("scores/shipped") == before
-    evaluation = ReportSource(made).evaluation
+    assert DataDirectory(data).verified_folder("scores/shipped") == before
+    evaluation = ReportSource(data).evaluation
     assert evaluation is not None
     assert {f"shipped-{way}" for way in WAYS} < set(evaluation.configurations)
     shown = {one.name: one for one in evaluation.predictions("b")}
@@ -89,9 +89,9 @@ def test_a_figure_shows_the_nearest_middling_and_farthest_objects(most, shown):
     assert "".join(nearest_middle_farthest("abcdefg", most)) == shown
 
 
-def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypatch):
-    ship(monkeypatch, made)
-    copy = shutil.copytree(made, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
+def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, monkeypatch):
+    ship(monkeypatch, data)
+    copy = shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
     assert (copy / "scores" / "shipped.json").exists()
     printed = vt("report", copy, "--shipped", "--no-pages")
     assert "the network that ships is left out: touch: fit-charts has not been run" in printed
@@ -100,8 +100,8 @@ def test_what_does_not_fit_is_left_out_with_the_reason(made, tmp_path, monkeypat
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
 
 
-def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
-    directory = DataDirectory(made)
+def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
+    directory = DataDirectory(data)
     found = summarise(directory.verified_folder("evaluation"), [directory.verified_folder("scores/shipped")])
     assert found is not None
     assert set(found.errors) == {DEFAULT, "shipped"}
@@ -117,7 +117,7 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(made):
     assert " of 7 networks " in found.sentences[2]
 
 
-def test_the_summary_takes_a_method_at_its_name_only_where_its_inputs_are_known_to_be_those():
+def test_summary_places_a_method_by_name_only_if_its_inputs_match():
     by_network, scored = {"image": "occluded", "touch": True}, {"image": None, "touch": True}  # of a scored method no image is known
     assert _ways({"occluded-touch": by_network, "mine-touch": scored, "mine-occluded-touch": scored, "mine": scored, "none": scored}) == {
         "occluded-touch": "occluded-touch",
@@ -125,13 +125,13 @@ def test_the_summary_takes_a_method_at_its_name_only_where_its_inputs_are_known_
     }
 
 
-def test_the_results_begin_with_the_summary_and_their_tables_are_folded(made, monkeypatch):
+def test_results_begin_with_the_summary_and_tables_are_folded(data, monkeypatch):
     monkeypatch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
     monkeypatch.setattr("pipeline.reports.html_report.overview_panels", lambda *_: [])
     monkeypatch.setattr("pipeline.reports.html_report.trained_models", lambda *_: {})  # the balls' network has no losses
-    vt("report", made)
-    page = (made / "report" / "results.html").read_text()
+    vt("report", data)
+    page = (data / "report" / "results.html").read_text()
     assert page.index("Networks reconstructed 2") < page.index("figures/errors.svg") < page.index("<details>") < page.index("<table")
     assert page.count("<details>") == page.count("<table") > 5
     assert "<caption>" not in page
-    assert "retrieved in its place" in (made / "report" / "figures" / "errors.svg").read_text()
+    assert "retrieved in its place" in (data / "report" / "figures" / "errors.svg").read_text()

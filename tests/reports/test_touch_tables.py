@@ -1,4 +1,4 @@
-"""The summary's tables: of any hand, by its own names."""
+"""Tables of the summary for any hand, with its names of fingers."""
 
 import io
 import itertools
@@ -12,7 +12,7 @@ from pipeline.reports.hold_tables import SIZES, hold_tables, size_bins
 from pipeline.reports.touch_tables import Tally, touch_tables
 
 
-def test_a_hand_of_other_fingers_is_told_by_its_names():
+def test_touch_table_names_the_fingers_of_another_hand():
     touched = np.array([[True, False, True], [True, False, False]])
     entry = Tally([touched], [np.array([1.0, 0.25, 0.5])])
     written = io.StringIO()
@@ -38,7 +38,7 @@ def objects_of(held: list[list[bool]], diagonals: list[float], directions: list[
     )
 
 
-def test_share_that_holds_is_told_by_class_and_size_where_it_was_objects_of():
+def test_share_of_held_grasps_is_reported_by_class_and_size():
     tallies = {"duck": objects_of([[True, True]], [0.1]), "mug": objects_of([[True, False], [False, False]], [0.1, 0.3])}
     by_class, by_size = hold_tables(tallies)
     assert by_class.columns == ["class", "objects", "grasps", "touches per grasp", "% that hold"]
@@ -53,7 +53,7 @@ def test_share_that_holds_is_told_by_class_and_size_where_it_was_objects_of():
     assert not hold_tables(untested)
 
 
-def test_share_that_holds_is_told_by_direction_where_six_were_objects_of():
+def test_share_of_held_grasps_is_reported_by_each_of_six_directions():
     directions = np.ones((1, 2, 6), bool)
     directions[0, 0, 4] = False  # along -z
     (entry,) = (objects_of([[False, True]], [0.2], directions.tolist()),)
@@ -63,7 +63,7 @@ def test_share_that_holds_is_told_by_direction_where_six_were_objects_of():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_bins_of_size_hold_every_object_once_and_differ(seed: int):
+def test_size_bins_contain_every_object_once_and_differ(seed: int):
     rng = np.random.default_rng(seed)
     diagonals = np.concatenate([np.exp(rng.normal(size=30)), np.full(12, 0.5)])
     bins = size_bins(diagonals)
@@ -74,7 +74,7 @@ def test_bins_of_size_hold_every_object_once_and_differ(seed: int):
     assert list(size_bins(np.full(7, 0.15))) == ["15 cm"]
 
 
-def test_columns_of_the_paper_are_left_out_where_sizes_differ():
+def test_columns_of_the_paper_are_left_out_if_sizes_differ():
     entry = Tally([np.ones((2, 4), bool)], [np.ones(4)])
     for paper in (True, False):
         tables = touch_tables({"bottle": entry}, list("abcd"), paper=paper)

@@ -1,4 +1,4 @@
-"""The trades of a data directory in its report, and what was left out of its scenes."""
+"""Trades of a data directory in its report, and omissions of its scenes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_point_with_the_used_settings_is_found() -> None:
     assert used_point(TRADE, {**own, "points": 123}) is None
 
 
-def test_pictures_name_what_was_used(tmp_path: Path) -> None:
+def test_pictures_name_the_used_point(tmp_path: Path) -> None:
     TRADE.write(tmp_path)
     settings = resolve("sample-surfaces", "draft", ["points=5000"]).results()
     (picture,) = report_trades(tmp_path, {"sample-surfaces": settings}, tmp_path)
@@ -39,7 +39,7 @@ def test_pictures_name_what_was_used(tmp_path: Path) -> None:
     assert ">fast<" in drawn
 
 
-def test_points_of_sweeps_are_not_what_is_used(tmp_path: Path, monkeypatch) -> None:
+def test_points_of_sweeps_are_not_marked_as_used(tmp_path: Path, monkeypatch) -> None:
     TRADE.write(tmp_path)
     (tmp_path / "figures").mkdir()
     own = resolve("sample-surfaces", "draft", ()).results()
@@ -51,7 +51,7 @@ def test_points_of_sweeps_are_not_what_is_used(tmp_path: Path, monkeypatch) -> N
     assert "used here: own" in picture["caption"]
 
 
-def test_report_shows_trades_and_what_was_left_out(tmp_path: Path, monkeypatch) -> None:
+def test_report_shows_trades_and_omissions_of_scenes(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("pipeline.reports.html_report.draw_figures", lambda *_: [])
     ball_dataset.make_data(tmp_path, 1)
     TRADE.write(tmp_path)
@@ -60,7 +60,7 @@ def test_report_shows_trades_and_what_was_left_out(tmp_path: Path, monkeypatch) 
     assert "What was left out of the scenes" in (folder / "about.html").read_text()
 
 
-def test_faces_that_no_ray_meets_are_counted(tmp_path: Path) -> None:
+def test_faces_that_no_ray_hits_are_counted(tmp_path: Path) -> None:
     ball_dataset.make_data(tmp_path, 1)
     source = ReportSource(tmp_path)
     rows = {row.cells[0]: row.cells for row in left_out_table(source).rows}

@@ -47,7 +47,7 @@ CAMERA = Camera(position=(1.5, 0, 0.6), rotation=(90, 0, 90), focal=(400, 400), 
 
 
 def direction_to(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
-    """Where a sensor stands, from the ball's centre."""
+    """Compute the direction of a sensor from the ball's centre."""
     drawn = unit.rng("sensor", grasp, sensor).normal(size=3)
     return np.asarray(drawn / np.linalg.norm(drawn))
 
@@ -169,7 +169,7 @@ LABELS: Row = {
 
 
 class Given(ObjectStage):
-    """A stage that writes what a function says."""
+    """Stage that writes the rows of a function."""
 
     settings_type = Settings
     summary = "in closed form"

@@ -43,7 +43,7 @@ def depths(rng: np.random.Generator, touching: bool = True) -> np.ndarray:
 
 
 class Made(ObjectStage):
-    """An object stage over given arrays: what the real stages of the same names would have stored."""
+    """Object stage that stores given arrays in place of the real stage of that name."""
 
     settings_type = Settings
     summary = "press balls"

@@ -82,7 +82,7 @@ def flat_radius() -> float:
     return float(np.linalg.norm(points, axis=1).mean())
 
 
-def test_only_what_differs_is_reconstructed():
+def test_cases_contain_each_different_input_once():
     numbers = (1, 2, 3, 4, 5)
     assert [case.firsts for case in make_cases(5, numbers, touch=False, occluded=False)] == [(0, 1, 2, 3, 4)]
     assert [(case.first, case.grasps) for case in make_cases(5, numbers, touch=False, occluded=True)] == [(g, ()) for g in range(5)]
@@ -96,7 +96,7 @@ def test_only_what_differs_is_reconstructed():
         assert all(case.grasps[0] == case.first and len(set(case.grasps)) == len(case.grasps) for case in cases)
 
 
-def test_a_sphere_that_stays_one_has_the_chamfer_distance_of_two_spheres(evaluation):
+def test_undeformed_sphere_has_the_chamfer_distance_of_two_spheres(evaluation):
     values = figures(evaluation[0], "none")
     objects = read_table(evaluation[0], "objects")
     assert values.per_case("chamfer").shape == (COUNT, 5)
@@ -125,7 +125,7 @@ def test_f_scores_count_points_within_their_distance(data, apart, expected):
     assert measured["mean_distance"] == pytest.approx(apart, rel=1e-3)
 
 
-def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
+def test_surface_quality_of_a_sphere_equals_closed_forms(evaluation):
     values = figures(evaluation[0], "none")
     assert values.available("area_ratio") == pytest.approx([(flat_radius() / radius) ** 2 for radius in (0.1, 0.12, 0.14)], rel=0.15)
     assert (values.available("dihedral") < 15).all()
@@ -139,7 +139,7 @@ def test_the_looks_of_a_sphere_are_those_of_a_sphere(evaluation):
     assert (moved.available("dihedral") > values.available("dihedral")).all()
 
 
-def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
+def test_closed_meshes_are_measured_on_request(data, evaluation):
     assert not len(figures(evaluation[0], "none").available("watertight"))
     names = ("none", "occluded-touch")
     folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=24)
@@ -155,7 +155,7 @@ def test_closed_meshes_are_measured_where_they_are_asked_for(data, evaluation):
     assert figures(folder, "none").available("spike").tolist() == figures(evaluation[0], "none").available("spike").tolist()
 
 
-def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
+def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
     balls = {"a": "train", "b": "test", "c": "test", "d": "train", "e": "test"}  # of radius 0.1, 0.12, …
     spheres.make_data(tmp_path, len(balls), ("train", "test", "test"))
     models = []
@@ -179,7 +179,7 @@ def test_what_is_looked_up_is_a_training_object(tmp_path, monkeypatch):
     )
 
 
-def test_objects_without_images_are_not_looked_up_by_their_silhouettes(tmp_path):
+def test_objects_without_images_are_not_retrieved_by_silhouette(tmp_path):
     spheres.make_data(tmp_path, 5, ("train", "test"), ungrasped="a")
     alone = next(shards for shards in itertools.count(2) if [shard_of(name, shards) for name in "abcde"].count(shard_of("a", shards)) == 1)
     list(reshard(DataDirectory(tmp_path), alone))  # a shard without a row that came through has no sizes
@@ -189,7 +189,7 @@ def test_objects_without_images_are_not_looked_up_by_their_silhouettes(tmp_path)
     assert f"{BASELINE_PREFIX}by silhouette" in protocol.baselines()
 
 
-def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
+def test_figure_equals_that_of_a_separate_reconstruction(data, evaluation):
     folder, _ = evaluation
     prediction, values = read_table(folder, "predictions/occluded-touch"), figures(folder, "occluded-touch")
     model = DeformationReconstructor(DataDirectory(data).folder_path("models/gcn/occluded-touch"))
@@ -205,7 +205,7 @@ def test_a_figure_is_that_of_its_reconstruction_by_hand(data, evaluation):
     assert nearest_squared(dense, rows.read("points", name)).mean() < values.per_case("chamfer", 2)[row, 4]
 
 
-def test_every_table_is_there(evaluation):
+def test_evaluation_has_every_table(evaluation):
     folder, printed = evaluation
     assert {path.name for path in folder.iterdir()} == {"tables.zarr", "metrics.json"}
     metrics = json.loads((folder / "metrics.json").read_text())
@@ -235,7 +235,7 @@ def test_every_table_is_there(evaluation):
     assert read_root(folder)["configurations"]["occluded"] == {"image": "occluded", "touch": False}
 
 
-def test_figures_of_the_paper_are_left_out_where_objects_keep_their_sizes(evaluation, tmp_path):
+def test_figures_of_the_paper_are_left_out_if_objects_keep_their_sizes(evaluation, tmp_path):
     folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
     printed = " ".join(title_and_cells(folder))
     assert "6.687e-05" in printed
@@ -266,7 +266,7 @@ def test_rings_are_measured_around_touches_only(evaluation):
         assert len(sites) == values.ring(number)[1].sum() <= COUNT * 15
 
 
-def test_twice_is_the_same_to_the_bit_and_another_seed_is_not(data, evaluation):
+def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data, evaluation):
     again, _ = evaluate(data, "again")
     assert hashes_of(again) == hashes_of(evaluation[0])
     by_seven = figures(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "occluded")
@@ -277,13 +277,13 @@ def test_twice_is_the_same_to_the_bit_and_another_seed_is_not(data, evaluation):
     assert (other.per_case("chamfer") != figures(again, "none").per_case("chamfer")).all()
 
 
-def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monkeypatch):
-    asked: list[str] = []
+def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkeypatch):
+    reconstructed: list[str] = []
     genuine = Reconstructor.reconstruct
 
     def counted(self, views):
-        asked.append(self.configuration)
-        if asked.count("occluded") == 1 and self.configuration == "occluded" and len(set(asked)) == 2:
+        reconstructed.append(self.configuration)
+        if reconstructed.count("occluded") == 1 and self.configuration == "occluded" and len(set(reconstructed)) == 2:
             raise KeyboardInterrupt
         return genuine(self, views)
 
@@ -293,15 +293,15 @@ def test_a_killed_run_goes_on_with_the_next_configuration(data, evaluation, monk
     (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
     assert [path.name for path in (work / MEASURED / "rows").iterdir()] == ["none"]
-    asked.clear()
+    reconstructed.clear()
     folder, _ = evaluate(data, "killed", configurations=("none", "occluded"))
-    assert set(asked) == {"occluded"}
+    assert set(reconstructed) == {"occluded"}
     assert not (folder / MEASURED).exists()
     for name in ("none", "occluded"):
         assert figures(folder, name).rows == figures(evaluation[0], name).rows
 
 
-def test_models_without_touch_need_no_touches_and_those_without_sight_no_images():
+def test_models_without_touch_need_no_touches_and_models_without_images_no_images():
     stage = Evaluate()
     names = {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("none",)))}
     assert names == {"surfaces", "grasps"}
@@ -309,7 +309,7 @@ def test_models_without_touch_need_no_touches_and_those_without_sight_no_images(
     assert {artifact.name for artifact in stage.inputs(EvaluationSettings(configurations=("occluded",)))} == names | {"vision"}
 
 
-def test_networks_that_feel_nothing_are_evaluated_where_no_touch_was_made(data, evaluation, tmp_path):
+def test_networks_without_touch_are_evaluated_without_touch_artifacts(data, evaluation, tmp_path):
     bare = shutil.copytree(data, tmp_path / "bare", ignore=shutil.ignore_patterns("touch", "charts", "evaluation*"))
     folder, printed = evaluate(bare, configurations=("none", "occluded"))
     assert BASELINE_PREFIX + "by touch" not in read_figures(folder)
@@ -318,14 +318,14 @@ def test_networks_that_feel_nothing_are_evaluated_where_no_touch_was_made(data, 
     assert "Table 3:" not in printed
 
 
-def test_without_touch_there_is_no_table_of_grasps(data):
+def test_evaluation_without_touch_has_no_table_of_grasps(data):
     folder, printed = evaluate(data, "unfelt", configurations=("none",))
     assert "Table 3:" not in printed
     with pytest.raises(StoreError, match="no group charts"):
         read_table(folder, "charts")
 
 
-def test_orderings_of_an_evaluation(evaluation):
+def test_orderings_report_each_claim_of_an_evaluation(evaluation):
     verdicts = orderings([evaluation[0]])
     assert verdicts == orderings([evaluation[0]])
     assert not orderings_table([]), "no claim makes no table"
@@ -342,18 +342,18 @@ def test_orderings_of_an_evaluation(evaluation):
     assert f"of {len(verdicts)}" in printed
 
 
-def test_implicit_networks_are_ordered_as_those_of_charts(evaluation, monkeypatch):
-    values = {f"implicit-{name}": found for name, found in read_values([evaluation[0]]).items() if name != "none"}
+def test_implicit_networks_have_the_orderings_of_chart_networks(evaluation, monkeypatch):
+    values = {f"implicit-{name}": entry for name, entry in read_values([evaluation[0]]).items() if name != "none"}
     monkeypatch.setattr("pipeline.reports.orderings.read_values", lambda folders: values)
-    found = {one.claim: one for one in orderings([evaluation[0]])}
+    verdicts = {one.claim: one for one in orderings([evaluation[0]])}
     monkeypatch.undo()
     assert {
         "implicit-occluded-touch < implicit-occluded",
         "implicit-touch: 2 grasps < 1",
         "ring ×1: implicit-occluded-touch < implicit-occluded",
-    } <= found.keys()
+    } <= verdicts.keys()
     same = {one.claim: one for one in orderings([evaluation[0]])}["occluded-touch < occluded"]
-    assert found["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
+    assert verdicts["implicit-occluded-touch < implicit-occluded"].difference.mean == same.difference.mean
 
 
 @pytest.mark.parametrize(
@@ -366,7 +366,7 @@ def test_implicit_networks_are_ordered_as_those_of_charts(evaluation, monkeypatc
         (-np.inf, np.inf, 1, "undecided"),
     ],
 )
-def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, count, answer):
+def test_verdict_needs_a_one_sided_interval_and_enough_objects(low, high, count, answer):
     assert Verdict("a < b", 1.0, 2.0, Interval(-1.0, low, high, count)).answer == answer
 
 
@@ -378,20 +378,20 @@ def test_a_verdict_needs_an_interval_on_one_side_and_objects_enough(low, high, c
         ({"accelerator": "abacus"}, ValueError, "abacus"),
     ],
 )
-def test_what_cannot_be_evaluated_is_an_error(data, settings, error, words):
+def test_invalid_evaluation_settings_give_an_error(data, settings, error, words):
     with pytest.raises(error, match=words):
         evaluate(data, "wrong", **settings)
 
 
-def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tmp_path):
+def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tmp_path):
     balls = tmp_path / "balls"
     spheres.make_data(balls, 4, ("train", "test", "test", "test"))
     console = Console(record=True, width=250)
     for seed in (0, 1):
         for name in ("none", "touch"):
             spheres.make_model(balls, name, training_seed=seed)
-        asked = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
-        (plan,) = make_plans(replace(asked, objects=spheres.objects(4, ("train", "test", "test", "test"))))
+        base_request = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
+        (plan,) = make_plans(replace(base_request, objects=spheres.objects(4, ("train", "test", "test", "test"))))
         run(plan, console)
     directory = DataDirectory(balls)
     (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's
@@ -422,14 +422,14 @@ def test_trainings_that_differ_by_chance_are_evaluated_apart_and_shown_as_one(tm
         read_values(folders)
 
 
-def test_an_unknown_model_and_no_evaluation_are_errors(tmp_path):
+def test_unknown_model_and_missing_evaluation_are_errors(tmp_path):
     with pytest.raises(ValueError, match=r"unknown configuration absent; choose from none, touch"):
         EvaluationSettings(configurations=("absent",))
     with pytest.raises(StoreError, match="run evaluate"):
         orderings([tmp_path])
 
 
-def test_numbers_of_grasps_hold_the_one_that_tables_need():
+def test_numbers_of_grasps_must_contain_1():
     with pytest.raises(ValueError, match="1 among them"):
         EvaluationSettings(grasps=(2, 3))
     assert EvaluationSettings(grasps=(5, 1)).grasps == (1, 5)
@@ -444,7 +444,7 @@ def test_numbers_of_grasps_hold_the_one_that_tables_need():
         ({"floor": [np.inf]}, "objects/floor holds NaN or infinity"),
     ],
 )
-def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, words):
+def test_tables_that_violate_their_schema_are_not_written(tmp_path, change, words):
     objects = {"object_id": ["a"], "category": ["ball"], "diagonal": [0.5], "area": [1.0], "floor": [0.5]}
     write_evaluation(tmp_path, {"objects": objects}, {})
     assert read_table(tmp_path, "objects")["floor"] == 0.5
@@ -452,7 +452,7 @@ def test_tables_that_depart_from_their_schema_are_not_written(tmp_path, change, 
         write_evaluation(tmp_path, {"objects": objects | change}, {})
 
 
-def test_an_evaluation_that_is_not_as_its_schema_says_is_refused(evaluation, tmp_path):
+def test_evaluation_that_violates_its_schema_is_refused(evaluation, tmp_path):
     folder = shutil.copytree(evaluation[0], tmp_path / "evaluation")
     root = zarr.open_group(str(folder / TABLES_ZARR), mode="r+")
     root["objects"].create_array("floor", shape=(COUNT + 1,), dtype="float64", overwrite=True)

@@ -85,7 +85,7 @@ def test_arrays_are_as_declared(row: Row) -> None:
     assert tuple(int(rule) for rule in (StopRule.threshold, StopRule.cap)) == FITTED
 
 
-def test_where_nothing_touched_the_square_stays(row: Row) -> None:
+def test_chart_without_touch_is_the_square(row: Row) -> None:
     assert row["stop_rule"].tolist() == [[StopRule.threshold, StopRule.no_touch], [StopRule.threshold, StopRule.no_touch]]
     square = chart_square()[0].numpy() * SENSOR.width
     for at in ((0, 1), (1, 1)):
@@ -94,7 +94,7 @@ def test_where_nothing_touched_the_square_stays(row: Row) -> None:
         assert row["residual"][at] == row["iterations"][at] == 0
 
 
-def test_where_something_touched_the_chart_lies_on_its_points(row: Row) -> None:
+def test_chart_of_a_touch_lies_on_its_points(row: Row) -> None:
     depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
@@ -105,7 +105,7 @@ def test_where_something_touched_the_chart_lies_on_its_points(row: Row) -> None:
         assert 0 < row["iterations"][at] < TRUE.max_iterations
 
 
-def test_seeds_are_the_object_s_and_the_sensor_s(row: Row) -> None:
+def test_seed_depends_on_object_and_sensor(row: Row) -> None:
     assert all(array.tobytes() == row[name].tobytes() for name, array in run(TRUE, task()).items())
     few = ChartSettings(cloud="true", max_iterations=3)
     assert not np.array_equal(run(few, task())["vertices"], run(few, task(name="other"))["vertices"])
@@ -113,7 +113,7 @@ def test_seeds_are_the_object_s_and_the_sensor_s(row: Row) -> None:
     assert run(few, task((0.003, 0.004, 0.0055, 1.0)))["vertices"][1, 0].tobytes() == run(few, task())["vertices"][1, 0].tobytes()
 
 
-def test_an_object_that_nothing_touches_is_fine() -> None:
+def test_object_without_touch_has_a_row() -> None:
     row = run(TRUE, task((1.0, 0.01, 0.0068, 0.03)))
     assert (row["stop_rule"] == StopRule.no_touch).all()
     assert row["vertices"].shape == (2, 2, 81, 3)
@@ -133,7 +133,7 @@ def trained(folder: Path, sensor: Sensor = SENSOR, constant: float = 0.6) -> dic
     return {NETWORKS["predicted"]: folder}
 
 
-def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
+def test_predicted_points_come_from_the_u_net(tmp_path: Path) -> None:
     settings = ChartSettings(tight=True)
     assert STAGE.models(settings) == ("models/unet",)
     assert STAGE.models(TRUE) == ()
@@ -143,7 +143,7 @@ def test_predicted_points_are_the_u_nets(tmp_path: Path) -> None:
     assert np.median(np.abs(local[:, 2] - 0.6 * SENSOR.w)) < 3e-4  # vertices of crumpled slivers beyond the rim hang loose
 
 
-def test_a_local_network_s_points_can_be_asked_for(tmp_path: Path) -> None:
+def test_points_of_a_local_network_are_an_option(tmp_path: Path) -> None:
     """One that reads no depth and contact everywhere: its points are the gel at rest."""
     network = LocalNetwork(1)
     with torch.no_grad():
@@ -159,7 +159,7 @@ def test_a_local_network_s_points_can_be_asked_for(tmp_path: Path) -> None:
     assert np.median(np.abs(local[:, 2] - SENSOR.w)) < 3e-4
 
 
-def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) -> None:
+def test_touch_missed_by_the_u_net_keeps_the_square(tmp_path: Path) -> None:
     blind = task()
     blind[1]["touch"]["tactile_image"][:] = untouched_image(SENSOR)
     row = run(ChartSettings(), blind, trained(tmp_path / "unet"))
@@ -167,7 +167,7 @@ def test_a_touch_that_the_u_net_does_not_see_keeps_its_square(tmp_path: Path) ->
     assert np.isfinite(row["vertices"]).all()
 
 
-def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
+def test_faults_of_an_object_are_invalid_input(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="U-Net knows sensor other"):
         run(ChartSettings(), task(), trained(tmp_path / "unet", SENSOR.model_copy(update={"name": "other"})))
     bent = task()
@@ -176,7 +176,7 @@ def test_faults_are_the_object_s_and_named(tmp_path: Path) -> None:
         run(ChartSettings(cloud="true", max_iterations=1), bent)
 
 
-def test_settings_become_the_kernel_s_rule() -> None:
+def test_settings_give_the_fit_options_of_the_kernel() -> None:
     letter = {"residual_limit": None, "step_samples": 4000, "cloud_points": None, "check_every": 1, "learning_rate": 3e-3}
     assert ChartSettings.model_validate(letter).fit_options(SENSOR.width) == SUPPLEMENT
     assert ChartSettings(residual_limit=None).fit_options(SENSOR.width) == FitOptions()
@@ -188,14 +188,14 @@ def test_settings_become_the_kernel_s_rule() -> None:
         ChartSettings(side=8)
 
 
-def test_threads_are_given_back() -> None:
+def test_session_restores_the_number_of_threads() -> None:
     threads = torch.get_num_threads()
     with STAGE.session(TRUE, {}):
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == threads
 
 
-def test_a_device_that_is_not_there_is_named_before_the_first_object() -> None:
+def test_unavailable_device_is_named_before_the_first_object() -> None:
     wanted = f"cuda:{torch.cuda.device_count()}"
     with pytest.raises(StageError, match=f"{wanted} cannot be used .* cpu"), STAGE.session(TRUE.model_copy(update={"device": wanted}), {}):
         pass

@@ -40,7 +40,7 @@ def data(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("stage", SETTINGS)
-def test_mixed_precision_learns_what_full_precision_does(data, stage):
+def test_mixed_precision_reaches_the_loss_of_full_precision(data, stage):
     full, mixed = (best(data, stage, precision) for precision in ("32-true", "bf16-mixed"))
     assert mixed != full
     assert mixed == pytest.approx(full, rel=0.1)

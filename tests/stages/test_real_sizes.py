@@ -50,7 +50,7 @@ def shrunk(points: Any) -> np.ndarray:
     return np.asarray(POSITION + SHRINK * (np.asarray(points, np.float64) - POSITION))
 
 
-def test_charts_learn_objects_of_10_cm_as_they_learn_objects_of_50(data):
+def test_charts_learn_objects_of_10_cm_as_well_as_objects_of_50_cm(data):
     made, losses = {}, {}
     for size, folder in data.items():
         trained = run_stage(folder, "train-gcn", manifest(), *NONE)
@@ -63,14 +63,14 @@ def test_charts_learn_objects_of_10_cm_as_they_learn_objects_of_50(data):
     assert np.abs(made[0.1] - shrunk(made[0.5])).max() < 1e-3 * 0.05
 
 
-def test_distances_are_recorded_around_objects_of_10_cm_as_around_objects_of_50(data):
+def test_distances_are_sampled_around_objects_of_10_cm_as_around_objects_of_50_cm(data):
     large, small = (ObjectRows(data[size], ["query_points", "signed_distance"], None) for size in SIZES)
     for name in large.object_ids:
         np.testing.assert_allclose(small.read("query_points", name), shrunk(large.read("query_points", name)), atol=1e-6)
         np.testing.assert_allclose(small.read("signed_distance", name), SHRINK * large.read("signed_distance", name), atol=1e-6)
 
 
-def test_lengths_of_objects_of_50_cm_are_those_that_the_settings_state():
+def test_lengths_of_objects_of_50_cm_equal_those_of_the_settings():
     config = ImplicitSettings(configuration="implicit-unoccluded").network(9, 0.25)
     assert (config.radius, config.band, config.spacing) == (0.25, 0.03, 0.004)
     small = ImplicitSettings(configuration="implicit-unoccluded").network(9, 0.05)
@@ -88,7 +88,7 @@ def camera_of(size: float) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("family", ["charts", "implicit"])
-def test_networks_that_see_the_same_image_predict_the_same_shape(family):
+def test_equal_images_give_equal_shapes_at_any_size(family):
     chance = torch.Generator().manual_seed(0)
     image, queries = torch.rand(1, 3, 256, 256, generator=chance), torch.rand(1, 50, 3, generator=chance) * 0.4 - 0.2
     seen: dict[str, Any] = {"images": image, "touched": torch.zeros(0, dtype=torch.bool), "counts": [0]}

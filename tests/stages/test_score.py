@@ -81,7 +81,7 @@ def scored(data: Path, name: str) -> Path:
     return DataDirectory(data).verified_folder(f"scores/{name}")
 
 
-def test_our_own_predictions_get_the_figures_of_evaluate_to_the_last_digit(data, predictions):
+def test_score_of_network_predictions_equals_evaluate(data, predictions):
     printed = vt("score", predictions, data)
     ours, theirs = read_figures(DataDirectory(data).verified_folder("evaluation")), read_figures(scored(data, "own"))
     assert len(ours[NETWORK].rows) > 100
@@ -103,7 +103,7 @@ def test_our_own_predictions_get_the_figures_of_evaluate_to_the_last_digit(data,
     assert own["vt_pipeline"]
 
 
-def test_a_score_is_a_row_beside_the_networks(data, folder):
+def test_score_is_a_row_beside_the_networks(data, folder):
     vt("score", folder, data, "--name", "other")
     directory = DataDirectory(data)
     assert "scores/other" in scores(directory)
@@ -118,7 +118,7 @@ def test_a_score_is_a_row_beside_the_networks(data, folder):
     assert "3 objects" in results_tables(directory, [], ["scores/other"])[0].title
 
 
-def test_a_score_with_two_grasps_alone_has_its_rows_and_no_empty_table(data, predictions):
+def test_score_with_two_grasps_only_has_its_rows_and_no_empty_table(data, predictions):
     directory, name = DataDirectory(data), "two"
     assert "two, 2 grasps" in vt("score", predictions / "grasps-2", data, "--name", name, "--grasps", 2)
     tables = results_tables(directory, [], [f"scores/{name}"])
@@ -130,7 +130,7 @@ def test_a_score_with_two_grasps_alone_has_its_rows_and_no_empty_table(data, pre
     assert None not in accuracy.rows[1].cells  # surfaces have normals and an inside, from however many grasps
 
 
-def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
+def test_unchanged_files_are_not_measured_again_and_changed_ones_are(data, folder):
     first = vt("score", folder, data, "--name", "again")
     before = scored(data, "again")
     assert vt("score", folder, data, "--name", "again") == first
@@ -140,7 +140,7 @@ def test_the_same_files_are_not_measured_again_and_others_are(data, folder):
     assert scored(data, "again") != before
 
 
-def test_what_a_gltf_names_is_among_the_files(tmp_path):
+def test_digest_covers_files_that_a_gltf_names(tmp_path):
     (tmp_path / "a.gltf").write_text('{"buffers": [{"uri": "a.bin"}]}')
     digests = set()
     for content in (b"vertices", b"others"):
@@ -168,7 +168,7 @@ def test_point_clouds_are_scored_by_their_distances_alone(data, tmp_path):
     assert "truth" in printed
 
 
-def test_each_fault_of_a_folder_is_named_and_nothing_is_written(data, folder):
+def test_each_fault_of_a_folder_is_named_and_no_score_is_written(data, folder):
     first, second, third = TESTED
     (folder / f"{first}.glb").unlink()
     trimesh.creation.icosphere(2, 150.0).export(folder / f"{second}.ply")  # its ball has a radius of 0.16 m
@@ -205,7 +205,7 @@ def test_each_fault_of_a_folder_is_named_and_nothing_is_written(data, folder):
     ],
     ids=["empty", "nan", "text"],
 )
-def test_a_file_that_cannot_be_used_is_named(data, folder, content, words):
+def test_unusable_file_is_named(data, folder, content, words):
     np.save(folder / f"{TESTED[1]}.npy", np.zeros((0, 3)))
     (folder / f"{TESTED[1]}.ply").unlink()
     (folder / f"{TESTED[0]}.glb").unlink()
@@ -215,7 +215,7 @@ def test_a_file_that_cannot_be_used_is_named(data, folder, content, words):
     assert f"{TESTED[1]}.npy: it holds no point" in printed
 
 
-def test_misplaced_reconstructions_are_measured_if_that_is_asked_for(data, tmp_path):
+def test_misplaced_reconstructions_are_measured_on_request(data, tmp_path):
     bar = trimesh.creation.box((0.02, 0.02, 0.2))
     for object_id in TESTED:
         bar.copy().apply_translation([90, 90, 90]).export(tmp_path / f"{object_id}.ply")
@@ -224,7 +224,7 @@ def test_misplaced_reconstructions_are_measured_if_that_is_asked_for(data, tmp_p
     assert read_figures(scored(data, "far"))["far"].available("iou").tolist() == [0, 0, 0]
 
 
-def test_files_with_y_up_are_told_from_bad_ones(tmp_path):
+def test_files_with_y_up_are_distinguished_from_bad_ones(tmp_path):
     rng = np.random.default_rng(0)
     truth = {name: rng.normal(size=(2000, 3)) * [0.02, 0.02, 0.1] + spheres.CENTRE for name in "abc"}  # upright rods
     for name, points in truth.items():
@@ -255,14 +255,14 @@ def test_gltf_files_are_turned_to_the_worlds_up(tmp_path):
     assert np.ptp(made.vertices, axis=0) == pytest.approx([0.1, 0.3, 0.2])
 
 
-def test_what_names_no_method_or_folder_is_refused(data, tmp_path):
+def test_invalid_method_name_or_folder_is_refused(data, tmp_path):
     assert "no folder" in vt("score", tmp_path / "none", data, fails=True)
     assert "no file of a test object" in vt("score", tmp_path, data, fails=True)
     assert "a method's name" in vt("score", tmp_path, data, "--name", "a/b", fails=True)
     assert "--name shipped: that is the network that ships" in vt("score", tmp_path, data, "--name", "shipped", fails=True)
 
 
-def test_a_closed_surface_is_closed_in_a_format_that_shares_no_vertices(tmp_path):
+def test_closed_surface_counts_as_closed_in_a_format_without_shared_vertices(tmp_path):
     trimesh.creation.icosphere(2).export(tmp_path / "ball.stl")
     assert len(read_surface(tmp_path / "ball.stl").vertices) == 162
     half = trimesh.creation.icosphere(2).submesh([range(100)], append=True)
@@ -270,14 +270,14 @@ def test_a_closed_surface_is_closed_in_a_format_that_shares_no_vertices(tmp_path
     assert len(read_surface(tmp_path / "half.stl").vertices) == 300  # as it is
 
 
-def test_an_array_that_is_none_is_named(tmp_path):
+def test_invalid_array_file_is_named(tmp_path):
     with (tmp_path / "a.npy").open("wb") as file:
         np.savez(file, points=np.zeros((5, 3)))
     with pytest.raises(InvalidInput, match=r"a\.npy cannot be read as an array"):
         read_surface(tmp_path / "a.npy")
 
 
-def test_few_points_are_said_to_be_few(data, tmp_path):
+def test_point_clouds_with_few_points_are_reported(data, tmp_path):
     for object_id in TESTED:
         np.save(tmp_path / f"{object_id}.npy", ObjectRows(data, ["points"], "test").read("points", object_id)[:300])
     assert "3 point clouds with fewer than 500 points, 300 or more" in vt("score", tmp_path, data, "--name", "few")
@@ -290,7 +290,7 @@ def test_files_with_y_up_about_the_origin_are_recognised():
     assert "turned" not in str(misplacement(turned - [0, 5, 0], points))
 
 
-def test_a_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
+def test_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
     place = Path(shutil.copytree(data, tmp_path / "data"))
     (given,) = (stage for stage in spheres.stages() if stage.output is VISION)
     asked: Any = Request(stage=given, settings=Settings(), manifest="balls", objects=OBJECTS, preset="draft", seed=1, data=place)
@@ -298,7 +298,7 @@ def test_a_dataset_without_occluded_images_is_scored(data, folder, tmp_path):
     assert "most similar silhouette" in vt("score", folder, place)
 
 
-def test_a_report_leaves_out_scores_of_what_has_changed_since(data, folder, tmp_path):
+def test_report_leaves_out_scores_of_changed_inputs(data, folder, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     vt("score", folder, copy, "--name", "old")
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})

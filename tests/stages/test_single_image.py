@@ -84,7 +84,7 @@ def seen_by(camera: np.ndarray, mesh: Mesh, pixels: int) -> np.ndarray:
     return np.asarray(hit["primID"] >= 0).reshape(pixels, pixels)
 
 
-def test_projection_with_the_metadata_meets_the_rendered_silhouette(data):
+def test_projection_with_the_metadata_covers_the_rendered_silhouette(data):
     rows = ObjectRows(data, ["silhouette", "rendering_camera", "rendering"], None)
     surfaces = DataDirectory(data).collection(SURFACES)
     for number in range(10):
@@ -105,7 +105,7 @@ def test_folder_has_the_cited_layout(folder):
     assert (folder / "ShapeNetCore.v1" / models[0].parent / "model.obj").is_file()
 
 
-def test_a_model_without_an_image_fails_alone_and_is_read_when_it_is_there(folder, objects, tmp_path):
+def test_model_with_a_missing_image_fails_alone_and_is_read_once_it_exists(folder, objects, tmp_path):
     run_on(folder, tmp_path, objects, "sample-surfaces")
     image = next(folder.glob("ShapeNetRendering/*/*/rendering/05.png"))
     content = image.read_bytes()
@@ -120,7 +120,7 @@ def test_a_model_without_an_image_fails_alone_and_is_read_when_it_is_there(folde
     assert ObjectRows(tmp_path, ["rendering"], None).left_out == {}
 
 
-def test_an_image_that_shows_nothing_is_named(folder, objects, tmp_path):
+def test_empty_image_is_named(folder, objects, tmp_path):
     run_on(folder, tmp_path, objects, "sample-surfaces")
     image = next(folder.glob("ShapeNetRendering/*/*/rendering/05.png"))
     content = image.read_bytes()
@@ -133,7 +133,7 @@ def test_an_image_that_shows_nothing_is_named(folder, objects, tmp_path):
         image.write_bytes(content)
 
 
-def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
+def test_objects_without_renderings_fail_with_the_remedy(tmp_path):
     procedural = manifest(1, 1, 1)
     run_stage(tmp_path, "sample-surfaces", procedural)
     (plan,) = make_plans(
@@ -143,7 +143,7 @@ def test_objects_without_renderings_fail_with_the_way_out(tmp_path):
     assert "take the manifest single-image" in next(iter(failures(plan).values())).reason
 
 
-def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
+def test_evaluation_shows_published_rows_and_names_its_objects(data):
     console = Console(file=io.StringIO(), width=200)
     evaluation = DataDirectory(data).verified_folder("evaluation-single-image")
     show_tables(console, evaluation_tables(evaluation))
@@ -161,7 +161,7 @@ def test_evaluation_has_the_published_rows_beside_ours_and_says_of_what(data):
     assert values["scaled_chamfer"][0, 0] != values["scaled_chamfer"][0, 1]  # another view, another reconstruction
 
 
-def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
+def test_each_view_of_an_object_gives_a_mesh(data, tmp_path):
     models, object_id = data / "models", ObjectRows(data, ["rendering"], "test").object_ids[0]
     made = [predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=view) for view in (0, 3)]
     with pytest.raises(StageError, match="has no model single-image"):
@@ -185,7 +185,7 @@ def test_a_view_of_an_object_becomes_a_mesh(data, tmp_path):
         predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
 
 
-def test_figures_of_two_points_on_paper():
+def test_figures_of_two_points_equal_hand_computed_values():
     """In metres 0.01 and 0.02 apart; × 0.5 these are 0.005 and 0.01: squares 2.5e-5 and 1e-4."""
     truth = np.array([[0.0, 0, 0], [1, 0, 0]])
     apart = cloud_distances(np.array([[0.01, 0, 0], [1.02, 0, 0]]), truth)

@@ -20,7 +20,7 @@ def test_gripper_opens_as_far_as_its_fingers_slide() -> None:
 
 
 @pytest.mark.parametrize("sensors", [0, 1])
-def test_gripper_with_a_sensor_on_one_finger_or_the_palm_alone_opens_as_far_as_its_last_links(sensors: int) -> None:
+def test_gripper_without_opposed_sensors_opens_as_far_as_its_last_links(sensors: int) -> None:
     """The middle of a finger is 6 mm behind its sensor."""
     hand = load_hand("two_finger_gripper")
     palm = replace(hand.sensors[0], link=0, pose=np.eye(4))
@@ -29,17 +29,17 @@ def test_gripper_with_a_sensor_on_one_finger_or_the_palm_alone_opens_as_far_as_i
 
 
 @pytest.mark.parametrize(("point", "leaves"), [((0.31, 0, 0), False), ((0.33, 0, 0), True), ((0, -0.33, 0), True), ((0, 0, 2), True)])
-def test_object_leaves_the_image_where_one_of_its_points_does(point: tuple[float, float, float], leaves: bool) -> None:
+def test_object_leaves_the_image_if_one_of_its_points_does(point: tuple[float, float, float], leaves: bool) -> None:
     assert leaves_image(ABOVE, np.array([(0, 0, 0), point])) == leaves
 
 
 @pytest.mark.parametrize(("side", "speck"), [(0.02, True), (0.08, False)])
-def test_object_of_few_pixels_is_a_speck(side: float, speck: bool) -> None:
+def test_object_of_few_pixels_is_reported_as_too_small(side: float, speck: bool) -> None:
     """At 1 m and a focal length of 100 pixels, 64 mm are a tenth of 64 pixels."""
     assert is_speck(ABOVE, side * np.array([(-0.5, 0, 0), (0.5, 0, 0)])) == speck
 
 
-def test_objects_size_warnings_are_named() -> None:
+def test_size_warnings_name_the_objects() -> None:
     sides = {"speck": (0.002, 0.003, 0.004), "mug": (0.1, 0.1, 0.12), "crate": (0.9, 0.7, 1.2), "pole": (2.0, 0.02, 0.02)}
     extents = {name: np.array(one) for name, one in sides.items()}
     small, large = size_warnings(extents, smallest=0.03, largest=0.14, hand="claw")

@@ -71,7 +71,7 @@ def test_training_draws_every_combination_of_inputs_and_validates_them_in_turn(d
     assert resolve("train-implicit", "draft", ["train-implicit.configuration=implicit-touch"]).touch_dropout == 0
 
 
-def test_other_networks_draw_what_they_drew(data):
+def test_networks_with_fixed_inputs_draw_no_input_choices(data):
     settings = resolve("train-implicit", "draft", ["train-implicit.configuration=implicit-occluded-touch"])
     items = Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays)
     first, second = torch_generator(0, "a"), torch_generator(0, "a")
@@ -82,12 +82,12 @@ def test_other_networks_draw_what_they_drew(data):
     assert torch.equal(torch.rand(3, generator=first), torch.rand(3, generator=second))
 
 
-def test_it_is_evaluated_in_every_row_of_the_tables(data):
+def test_network_is_evaluated_in_every_row_of_the_tables(data):
     folder = DataDirectory(data).verified_folder("evaluation")
     rows = [f"{NAME}-{way}" for way in INPUT_CHOICES]
-    given = read_root(folder)["configurations"]
-    assert list(given) == rows
-    assert given[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
+    configurations = read_root(folder)["configurations"]
+    assert list(configurations) == rows
+    assert configurations[f"{NAME}-occluded-touch"] == {"image": "occluded", "touch": True}
     figures = read_figures(folder)
     assert all(np.isfinite(figures[row].per_object("chamfer")).all() for row in rows)
     assert figures[f"{NAME}-touch"].grasps == [1, 5]
@@ -99,20 +99,20 @@ def test_it_is_evaluated_in_every_row_of_the_tables(data):
 
 
 @pytest.mark.parametrize("way", INPUT_CHOICES)
-def test_it_predicts_from_each_combination_of_inputs(data, tmp_path, way):
+def test_network_predicts_from_each_combination_of_inputs(data, tmp_path, way):
     done = predict(tmp_path / "out.ply", data / "models", f"{NAME}-{way}", data=data, object_id="c", grasps=[0, 1])
     assert trimesh.load(done.files[0]).is_watertight
     assert bool(len(done.touched)) == INPUT_CHOICES[way].touch
 
 
-def test_it_predicts_from_what_there_is_and_from_nothing(data, tmp_path):
+def test_network_predicts_from_available_inputs_and_without_input(data, tmp_path):
     both = predict(tmp_path / "a.ply", data / "models", NAME, data=data, object_id="c", grasps=[0])
     same = predict(tmp_path / "b.ply", data / "models", f"{NAME}-occluded-touch", data=data, object_id="c", grasps=[0])
     np.testing.assert_array_equal(both.reconstruction.vertices, same.reconstruction.vertices)
     assert len(predict(tmp_path / "c.ply", data / "models", f"{NAME}-none").reconstruction.faces)
 
 
-def test_missing_images_in_a_batch_change_nothing_for_the_others(data):
+def test_missing_images_do_not_affect_other_items_of_the_batch(data):
     model = load_reconstructor(NAME, DataDirectory(data).verified_folder(f"models/implicit/{NAME}"))
     items = Items(data, "test", model.config, 6, learned=ImplicitLearner.arrays)
     observations = [items.view_in_turn(item, 1, 5) for item in range(6)]
@@ -125,7 +125,7 @@ def test_missing_images_in_a_batch_change_nothing_for_the_others(data):
             torch.testing.assert_close(together[number], alone[0], atol=1e-6, rtol=1e-4)
 
 
-def test_a_step_without_any_image_gives_every_weight_a_gradient(data):
+def test_step_without_images_gives_every_weight_a_gradient(data):
     """Processes that share a step wait for each of them."""
     settings = resolve("train-implicit", "draft", SETTINGS)
     network = TrainImplicit().family.network_type(settings.network(spheres.SIDE), torch.Generator().manual_seed(0)).train()
@@ -139,7 +139,7 @@ def test_a_step_without_any_image_gives_every_weight_a_gradient(data):
     assert all(weights.grad is not None for weights in network.encoder.parameters())
 
 
-def test_names_of_rows_lead_to_the_one_network(data):
+def test_names_of_rows_refer_to_the_same_network(data):
     assert model_name(f"{NAME}-touch", 1) == f"models/seed-1/implicit/{NAME}"
     assert inputs_of(f"{NAME}-unoccluded").image == "unoccluded"
     assert ROWS.keys() <= trained_models(data / "models").keys()

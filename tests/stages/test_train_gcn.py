@@ -64,21 +64,21 @@ def overfit(data: Path, steps: int, points: int) -> tuple[float, float]:
     return reached, sampling_floor(sampled_area(truth.numpy()), points)
 
 
-def test_one_object_is_learned_to_one_and_a_half_times_its_sampling_floor(data):
+def test_network_learns_one_object_to_1_5_times_its_sampling_floor(data):
     reached, floor = overfit(data, steps=250, points=500)
     print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 500 points: {reached / floor:.2f} x")
     assert reached <= 1.5 * floor
 
 
 @pytest.mark.slow
-def test_one_object_is_learned_to_one_and_a_half_times_its_floor_with_10000_points(tmp_path):
+def test_network_learns_one_object_to_1_5_times_its_sampling_floor_with_10000_points(tmp_path):
     run_stage(tmp_path, "sample-surfaces", OBJECTS, "sample-surfaces.points=10000")
     reached, floor = overfit(tmp_path, steps=3000, points=10000)
     print(f"Chamfer {reached:.3g} m², floor {floor:.3g} m² with 10,000 points: {reached / floor:.2f} x")
     assert reached <= 1.5 * floor
 
 
-def test_the_supplements_loss_edges_and_steps_are_its_own():
+def test_paper_preset_has_the_supplements_loss_edges_and_steps():
     paper = resolve("train-gcn", "paper", []).model_dump()
     assert (paper["learning_rate"], paper["schedule"], paper["gradient_limit"], paper["batch_size"]) == (3e-5, "constant", None, 16)
     assert (paper["seams"], paper["touch_edges"], paper["edge_weight"]) == ("open", "centres", 0)
@@ -97,14 +97,14 @@ def loss_of(data: Path, **changes) -> float:
         return float(learner.loss(network, learner.read([0], [torch_generator(0, "step")])))
 
 
-def test_the_length_of_edges_is_added_to_the_loss_of_the_sphere_of_charts(data):
+def test_loss_includes_the_length_of_edges(data):
     plain = loss_of(data)
     edges = (loss_of(data, edge_weight=2.0) - plain) / (2 * 9000)  # the mean squared edge, m²
     assert 0.005**2 < edges < 0.04**2  # 3456 edges of a sphere of radius 0.25 m
     assert loss_of(data, edge_weight=4.0) - plain == pytest.approx(2 * 2 * 9000 * edges, rel=1e-3)
 
 
-def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
+def test_edge_weight_shortens_edges(tmp_path, data):
     def edge(weight: float) -> float:
         small: dict = {"gcn_layers": 3, "gcn_features": 24, "loss_points": 200, "samples_per_object": 1}
         settings = GcnSettings(configuration="none", seams="tied", edge_weight=weight, **small)
@@ -126,7 +126,7 @@ def test_edges_are_shorter_where_the_loss_asks_for_it(tmp_path, data):
     assert asked < 0.7 * without
 
 
-def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
+def test_each_configuration_reads_its_inputs_only():
     reads = {name: {artifact.name for artifact in TrainGcn().inputs(GcnSettings(configuration=name))} for name in CONFIGURATIONS}
     assert reads["none"] == {"surfaces"}
     assert reads["touch"] == {"surfaces", "charts"}
@@ -134,14 +134,14 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
     assert reads["occluded-touch"] == reads["unoccluded-touch"] == {"surfaces", "vision", "charts"}
 
 
-def test_without_input_it_trains_where_neither_images_nor_touches_were_made(data):
+def test_configuration_without_input_trains_without_images_and_touches(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     assert {path.name for path in folder.iterdir()} == {"model.json", "model.safetensors", "metrics.json", "tensorboard"}
-    found = load_reconstructor("none", folder).reconstruct([Observation(None)])[0]
-    assert found.vertices.shape == (1824, 3)
-    assert found.vision == 1824
-    assert np.abs(found.vertices - [0, 0, 0.6]).max() < 0.6
+    reconstruction = load_reconstructor("none", folder).reconstruct([Observation(None)])[0]
+    assert reconstruction.vertices.shape == (1824, 3)
+    assert reconstruction.vision == 1824
+    assert np.abs(reconstruction.vertices - [0, 0, 0.6]).max() < 0.6
     with pytest.raises(StoreError, match="has not been made"):
         run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=touch", *SMALL)
 
@@ -165,7 +165,7 @@ def die_midway(data: Path) -> None:
     )
 
 
-def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_others(data, tmp_path):
+def test_training_killed_in_mid_epoch_gives_the_same_weights_and_another_seed_others(data, tmp_path):
     assignments = ("train-gcn.configuration=none", "train-gcn.batch_size=2", *SMALL)
     killed = tmp_path / "killed"
     shutil.copytree(data, killed, ignore=shutil.ignore_patterns("models"))
@@ -185,7 +185,7 @@ def test_killed_in_mid_epoch_the_same_weights_come_out_and_other_seeds_give_othe
     assert weights["killed"] == weights["whole"] != weights["other"]
 
 
-def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
+def test_items_begin_with_each_grasp_in_turn_and_never_repeat_a_grasp(data):
     items = Items(data, "train", GcnSettings(configuration="none").network(9), 5)
     everything = np.random.default_rng(0).permutation(5)
     for item in range(5):
@@ -194,14 +194,14 @@ def test_items_begin_with_each_grasp_in_turn_and_never_repeat_one(data):
         assert [len(set(grasps)) for grasps in chosen] == [1, 3, 5]
 
 
-def test_fewer_items_than_grasps_begin_with_each_of_them_in_time(data):
+def test_fewer_items_than_grasps_begin_with_each_grasp_eventually(data):
     items = Items(data, "train", GcnSettings(configuration="none").network(9), 1)
     firsts = {items.grasps_of(0, 2, np.random.default_rng(epoch).permutation(5))[0] for epoch in range(40)}
     assert firsts == set(range(5))
     assert items.grasps_of(0, 3, np.array([3, 1, 0, 2, 4])) == [3, 1, 0]
 
 
-def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
+def test_observation_without_a_required_input_is_an_error(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
     reconstructor = load_reconstructor("none", folder)
@@ -210,7 +210,7 @@ def test_a_view_that_lacks_what_the_network_needs_is_an_error_with_words(data):
         reconstructor.reconstruct([Observation(None)])
 
 
-def test_a_network_that_has_diverged_is_refused(data):
+def test_diverged_network_is_refused(data):
     settings = GcnSettings(configuration="none", gcn_layers=2, gcn_features=6, loss_points=50)
     items = Items(data, "train", settings.network(9), 5)
     network = DeformationNetwork(settings.network(9))
@@ -235,11 +235,11 @@ def test_a_network_that_has_diverged_is_refused(data):
         ({"passes": 101}, "less than or equal to 100"),
     ],
 )
-def test_settings_that_make_no_network_are_refused(settings, words):
+def test_invalid_network_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
         GcnSettings(**settings)
 
 
-def test_an_unknown_configuration_is_refused():
+def test_unknown_configuration_is_refused():
     with pytest.raises(ValueError, match="unknown configuration sight; choose from none, touch"):
         GcnSettings(configuration="sight")

@@ -63,7 +63,7 @@ def folder_of(data: Path, name: str) -> Path:
     return DataDirectory(data).verified_folder(name)
 
 
-def test_the_mesh_of_a_ball_that_was_touched_is_closed_and_nearly_as_large(data):
+def test_mesh_of_a_touched_ball_is_closed_and_of_nearly_its_size(data):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     assert table["grasps_given"].tolist() == [1, 5]
     for case in range(2):
@@ -79,27 +79,27 @@ def test_the_mesh_of_a_ball_that_was_touched_is_closed_and_nearly_as_large(data)
     assert 0.5 < figures.available("area_ratio")[0] < 2
 
 
-def test_stored_meshes_are_those_that_the_model_makes(data):
+def test_stored_meshes_equal_those_of_the_model(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
-    made = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
-    assert np.array_equal(made[0].vertices, made[1].vertices)
-    assert len(made[0].faces)  # one that knows nothing answers something
-    assert made[0].is_whole
+    predicted = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32)), Observation(None, np.zeros((0, 9, 3), np.float32))])
+    assert np.array_equal(predicted[0].vertices, predicted[1].vertices)
+    assert len(predicted[0].faces)  # one that knows nothing answers something
+    assert predicted[0].is_whole
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     assert table["vertex_count"].sum() == len(table["vertices"])
     assert table["face_count"].sum() == len(table["faces"])
     assert all(surface_of(table, 0, case)[1].max() + 1 == table["vertex_count"][0, case] for case in range(2))
 
 
-def test_what_was_felt_decides_on_the_size(data):
+def test_touches_determine_the_size(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
     rows = ObjectRows(data, observed_arrays(model.config), "train")
-    made = model.reconstruct([stored_observation(rows, name, range(5), model.config) for name in ("a", "f")])
-    small, large = (np.median(np.linalg.norm(one.vertices - spheres.CENTRE, axis=1)) for one in made)  # of 10 and 20 cm
+    predicted = model.reconstruct([stored_observation(rows, name, range(5), model.config) for name in ("a", "f")])
+    small, large = (np.median(np.linalg.norm(one.vertices - spheres.CENTRE, axis=1)) for one in predicted)  # of 10 and 20 cm
     assert large > 1.4 * small
 
 
-def test_the_mesh_goes_through_what_was_felt_even_where_nothing_was_expected(data):
+def test_mesh_passes_through_touches_off_the_predicted_surface(data):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
     model.network.config = model.network.config.model_copy(update={"spacing": 0.004})  # touch reaches 10 mm
     side = np.linspace(-0.008, 0.008, 9)
@@ -112,7 +112,7 @@ def test_the_mesh_goes_through_what_was_felt_even_where_nothing_was_expected(dat
         assert apart.max() < 5e-4
 
 
-def test_without_an_image_pieces_that_nobody_felt_are_left_out(data, monkeypatch):
+def test_untouched_pieces_are_left_out_without_an_image(data, monkeypatch):
     model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
     middles = [spheres.CENTRE, spheres.CENTRE + [0.2, 0, 0]]
     balls = [(middle, radius) for middle, radius in zip(middles, (0.08, 0.05), strict=True)]
@@ -127,7 +127,7 @@ def test_without_an_image_pieces_that_nobody_felt_are_left_out(data, monkeypatch
         assert len(trimesh.Trimesh(made.vertices, made.faces, process=False).split()) == pieces
 
 
-def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
+def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)
     assert (len(drawn.vertices), len(drawn.faces)) == (table["vertex_count"][0, 1], table["face_count"][0, 1])
@@ -142,7 +142,7 @@ def test_it_is_drawn_and_written_as_one_mesh(data, tmp_path):
         predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
 
 
-def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
+def test_objects_larger_than_the_meshed_cube_are_named(data):
     settings = resolve("train-implicit", "draft", SETTINGS)
     items = Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays)
     stage = TrainImplicit()
@@ -153,10 +153,10 @@ def test_objects_that_are_larger_than_what_is_meshed_are_named(data):
     assert re.match(r"\d of \d training objects are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
 
 
-def test_settings_without_effect_and_grasps_that_there_are_not_are_named(data):
+def test_settings_without_effect_and_missing_grasps_are_named(data):
     stated = ["image_noise=3", "dropped_touches=0.5", "dropped_image=0.5", "touch_reach=0.02", "max_grasps=9"]
 
-    def said(configuration: str) -> list[str]:
+    def remarks_of(configuration: str) -> list[str]:
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
@@ -164,11 +164,11 @@ def test_settings_without_effect_and_grasps_that_there_are_not_are_named(data):
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"
-    assert said("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
-    assert said("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
+    assert remarks_of("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
+    assert remarks_of("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
 
 
-def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
+def test_each_configuration_reads_its_inputs_only():
     reads = {name: {one.name for one in TrainImplicit().inputs(ImplicitSettings(configuration=name))} for name in IMPLICIT_CONFIGURATIONS}
     assert reads["implicit-touch"] == {"surfaces", "distances", "charts"}
     assert reads["implicit-occluded"] == reads["implicit-unoccluded"] == {"surfaces", "distances", "vision"}
@@ -192,6 +192,6 @@ def test_each_configuration_reads_what_it_sees_and_feels_and_nothing_else():
         ("spacing=0.1", "spacing: .*0.05"),
     ],
 )
-def test_settings_that_make_no_network_are_refused(assignment, words):
+def test_invalid_network_settings_are_refused(assignment, words):
     with pytest.raises(InvalidInput, match=words):
         resolve("train-implicit", "draft", [f"train-implicit.{assignment}"])

@@ -49,7 +49,7 @@ def generators(count: int, seed: int = 0) -> list[torch.Generator]:
     return [torch.Generator().manual_seed(seed + number) for number in range(count)]
 
 
-def test_presses_follow_from_the_seed_and_have_the_gel_that_was_drawn(presses: RandomPresses) -> None:
+def test_presses_follow_from_the_seed_and_have_the_drawn_gel(presses: RandomPresses) -> None:
     again = random_presses(SENSOR, 3, 0, gel=(0.5, 1.5))
     for number in range(3):
         for one, other in zip(presses.read(number), again.read(number), strict=True):
@@ -62,7 +62,7 @@ def test_presses_follow_from_the_seed_and_have_the_gel_that_was_drawn(presses: R
     assert scaled_gel(drawn_in, 2.0).membrane == 2 * drawn_in.membrane
 
 
-def test_windows_are_parts_of_presses(presses: RandomPresses) -> None:
+def test_windows_are_crops_of_presses(presses: RandomPresses) -> None:
     windows = learner(presses, **OFF).read([5, 6], generators(2))
     assert windows.change.shape == (2, 3, 24, 24)
     whole = 1e3 * presses.read(5).indentation
@@ -86,7 +86,7 @@ def test_variation_is_off_at_zero_and_follows_from_the_generator() -> None:
         assert not torch.allclose(vary_change(change, depth, alone, generators(1, 5)[0]), change, atol=1e-3), name
 
 
-def test_a_shift_is_the_same_for_all_pixels_of_a_colour() -> None:
+def test_colour_shift_is_the_same_for_all_pixels() -> None:
     change, settings = torch.zeros(3, 20, 20), TouchTrainingSettings.model_validate(OFF | {"image_shift": 9.0})
     shift = vary_change(change, change[0], settings, generators(1)[0])
     assert shift.flatten(1).unique(dim=1).shape == (3, 1)
@@ -94,16 +94,16 @@ def test_a_shift_is_the_same_for_all_pixels_of_a_colour() -> None:
 
 
 @pytest.mark.parametrize("precision", ["64-true", "bf16-mixed"])
-def test_it_trains_in_every_precision(presses: RandomPresses, tmp_path: Path, precision: str) -> None:
+def test_network_trains_in_every_precision(presses: RandomPresses, tmp_path: Path, precision: str) -> None:
     settings, usual = (TouchTrainingSettings.model_validate(SETTINGS | {"epochs": 1, "precision": one}) for one in (precision, "32-true"))
     losses = []
-    for number, asked in enumerate((settings, usual)):
+    for number, chosen in enumerate((settings, usual)):
         (folder := tmp_path / str(number)).mkdir()
-        losses.append(train_local_network(presses, presses, asked, folder=folder, seed=0)[1]["best"]["loss"])
+        losses.append(train_local_network(presses, presses, chosen, folder=folder, seed=0)[1]["best"]["loss"])
     assert losses[0] == pytest.approx(losses[1], rel=0.05)
 
 
-def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
+def test_network_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
     model, facts = trained
     assert facts["best_epoch"] == facts["epochs"] - 1
     unseen = random_presses(SENSOR, 24, 7, gel=(1.0, 1.0))
@@ -117,7 +117,7 @@ def test_it_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[LocalTo
     assert model.maps(presses_at_rest)[0] == pytest.approx(SENSOR.w, abs=1e-4)
 
 
-def test_whole_validation_presses_are_read_as_photographs_are(
+def test_validation_reads_whole_presses_as_photographs_are_read(
     presses: RandomPresses, trained: tuple[LocalTouchModel, dict[str, Any]]
 ) -> None:
     model, _ = trained
@@ -153,7 +153,7 @@ def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchM
         model.check_sensor(load_sensor("gel_16mm"))
 
 
-def test_a_local_network_with_a_threshold_is_an_error(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
+def test_local_network_with_a_threshold_is_an_error(trained: tuple[LocalTouchModel, dict[str, Any]], tmp_path: Path) -> None:
     save_sensor_network(trained[0], tmp_path)
     path = tmp_path / "model.json"
     path.write_text(path.read_text().replace('"network": "local"', '"network": "local", "mask_threshold": 0.001'))
@@ -161,7 +161,7 @@ def test_a_local_network_with_a_threshold_is_an_error(trained: tuple[LocalTouchM
         load_touch_model(tmp_path, "cpu")
 
 
-def test_the_untouched_photograph_of_the_day_counts(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
+def test_depth_is_read_against_the_current_untouched_photograph(trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
     model, _ = trained
     darker = replace(model, untouched=model.untouched // 2)
     press = random_presses(SENSOR, 1, 9, gel=(1.0, 1.0)).read(0)

@@ -87,7 +87,7 @@ def test_items_are_the_sensors_that_touched(touches: Touches) -> None:
 
 
 @pytest.mark.parametrize("loss", ["depth", "chamfer"])
-def test_the_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["depth", "chamfer"]) -> None:
+def test_loss_falls_and_its_measures_agree(touches: Touches, loss: Literal["depth", "chamfer"]) -> None:
     trained = learner(touches, loss=loss, width=4)
     optimizer = torch.optim.Adam(trained.network.parameters(), lr=0.01)
 
@@ -121,8 +121,8 @@ def test_validation_does_not_depend_on_the_batch_size(touches: Touches) -> None:
     assert found[0] == pytest.approx(found[1], rel=1e-5)
 
 
-def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
-    """The loop then stops and names the touches."""
+def test_diverged_network_is_refused(touches: Touches) -> None:
+    """The training loop then stops and names the touches."""
     trained = learner(touches, loss="chamfer")
     with torch.no_grad():
         next(trained.network.parameters()).fill_(torch.nan)
@@ -130,11 +130,11 @@ def test_a_network_that_has_diverged_is_refused(touches: Touches) -> None:
         trained.loss(trained.network, everything(trained))
 
 
-def test_images_vary_and_depths_do_not(touches: Touches) -> None:
+def test_augmentation_varies_images_and_keeps_depths(touches: Touches) -> None:
     tactile_images, depth, varied = everything(learner(touches, image_gain=0.3))
-    given = touches.read(range(len(touches)))
-    assert torch.equal(tactile_images, given[0])
-    assert torch.equal(depth, given[1])
+    stored = touches.read(range(len(touches)))
+    assert torch.equal(tactile_images, stored[0])
+    assert torch.equal(depth, stored[1])
     assert not torch.equal(varied, tactile_images)
     assert torch.equal(everything(learner(touches))[2], tactile_images), "off by default"
 
@@ -154,7 +154,7 @@ def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
 
 
-def test_a_training_whose_inputs_are_collected_ends_in_words_and_goes_on(
+def test_training_whose_inputs_are_removed_ends_with_an_error_and_resumes(
     trained: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Zarr reads zeros where a group is gone."""
@@ -162,7 +162,7 @@ def test_a_training_whose_inputs_are_collected_ends_in_words_and_goes_on(
     settings = UnetSettings.model_validate(
         SETTINGS | {"checkpoint_seconds": 0, "cache_megabytes": 0}
     )  # as if the dataset were larger than what is kept
-    asked = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
+    request = Request(TrainUnet(), settings, manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data)
     read, reads = UnetLearner.read, itertools.count()
 
     def read_and_replace(self: UnetLearner, *given: Any) -> Any:
@@ -173,12 +173,12 @@ def test_a_training_whose_inputs_are_collected_ends_in_words_and_goes_on(
 
     monkeypatch.setattr(UnetLearner, "read", read_and_replace)
     with pytest.raises(StoreError, match=r"it was replaced since it was opened: .* run the same command again"):
-        run(asked)
-    assert run(asked) == 5
+        run(request)
+    assert run(request) == 5
     assert DataDirectory(data).folder("models/unet").files["model.safetensors"] == trained[1]["digest"]
 
 
-def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]]) -> None:
+def test_stage_trains_on_touches_only(trained: tuple[Path, dict[str, Any]]) -> None:
     facts = trained[1]
     assert facts["touches"] == {"train": 3 * GRASPS_EACH * (SENSORS - 1), "valid": 2 * GRASPS_EACH * (SENSORS - 1)}
     assert facts["epochs"] == 2
@@ -190,7 +190,7 @@ def test_the_stage_trains_on_touches_alone(trained: tuple[Path, dict[str, Any]])
     assert stage.writes(settings) == "models/unet"
 
 
-def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) -> None:
+def test_model_folder_is_sufficient_for_prediction(trained: tuple[Path, dict[str, Any]]) -> None:
     model = load_touch_model(trained[0] / "models", "cpu")
     assert model.sensor == SENSOR
     assert (model.untouched == untouched_image(SENSOR)).all()
@@ -211,7 +211,7 @@ def test_the_folder_is_all_its_users_need(trained: tuple[Path, dict[str, Any]]) 
     assert model.clouds(tactile_images[:0]) == []
 
 
-def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) -> None:
+def test_weights_of_the_best_epoch_are_stored(trained: tuple[Path, dict[str, Any]]) -> None:
     data, facts = trained
     model = load_touch_model(data / "models", "cpu")
     valid = load_touches(data, "valid")
@@ -220,7 +220,7 @@ def test_the_best_epoch_is_what_is_stored(trained: tuple[Path, dict[str, Any]]) 
         assert stored.validate(stored.network)["loss"] == pytest.approx(facts["best"]["loss"], rel=1e-6)
 
 
-def test_readings_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:
+def test_tactile_images_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:
     model = load_touch_model(trained[0] / "models", "cpu")
     for bad in (np.zeros((2, 30, 20, 3), np.uint8), np.zeros((20, 20, 3), np.uint8), np.zeros((2, 20, 20, 3))):
         for call in (model.maps, model.clouds):
@@ -228,7 +228,7 @@ def test_readings_of_another_sensor_are_refused(trained: tuple[Path, dict[str, A
                 call(bad)
 
 
-def test_a_folder_without_a_model_is_an_error(trained: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+def test_folder_without_a_model_is_an_error(trained: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="holds no trained model"):
         load_touch_model(tmp_path, "cpu")
     for name in ("model.safetensors", "model.json"):

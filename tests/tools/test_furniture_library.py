@@ -1,4 +1,4 @@
-"""Furniture libraries: what is unpacked, what the catalogue says of it, and what is left out."""
+"""Furniture libraries: unpacked files, entries of the catalogue, and omissions."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_models_are_unpacked_with_their_companions_and_licences(library, tmp_pat
     assert (lamp["object_id"], lamp["creator"]) == ("lib-lamp", "Bob")
 
 
-def test_licence_and_creators_may_be_left_out(tmp_path):
+def test_licence_and_creators_are_optional(tmp_path):
     path = tmp_path / "lib.sh3f"
     with zipfile.ZipFile(path, "w") as archive:
         kept = [line for line in LIST.splitlines() if not line.startswith(("license", "creator"))]
@@ -88,7 +88,7 @@ def test_command_without_libraries_prints_its_usage(monkeypatch, arguments):
         main()
 
 
-def test_the_catalogue_is_a_source(library, tmp_path):
+def test_unpacked_catalogue_is_a_source(library, tmp_path):
     unpack([library], tmp_path / "meshes")
     source = {"kind": "catalogue", "licence": "CC-BY", "up": "y", "path": tmp_path / "meshes"}
     splits = {"train": 1, "valid": 0, "test": 0}
@@ -100,7 +100,7 @@ def test_the_catalogue_is_a_source(library, tmp_path):
 
 
 @pytest.mark.parametrize("file", ["/data/cup.obj", "../cup.obj"])
-def test_a_catalogue_names_files_below_its_folder_alone(tmp_path, file):
+def test_catalogue_may_name_files_below_its_folder_only(tmp_path, file):
     (tmp_path / "catalogue.csv").write_text(f"object_id,category,file,up\ncup,kitchen,{file},z\n")
     source = {"kind": "catalogue", "licence": "CC-BY", "up": "y", "path": tmp_path}
     with pytest.raises(InvalidInput, match=f"cup has file '{file}'; it must be a path below"):
@@ -108,7 +108,7 @@ def test_a_catalogue_names_files_below_its_folder_alone(tmp_path, file):
 
 
 @pytest.mark.parametrize(("content", "why"), [(b"PK", "not a zip file"), (None, "no item named")])
-def test_what_is_no_library_is_named(tmp_path, content, why):
+def test_file_that_is_not_a_library_is_named(tmp_path, content, why):
     path = tmp_path / "other.sh3f"
     if content is None:
         with zipfile.ZipFile(path, "w") as archive:

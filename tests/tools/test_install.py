@@ -1,4 +1,4 @@
-"""`tools/install.sh` installs what is missing, once, and says what it cannot install."""
+"""`tools/install.sh` installs missing packages once and reports those that it cannot install."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PIP = "-m pip install --quiet --disable-pip-version-check"
 
 
 class Machine:
-    """A repository, and a system whose programs write down what they are called with."""
+    """A repository and a system whose programs log their calls."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -91,7 +91,7 @@ def test_packages_are_installed_once_and_again_when_the_pinned_ones_change(machi
     assert machine.calls() == developed
 
 
-def test_an_installation_that_fails_is_tried_again(machine):
+def test_failed_installation_is_tried_again(machine):
     machine.python("python3.11", more=PIP_FAILS)
     for _ in range(2):
         assert machine.install("project").returncode != 0
@@ -99,7 +99,7 @@ def test_an_installation_that_fails_is_tried_again(machine):
         assert not (machine.root / ".venv").exists()
 
 
-def test_an_environment_of_ones_own_survives_a_pip_that_fails(machine):
+def test_existing_environment_survives_a_failed_pip(machine):
     machine.python("python3.11", more=PIP_FAILS)
     subprocess.run([machine.root / "programs" / "python3.11", "-m", "venv", ".venv"], cwd=machine.root, check=True)
     assert machine.install("project").returncode != 0
@@ -107,7 +107,7 @@ def test_an_environment_of_ones_own_survives_a_pip_that_fails(machine):
 
 
 @pytest.mark.parametrize("user", [0, 1000])
-def test_system_packages_that_are_missing_are_installed_by_root_and_named_to_others(user, machine):
+def test_missing_system_packages_are_installed_by_root_and_named_to_other_users(user, machine):
     machine.debian("libegl1", "libgl1-mesa-dri", user=user)
     done = machine.install("project")
     missing = "libgl1 libxrender1"
@@ -119,7 +119,7 @@ def test_system_packages_that_are_missing_are_installed_by_root_and_named_to_oth
         assert machine.calls()[:2] == ["apt-get update -qq", f"apt-get install -y -qq --no-install-recommends {missing}"]
 
 
-def test_nothing_is_installed_that_is_there(machine):
+def test_installed_system_packages_are_not_installed_again(machine):
     machine.debian(*LIBRARIES.split(), user=0)
     machine.install("project")
     assert not [call for call in machine.calls() if call.startswith("apt-get")]
@@ -137,14 +137,14 @@ def test_nothing_is_installed_that_is_there(machine):
         ({"python3": "2.7", "python3.11": "3.11"}, "python3.11"),
     ],
 )
-def test_the_first_python_that_fits_makes_the_environment(there, chosen, machine):
+def test_first_suitable_python_makes_the_environment(there, chosen, machine):
     for name, version in there.items():
         machine.python(name, version)
     assert machine.install("project").returncode == 0
     assert machine.calls()[0] == f"{chosen} -m venv .venv"
 
 
-def test_a_python_that_cannot_make_environments_is_passed_over(machine):
+def test_python_without_ensurepip_is_skipped(machine):
     machine.python("python3", "3.13", ensurepip="no")
     machine.install("project")
     assert machine.calls()[0] == "python3.11 -m venv .venv"
@@ -158,7 +158,7 @@ def test_a_python_that_cannot_make_environments_is_passed_over(machine):
         (None, {"python3": "3.13.5-1", "python3-venv": "3.13.5-1"}, "python3-venv"),
     ],
 )
-def test_the_package_that_completes_python_is_installed_where_there_is_one(user, python, archive, package, machine):
+def test_package_that_completes_python_is_installed_if_available(user, python, archive, package, machine):
     (machine.root / "programs" / "python3.11").unlink()
     if python:
         machine.python("python3", python, ensurepip="no")
@@ -174,7 +174,7 @@ def test_the_package_that_completes_python_is_installed_where_there_is_one(user,
     "archive", [{}, {"python3": "3.14.1-1", "python3-venv": "3.14.1-1"}, {"python3": "3.9.2-3", "python3-venv": "3.9.2-3"}]
 )
 @pytest.mark.parametrize("incomplete", [False, True])
-def test_one_line_says_what_to_type_where_there_is_no_python(archive, incomplete, machine):
+def test_missing_python_gives_a_one_line_error_with_the_remedy(archive, incomplete, machine):
     (machine.root / "programs" / "python3.11").unlink()
     if incomplete:
         machine.python("python3", "3.12", ensurepip="no")
@@ -189,7 +189,7 @@ def test_one_line_says_what_to_type_where_there_is_no_python(archive, incomplete
 
 
 @pytest.mark.parametrize(("incomplete", "source"), [(False, "3.13"), (True, "python3")])
-def test_uv_makes_the_environment_where_no_python_can(incomplete, source, machine):
+def test_uv_makes_the_environment_if_no_python_can(incomplete, source, machine):
     (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
     if incomplete:
         machine.python("python3", "3.12", ensurepip="no")
@@ -201,7 +201,7 @@ def test_uv_makes_the_environment_where_no_python_can(incomplete, source, machin
 @pytest.mark.parametrize(
     ("python", "said"), [("/nowhere/python", "there is no Python /nowhere/python"), ("python3.10", "python3.10 is Python 3.10")]
 )
-def test_a_python_that_does_not_fit_is_refused(python, said, machine):
+def test_unsuitable_python_is_refused(python, said, machine):
     machine.python("python3.10")
     machine.program("uv", 'echo "uv $*" >>log')
     done = machine.install("project", python=python)
@@ -224,7 +224,7 @@ def test_a_python_that_does_not_fit_is_refused(python, said, machine):
         (None, "", "the Python of .venv does not run"),
     ],
 )
-def test_an_environment_of_another_python_is_named_and_made_again(old, python, said, machine):
+def test_environment_of_another_python_is_reported_and_made_again(old, python, said, machine):
     machine.install("project")
     machine.calls()
     if old:
@@ -240,14 +240,14 @@ def test_an_environment_of_another_python_is_named_and_made_again(old, python, s
     assert machine.calls() == []
 
 
-def test_an_environment_without_pip_is_made_again(machine):
+def test_environment_without_pip_is_made_again(machine):
     machine.install("project")
     python = machine.root / ".venv" / "bin" / "python"
     python.write_text(python.read_text().replace("yes yes", "yes no"))
     assert ".venv has no pip: making it again" in machine.install("project").stdout
 
 
-def test_a_folder_that_is_no_environment_is_not_removed(machine):
+def test_folder_that_is_not_an_environment_is_not_removed(machine):
     machine.python("old", "3.10")
     (machine.root / "conda" / "bin").mkdir(parents=True)
     (machine.root / "programs" / "old").replace(machine.root / "conda" / "bin" / "python")
@@ -256,7 +256,7 @@ def test_a_folder_that_is_no_environment_is_not_removed(machine):
     assert (machine.root / "conda" / "bin" / "python").exists()
 
 
-def test_what_needs_python_3_11_takes_it_and_says_so_where_there_is_none(machine):
+def test_environments_that_need_python_3_11_use_it_or_report_it_missing(machine):
     machine.python("python3", "3.13")
     machine.install("project", python="python3")
     machine.calls()
@@ -270,7 +270,7 @@ def test_what_needs_python_3_11_takes_it_and_says_so_where_there_is_none(machine
 
 
 @pytest.mark.parametrize(("what", "folder"), [("peers", ".venv-peers"), ("exports", ".venv-exports")])
-def test_environments_of_others_add_to_the_projects(what, folder, machine):
+def test_additional_environments_extend_the_projects_environment(what, folder, machine):
     machine.install("project", venv="a 'b'")
     machine.calls()
     assert machine.install(what, venv="a 'b'").returncode == 0
@@ -299,7 +299,7 @@ def test_other_environments_are_made_once(what, last, machine):
     assert machine.calls() == []
 
 
-def test_what_is_removed_is_an_environment(machine):
+def test_remove_deletes_environments_only(machine):
     (machine.root / "home").mkdir()
     machine.install("tacto")
     assert machine.install("remove", venv="home").returncode == 0
@@ -310,19 +310,19 @@ def test_what_is_removed_is_an_environment(machine):
     assert not (machine.root / "mine").exists()
 
 
-def test_what_it_does_not_know_is_refused(machine):
+def test_unknown_target_is_refused(machine):
     assert "there is nothing called x to install" in machine.install("x").stderr
 
 
 @pytest.mark.parametrize(
     "name", ["Dockerfile", ".devcontainer/devcontainer.json", ".github/actions/setup/action.yml", "pipeline/reports/doctor.py"]
 )
-def test_what_names_system_packages_names_the_ones_that_are_installed(name):
+def test_documents_name_the_system_packages_that_are_installed(name):
     assert f"packages {LIBRARIES} $" in (ROOT / "tools" / "install.sh").read_text()
     assert LIBRARIES in (ROOT / name).read_text()
 
 
-def test_pythons_are_the_same_everywhere():
+def test_supported_python_versions_are_the_same_everywhere():
     requires = re.search(r'requires-python = ">=3\.(\d+),<3\.(\d+)"', (ROOT / "pyproject.toml").read_text())
     assert requires
     versions = [f"3.{minor}" for minor in range(*map(int, requires.groups()))]

@@ -28,13 +28,13 @@ def test_data_format_names_every_array_and_every_field_of_records():
     assert not {name for name in arrays | fields if f"`{name}`" not in page}
 
 
-def test_regenerating_keeps_what_is_above_the_marker_and_refuses_a_page_without_one():
+def test_regenerating_keeps_text_above_the_marker_and_needs_a_marker():
     assert regenerated(f"# By hand\n{MARKER}old", "new") == f"# By hand\n{MARKER}\nnew"
     with pytest.raises(ValueError, match="has no line"):
         regenerated("# By hand\n", "new")
 
 
-def test_hand_and_sensor_page_says_what_every_entry_of_the_shipped_files_means():
+def test_hand_and_sensor_page_describes_every_entry_of_the_shipped_files():
     page = (DOCS / "hand-and-sensor.md").read_text()
     assert not re.findall(r"^\| `\w+` \|.*\|  \|$", page, re.MULTILINE)
     entries = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))

@@ -28,7 +28,7 @@ def test_commands_run_until_one_fails(tmp_path):
     assert row.cells()[4:6] == ["failed", "failed"]
 
 
-def test_root_installs_what_make_names_and_the_user_goes_on(tmp_path):
+def test_root_installs_the_packages_that_make_names_and_the_user_continues(tmp_path):
     install = (ROOT / "tools" / "install.sh").read_text()
     (said,) = [line.split('"')[1] for line in install.splitlines() if "sudo apt-get" in line]
     asked: list[str] = []
@@ -77,7 +77,7 @@ def test_python_and_digests_are_read_from_the_clone(tmp_path):
     assert row.cells() == ["a system", "3.12.1", "root", "ssssssss gggggggg"]
 
 
-def test_the_table_replaces_the_one_before(tmp_path):
+def test_table_replaces_the_previous_one(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}old\n{END}after\n")
     lines = table([Row("Debian 13", "root", "3.13.5", [1.25])], ["make dataset"])
@@ -90,17 +90,17 @@ def test_the_table_replaces_the_one_before(tmp_path):
         write_table(Path(__file__), lines)
 
 
-def test_a_system_that_there_is_not_is_named(capsys):
+def test_unknown_system_is_refused_with_the_list_of_systems(capsys):
     with pytest.raises(SystemExit):
         parse(["debian-99"])
     assert "there is no system debian-99: there are debian-12, debian-13, python-3.11" in capsys.readouterr().err
 
 
-def test_a_debian_needs_debootstrap(monkeypatch, tmp_path):
+def test_debian_systems_need_debootstrap(monkeypatch, tmp_path):
     monkeypatch.setattr(debian.shutil, "which", lambda name: None)
     with pytest.raises(StageError, match="apt-get install debootstrap"):
         debian.make_debian(tmp_path / "base", tmp_path / "root", "trixie")
 
 
-def test_what_enters_a_debian_is_shell(tmp_path):
+def test_script_that_enters_a_debian_is_valid_shell(tmp_path):
     assert subprocess.run(["sh", "-n", "-c", debian.ENTER], check=False).returncode == 0

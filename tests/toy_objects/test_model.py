@@ -14,7 +14,7 @@ from pipeline.toy_objects.solids import Material, rod
     ("start", "end", "expected"),
     [(-inf, inf, (-20.0, 0.0, 40.0)), (10.0, inf, (-10.0, 0.0, 30.0)), (-inf, -5.0, (-15.0, 0.0, 20.0)), (5.0, 10.0, (-10.0, 0.0, 25.0))],
 )
-def test_stretch_scales_between_two_positions_and_shifts_what_lies_beyond(start, end, expected) -> None:
+def test_stretch_scales_between_two_positions_and_shifts_vertices_beyond(start, end, expected) -> None:
     model = Model()
     model.add(Material((1, 2, 3)), rod(-10, 0, 3), rod(0, 20, 3))
     model.stretch("x", start, end, 2.0)

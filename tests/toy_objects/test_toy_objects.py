@@ -1,4 +1,4 @@
-"""The procedural objects: closed outward-wound parts, one seed one object, and no two alike."""
+"""Procedural objects: closed outward-wound parts, determined by the seed, all different."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def parts(mesh: Mesh) -> np.ndarray:
 
 
 def check(mesh: Mesh) -> None:
-    """Everything that holds of each object, whatever its kind."""
+    """Check all properties that every object must have."""
     vertices, faces, look = mesh.vertices, mesh.faces, mesh.look
     assert vertices.dtype == np.float64
     assert faces.dtype == np.int32
@@ -83,20 +83,20 @@ def check(mesh: Mesh) -> None:
 
 
 @pytest.mark.parametrize(("category", "kind"), KIND_NUMBERS)
-def test_every_kind_is_of_closed_outward_parts_with_a_consistent_look(category: str, kind: int) -> None:
+def test_every_kind_has_closed_outward_parts_and_a_consistent_look(category: str, kind: int) -> None:
     for seed in range(6):
         check(draw(category, 1000 + seed, kind))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
-def test_many_objects_are_of_closed_outward_parts_with_a_consistent_look(category: str) -> None:
+def test_many_objects_have_closed_outward_parts_and_a_consistent_look(category: str) -> None:
     for seed in range(500):
         check(draw(category, seed))
 
 
 @pytest.mark.parametrize("category", CATEGORIES)
-def test_same_seed_gives_the_same_bytes_and_another_seed_another_object(category: str) -> None:
+def test_object_follows_from_the_seed(category: str) -> None:
     assert digest(draw(category, 7)) == digest(draw(category, 7)) != digest(draw(category, 8))
 
 
@@ -162,6 +162,6 @@ def test_maker_of_a_class_imports_no_other_class(category: str) -> None:
     assert not imported & {maker_module(other) for other in CATEGORIES if other != category}
 
 
-def test_unknown_category_is_refused_with_the_known_ones() -> None:
+def test_unknown_category_is_refused_with_the_list_of_categories() -> None:
     with pytest.raises(ValueError, match=r"'spoon'; known: bottle, cellphone, knife, rifle"):
         draw("spoon", 0)

@@ -42,15 +42,16 @@ def measure(one: Setup, deadline: float = LATER) -> MeasuredTrade:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
+def measured_data(tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("trade")
     measure(setup(data))
     return data
 
 
-def test_more_points_take_more_bytes_and_cover_better(made: Path) -> None:
+def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> None:
     points = sorted(
-        (one for one in measure(setup(made)).points if one.changes.keys() <= {"points"}), key=lambda one: one.changes.get("points", 10_000)
+        (one for one in measure(setup(measured_data)).points if one.changes.keys() <= {"points"}),
+        key=lambda one: one.changes.get("points", 10_000),
     )
     assert [one.label for one in points] == ["points=2500", "points=5000", "draft, standard, paper", "points=20000"]
     for value in ("error", "kilobytes"):
@@ -60,23 +61,23 @@ def test_more_points_take_more_bytes_and_cover_better(made: Path) -> None:
     assert coarse / fine == pytest.approx(np.sqrt(8), rel=0.15)  # the distance to the nearest of n points falls as 1/√n
 
 
-def test_errors_of_other_objects_keep_to_the_bounds(made: Path, tmp_path: Path) -> None:
-    known, other = measure(setup(made)), measure(setup(tmp_path, seed=5))
+def test_errors_of_other_objects_keep_to_the_bounds(measured_data: Path, tmp_path: Path) -> None:
+    known, other = measure(setup(measured_data)), measure(setup(tmp_path, seed=5))
     assert set(known.objects) != set(other.objects)
     for one, met in zip(known.points, other.points, strict=True):
         assert met.error <= one.bound(len(other.objects))
 
 
-def test_measured_again_nothing_is_run(made: Path) -> None:
-    before = {path: path.stat().st_mtime_ns for path in made.rglob("*")}
-    measure(setup(made))
-    assert {path: path.stat().st_mtime_ns for path in made.rglob("*")} == before
-    assert not (made / "tradeoff" / STAGE).exists()  # what candidates made is removed
+def test_repeated_measurement_runs_no_stage(measured_data: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in measured_data.rglob("*")}
+    measure(setup(measured_data))
+    assert {path: path.stat().st_mtime_ns for path in measured_data.rglob("*")} == before
+    assert not (measured_data / "tradeoff" / STAGE).exists()  # what candidates made is removed
 
 
-def test_stopped_and_continued_gives_the_same_errors(made: Path, tmp_path: Path) -> None:
+def test_interrupted_and_resumed_measurement_gives_the_same_errors(measured_data: Path, tmp_path: Path) -> None:
     assert len(measure(setup(tmp_path), deadline=time.monotonic()).points) == 1
-    whole = measure(setup(made))
+    whole = measure(setup(measured_data))
     part = whole.model_copy(update={"points": whole.points[:2]})  # as a killed run leaves it
     part.write(tmp_path)
     (tmp_path / "tradeoff" / STAGE / "points=2500" / "surfaces").mkdir(parents=True)
@@ -85,21 +86,22 @@ def test_stopped_and_continued_gives_the_same_errors(made: Path, tmp_path: Path)
     assert continued.points[:2] == whole.points[:2]
 
 
-def test_other_settings_are_measured_again(made: Path) -> None:
-    own = setup(made)
+def test_other_settings_are_measured_again(measured_data: Path) -> None:
+    own = setup(measured_data)
     assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
     for other in (
-        setup(made, assignments=("sample-surfaces.diagonal=0.3",)),
-        setup(made, seed=0, preset="draft", assignments=("directions=64",)),
+        setup(measured_data, assignments=("sample-surfaces.diagonal=0.3",)),
+        setup(measured_data, seed=0, preset="draft", assignments=("directions=64",)),
     ):
         assert trade_key(STAGE, other) != trade_key(STAGE, own)
     hands = [
-        trade_key("render-vision", setup(made, assignments=(f"simulate-grasps.hand={hand}",))) for hand in ("allegro_right", "allegro_left")
+        trade_key("render-vision", setup(measured_data, assignments=(f"simulate-grasps.hand={hand}",)))
+        for hand in ("allegro_right", "allegro_left")
     ]
     assert hands[0] != hands[1]
 
 
-def test_a_whole_dataset_is_measured_again_with_another_sensor_in_the_same_file(tmp_path: Path) -> None:
+def test_key_changes_with_the_content_of_the_sensor_file(tmp_path: Path) -> None:
     described = description_path("sensor", "gel_16mm").read_text()
     (file := tmp_path / "gel.yaml").write_text(described)
     own = setup(tmp_path, assignments=(f"simulate-grasps.sensor={file}",), network=NETWORK)
@@ -122,7 +124,7 @@ def test_candidates_are_allowed_and_differ(stage: str, tmp_path: Path) -> None:
     assert not left_out
 
 
-def test_candidates_that_do_not_fit_the_user_s_settings_are_left_out(tmp_path):
+def test_candidates_that_conflict_with_the_settings_are_left_out(tmp_path):
     labels = candidates("simulate-grasps", setup(tmp_path, assignments=("simulate-grasps.grasps=50",)))
     assert "ik_samples=256" in labels
     assert "attempts=10" not in labels  # they yield 40 grasps at most
@@ -135,12 +137,12 @@ def test_stages_before_are_those_whose_outputs_are_read(tmp_path: Path) -> None:
     assert "train-unet" not in stages_before("train-gcn", setup(tmp_path, assignments=("fit-charts.cloud=true",)))
 
 
-def test_a_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
+def test_stage_without_a_trade_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown trade evaluate; choose from sample-surfaces"):
         measure_trade("evaluate", setup(tmp_path), limit=1, deadline=LATER, console=console)
 
 
-def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypatch) -> None:
+def test_sample_without_an_error_is_reported(tmp_path: Path, monkeypatch) -> None:
     declared = replace(load_trade(STAGE), errors=lambda data, reference: {})
     monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
     with pytest.raises(StoreError, match="sample-surfaces, draft, standard, paper: no object of the sample has this error"):
@@ -148,13 +150,13 @@ def test_a_sample_without_an_error_is_said_to_have_none(tmp_path: Path, monkeypa
     assert not trade_path(tmp_path, STAGE).exists()
 
 
-def test_more_time_lists_more_points_although_fewer_were_asked_for_before(made: Path, tmp_path: Path) -> None:
-    whole = measure(setup(made))
+def test_points_limited_by_an_earlier_request_are_listed_again(measured_data: Path, tmp_path: Path) -> None:
+    whole = measure(setup(measured_data))
     whole.model_copy(update={"total": 1}).write(tmp_path)
     assert measure(setup(tmp_path)).total == whole.total == len(whole.points)
 
 
-def test_an_error_is_a_share_of_as_many_things_as_the_data_has(tmp_path: Path, monkeypatch) -> None:
+def test_number_of_trials_is_counted_in_the_dataset_and_stored(tmp_path: Path, monkeypatch) -> None:
     declared = replace(load_trade(STAGE), trials=lambda data: len(ObjectRows(data, ("points",), split=None)))
     monkeypatch.setattr("pipeline.tradeoff.measure.load_trade", lambda stage: declared)
     assert measure(setup(tmp_path), deadline=time.monotonic()).trials == 3
@@ -166,11 +168,11 @@ def test_sensors_that_may_touch_are_those_of_all_grasps(tmp_path: Path) -> None:
     assert sensors_of_grasps(tmp_path) == ball_dataset.GRASPS_AN_OBJECT * ball_dataset.SENSORS
 
 
-def test_file_of_a_trade_lies_below_the_data_directory(made: Path) -> None:
-    assert trade_path(made, STAGE) == made / "tradeoff" / "sample-surfaces.json"
+def test_file_of_a_trade_lies_below_the_data_directory(measured_data: Path) -> None:
+    assert trade_path(measured_data, STAGE) == measured_data / "tradeoff" / "sample-surfaces.json"
 
 
-def test_a_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
+def test_coarser_sensor_keeps_its_photograph(tmp_path: Path) -> None:
     fine = load_sensor("gelsight", shape=(30, 40))
     calibrated = fine.calibrated
     assert calibrated is not None

@@ -1,4 +1,4 @@
-"""Means, bounds and fronts of measured points; what is kept of them."""
+"""Means, bounds and fronts of measured points, and their files."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ def test_bound_falls_with_the_number_of_objects_and_is_infinite_for_one() -> Non
     assert point("a", 1, [1]).bound(4) == np.inf
 
 
-def test_shares_of_nothing_follow_the_rule_of_three() -> None:
+def test_bound_of_a_zero_share_follows_the_rule_of_three() -> None:
     assert point("a", 1, [0, 0, 0, 0]).bound(100, trials=20) == pytest.approx(300 / 80)
     assert point("a", 1, [0, 0, 0, 0]).bound(100) == 0
 
 
-def test_front_holds_what_no_other_beats() -> None:
+def test_front_contains_the_pareto_optimal_points() -> None:
     fast, good, bad, best = point("fast", 1, [4, 4]), point("good", 2, [2, 2]), point("bad", 3, [3, 3]), point("best", 4, [1, 1])
     assert trade("sample-surfaces", "mm", best, bad, fast, good).front() == [fast, good, best]
 

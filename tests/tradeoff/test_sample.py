@@ -1,4 +1,4 @@
-"""A sample stands for all objects, and costs what it may."""
+"""Samples represent all objects within a time limit."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def test_every_split_and_category_has_its_share(count: int) -> None:
     assert set(found.values()) == {count // 6}
 
 
-def test_sample_follows_from_the_seed_and_another_seed_chooses_others() -> None:
+def test_sample_follows_from_the_seed() -> None:
     assert stratified(OBJECTS, 12, seed=1) == stratified(OBJECTS, 12, seed=1)
     assert stratified(OBJECTS, 12, seed=1) != stratified(OBJECTS, 12, seed=2)
 
 
-def test_all_sizes_of_files_are_in_a_sample(tmp_path: Path) -> None:
+def test_sample_contains_files_of_all_sizes(tmp_path: Path) -> None:
     objects = []
     for size in range(40):
         (path := tmp_path / f"{size}.obj").write_bytes(b"#" * size)
@@ -34,13 +34,13 @@ def test_all_sizes_of_files_are_in_a_sample(tmp_path: Path) -> None:
     assert [size // 10 for size in sizes] == [0, 1, 2, 3]
 
 
-def test_small_manifests_are_taken_whole_and_rare_splits_are_met() -> None:
+def test_sample_of_a_small_manifest_is_complete_and_contains_rare_splits() -> None:
     assert stratified(OBJECTS[:3], 4, seed=0) == OBJECTS[:3]
     lonely = [*OBJECTS[:20], Object("alone", "a", {}, "valid")]
     assert "alone" in {item.object_id for item in stratified(lonely, 4, seed=0)}
 
 
 @pytest.mark.parametrize(("seconds", "count"), [(0, FEWEST), (10, 10), (1000, MOST)])
-def test_sample_costs_no_more_than_it_may(seconds: float, count: int) -> None:
+def test_sample_stays_within_the_time_limit(seconds: float, count: int) -> None:
     objects = [Object(f"{number:02d}", "", {}, "train") for number in range(60)]
     assert len(affordable(objects, 0, seconds, lambda sample: float(len(sample)))) == count

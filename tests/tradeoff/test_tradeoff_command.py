@@ -22,7 +22,7 @@ def vt(*arguments: object) -> tuple[int, str]:
 
 @pytest.fixture
 def measured(tmp_path: Path) -> Path:
-    """Make a data directory whose dataset stages were measured, as far as anybody can tell."""
+    """Make a data directory with trades of every dataset stage, written without measuring."""
     own = Setup(tmp_path, "toy", (), load_manifest("toy").seed, "draft")
     for stage in DATASET:
         name = {"render-vision": "resolution", "simulate-touch": "gel_bits"}.get(
@@ -59,13 +59,13 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
         (["advise", "--error", "1mm", "--data", "s3://bucket/x"], "give the folder that `vt-pipeline tradeoff` measured into"),
     ],
 )
-def test_an_error_names_the_way_out(arguments: list[str], message: str) -> None:
+def test_error_names_the_remedy(arguments: list[str], message: str) -> None:
     code, output = vt(*arguments)
     assert code == 1
     assert message in output
 
 
-def test_advice_within_a_time_and_an_error(measured: Path) -> None:
+def test_advice_keeps_the_limits_of_time_and_error(measured: Path) -> None:
     code, output = vt("advise", "--data", measured, "--within", "13min", "--objects", 100, "--cores", 1)
     assert code == 0
     assert "100 objects on 1 core" in output

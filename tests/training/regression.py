@@ -62,7 +62,7 @@ class Regression(Learner):
 
 
 class Scripted(Regression):
-    """Has the losses it is told, by epoch, whatever its weights are."""
+    """Learner with prescribed losses per epoch, whatever its weights are."""
 
     def __init__(self, training: Sequence[float] = (), validation: Sequence[float] = ()) -> None:
         super().__init__(plain=True)

@@ -1,4 +1,4 @@
-"""What varies training items by chance: as much as asked, and nothing where nothing is asked."""
+"""Random variation of training items: as much as set, and none by default."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def varied(seed: int = 0, image: np.ndarray = GREY, **settings: float) -> np.nda
     return vary_image(image, GcnSettings.model_validate(settings), chance(seed))
 
 
-def test_without_variation_nothing_is_drawn_or_copied():
+def test_augmentation_without_variation_draws_and_copies_nothing():
     generator = chance()
     before = generator.get_state()
     seen = Observation(GREY, np.zeros((4, 9, 3), np.float32), np.ones(4, bool))
@@ -32,7 +32,7 @@ def test_without_variation_nothing_is_drawn_or_copied():
     assert torch.equal(generator.get_state(), before)
 
 
-def test_gain_and_shift_move_each_colour_as_a_whole_and_within_their_limits():
+def test_gain_and_shift_change_each_colour_uniformly_within_their_limits():
     for settings, reach in (({"image_gain": 0.2}, 20), ({"image_shift": 10.0}, 10)):
         levels = np.array([varied(seed, **settings)[0, 0] for seed in range(200)], int) - 100
         assert np.abs(levels).max() <= reach
@@ -41,7 +41,7 @@ def test_gain_and_shift_move_each_colour_as_a_whole_and_within_their_limits():
         assert len(np.unique(varied(**settings).reshape(-1, 3), axis=0)) == 1
 
 
-def test_noise_is_of_each_pixel_and_as_wide_as_asked():
+def test_noise_is_drawn_per_pixel_with_the_set_standard_deviation():
     noise = varied(image_noise=5.0).astype(float) - 100
     assert noise.std() == pytest.approx(5, rel=0.05)
     assert abs(noise.mean()) < 0.3
@@ -53,7 +53,7 @@ def test_levels_stay_within_a_byte():
         assert np.abs(varied(image=image, image_noise=30.0, image_shift=40.0).astype(int) - level).max() <= 40 + 6 * 30
 
 
-def test_a_share_of_the_touch_charts_is_left_out():
+def test_set_share_of_touch_charts_is_dropped():
     vertices = np.arange(1000, dtype=np.float32)[:, None, None].repeat(9, 1).repeat(3, 2)
     seen = Observation(None, vertices, np.arange(1000) % 2 == 0)
     fewer = vary_observation(seen, GcnSettings(dropped_touches=0.3), chance())

@@ -9,7 +9,7 @@ from pipeline.errors import StageError
 from pipeline.training.device import device_of, torch_threads
 
 
-def test_threads_are_as_before_even_after_an_error() -> None:
+def test_number_of_threads_is_restored_even_after_an_error() -> None:
     before = torch.get_num_threads()
     inside = []
 
@@ -24,6 +24,6 @@ def test_threads_are_as_before_even_after_an_error() -> None:
     assert torch.get_num_threads() == before
 
 
-def test_a_device_that_is_not_there_is_named_with_the_way_out() -> None:
+def test_unavailable_device_is_named_with_the_remedy() -> None:
     with pytest.raises(StageError, match=r"accelerator abacus cannot be used .* take auto or cpu"):
         device_of("abacus")

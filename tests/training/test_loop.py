@@ -1,4 +1,4 @@
-"""The training loop: resumable to the bit, seeded, and loud about what no later step mends."""
+"""The training loop: resumable to the bit, seeded, and stopped by losses that no later step repairs."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LATER = [pytest.param(3, "32-true", marks=pytest.mark.slow), pytest.param(20, "3
 
 
 @pytest.mark.parametrize(("kill_at", "precision"), [(0, "32-true"), (7, "64-true"), *LATER])
-def test_killed_training_ends_with_the_weights_of_an_undisturbed_one(tmp_path, kill_at, precision):
+def test_resumed_training_gives_the_weights_of_an_uninterrupted_one(tmp_path, kill_at, precision):
     undisturbed = run(tmp_path / "whole", precision=precision)
     process = multiprocessing.get_context("spawn").Process(target=run, args=(tmp_path / "killed", 0, kill_at, precision))
     process.start()
@@ -39,18 +39,18 @@ def test_killed_training_ends_with_the_weights_of_an_undisturbed_one(tmp_path, k
     assert read_metrics(tmp_path / "killed") == read_metrics(tmp_path / "whole")
 
 
-def test_finished_training_does_nothing(tmp_path):
+def test_finished_training_is_not_repeated(tmp_path):
     first = run(tmp_path)
     assert same(run(tmp_path), first)
 
 
-def test_weights_follow_from_the_seed_to_the_bit(tmp_path):
+def test_weights_follow_from_the_seed_bit_for_bit(tmp_path):
     first, again, other = (run(tmp_path / name, seed) for name, seed in (("a", 0), ("b", 0), ("c", 1)))
     assert same(first, again)
     assert not same(first, other)
 
 
-def test_a_cosine_rises_over_a_twentieth_and_falls_to_nothing():
+def test_cosine_schedule_warms_up_over_a_twentieth_and_falls_to_zero():
     rates = [rate_at(step, 200, "cosine") for step in range(200)]
     assert rates[:10] == pytest.approx([0.1 * (step + 1) for step in range(10)])
     assert rates[10] == 1
@@ -61,7 +61,7 @@ def test_a_cosine_rises_over_a_twentieth_and_falls_to_nothing():
     assert {rate_at(step, 9, "constant") for step in range(9)} == {1.0}
 
 
-def test_each_step_is_taken_at_its_rate(tmp_path, monkeypatch):
+def test_each_step_uses_its_learning_rate(tmp_path, monkeypatch):
     monkeypatch.setattr(loop, "rate_at", lambda step, steps, schedule: {(0, 1, "cosine"): 0.25}[step, steps, schedule])
     learner = Regression(plain=True)
     before = [parameter.detach().clone() for parameter in learner.network.parameters()]
@@ -70,7 +70,7 @@ def test_each_step_is_taken_at_its_rate(tmp_path, monkeypatch):
     assert moved == pytest.approx([0.0025] * 4, rel=1e-3), "Adam's first step is as long as the rate, whatever the gradient"
 
 
-def test_a_long_gradient_is_shortened(tmp_path):
+def test_long_gradient_is_clipped(tmp_path):
     whole, limited = ({}, {})
     for gradients, changes in ((whole, {}), (limited, {"gradient_limit": 0.5})):
         learner = Regression(plain=True)
@@ -92,7 +92,7 @@ def test_best_epochs_weights_are_kept(tmp_path):
     assert list(tmp_path.glob("tensorboard/**/events*"))
 
 
-def test_a_training_in_a_job_of_slurm_is_the_same_training(tmp_path, monkeypatch):
+def test_training_in_a_slurm_job_has_the_same_result(tmp_path, monkeypatch):
     alone = run(tmp_path / "alone")
     (tmp_path / "srun").write_text("")
     (tmp_path / "srun").chmod(0o755)

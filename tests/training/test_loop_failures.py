@@ -1,4 +1,4 @@
-"""What a training refuses, and says so with the items that caused it."""
+"""Errors of a training, with the items that caused them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Perfect(Regression):
 
 
 class Steep(Regression):
-    """A finite loss whose gradient is none: the root of 0."""
+    """A finite loss without a finite gradient: the root of 0."""
 
     def loss(self, network: torch.nn.Module, batch: Batch) -> torch.Tensor:
         return 1 + (0 * super().loss(network, batch)).sqrt()
@@ -53,43 +53,43 @@ class Refused(Regression):
 
 
 class Unmeasured(Regression):
-    """Validates to no number."""
+    """Learner whose validation loss is NaN."""
 
     def validate(self, network: torch.nn.Module) -> dict[str, float]:
         return {"loss": math.nan}
 
 
 class Few(Regression):
-    """So many items."""
+    """Learner with a set number of items."""
 
     def __init__(self, count: int, plain: bool = False) -> None:
         super().__init__(plain=plain)
         self.x = self.x[:count]
 
 
-def test_nothing_to_learn_from(tmp_path: Path) -> None:
+def test_training_without_items_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="regression: there are no items to train on"):
         fit(Few(0), tmp_path)
 
 
-def test_one_item_is_enough(tmp_path: Path) -> None:
+def test_training_on_one_item_works(tmp_path: Path) -> None:
     facts = fit(Few(1, plain=True), tmp_path, epochs=2)
     assert (facts["items"], facts["epochs"]) == (1, 2)
 
 
-def test_after_an_epoch_without_loss_any_finite_loss_is_no_explosion(tmp_path: Path) -> None:
+def test_finite_loss_after_an_epoch_of_zero_loss_is_accepted(tmp_path: Path) -> None:
     fit(Perfect(later=0.5), tmp_path, epochs=2)
     assert [row["train_loss"] for row in read_metrics(tmp_path)] == [0, 0.5]
 
 
-def test_a_gradient_that_is_no_number_stops_it(tmp_path: Path) -> None:
+def test_gradient_that_is_not_finite_stops_the_training(tmp_path: Path) -> None:
     with pytest.raises(
         StageError, match=r"the gradient's norm is nan \(limit inf\), in epoch 1, step 1; look at the items of its batch: point-"
     ):
         fit(Steep(plain=True), tmp_path)
 
 
-def test_a_validation_that_is_no_number_stops_it(tmp_path: Path) -> None:
+def test_validation_loss_that_is_not_finite_stops_the_training(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="validation loss of epoch 1 is nan; lower learning_rate"):
         fit(Unmeasured(plain=True), tmp_path)
 
@@ -110,13 +110,13 @@ class Raising(Regression):
     [pytest.param(StageError("of\n\ntwo lines"), marks=pytest.mark.slow), OSError(28, "No space left on device")],
     ids=["ours", "full"],
 )
-def test_an_error_in_words_of_one_of_several_processes_is_said_whole(tmp_path: Path, error: Exception) -> None:
+def test_error_message_of_one_of_several_processes_is_reported_completely(tmp_path: Path, error: Exception) -> None:
     with pytest.raises(StageError) as raised:
         fit(Raising(error), tmp_path, devices=2)
     assert str(raised.value).removeprefix("OSError: ") == str(error)
 
 
-def test_a_fault_of_ours_in_one_of_several_processes_keeps_its_traceback(tmp_path: Path) -> None:
+def test_unexpected_error_in_one_of_several_processes_keeps_its_traceback(tmp_path: Path) -> None:
     with pytest.raises(ProcessRaisedException, match=r"(?s)in validate\n.*ValueError: of\ntwo lines"):
         fit(Raising(ValueError("of\ntwo lines")), tmp_path, devices=2)
 
@@ -128,6 +128,6 @@ def test_a_fault_of_ours_in_one_of_several_processes_keeps_its_traceback(tmp_pat
         ("validation", "the validation of epoch 1 failed: .*NaN"),
     ],
 )
-def test_what_a_kernel_refuses_stops_it_with_the_items(tmp_path: Path, where: str, message: str) -> None:
+def test_error_of_a_kernel_stops_the_training_and_names_the_items(tmp_path: Path, where: str, message: str) -> None:
     with pytest.raises(StageError, match=message):
         fit(Refused(where), tmp_path)

@@ -1,4 +1,4 @@
-"""Trainings of several processes: the losses of one, an end in words when one is killed, and nothing left behind."""
+"""Trainings of several processes: the losses of one, a clear error when one is killed, and no process left running."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def assert_same_curves(one: Path, two: Path) -> None:
 
 
 @pytest.mark.slow
-def test_three_processes_have_the_losses_of_one_where_parts_are_uneven_or_empty(tmp_path: Path) -> None:
+def test_three_processes_have_the_losses_of_one_with_uneven_or_empty_parts(tmp_path: Path) -> None:
     learners = [Regression(), Regression()]
     for learner, devices in zip(learners, (1, 3), strict=True):  # 48 items: parts of 16, 15 and 15, then of 1, 1 and none
         facts = fit(learner, tmp_path / str(devices), devices=devices, batch_size=46, epochs=3, **EXACT)
@@ -77,7 +77,7 @@ def test_two_processes_have_the_losses_of_one_with_batch_norm(
 
 
 @pytest.mark.slow
-def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(tmp_path: Path) -> None:
+def test_killed_process_ends_the_training_which_resumes_to_the_same_weights(tmp_path: Path) -> None:
     whole, resumed = Regression(), Regression()
     fit(whole, tmp_path / "whole", devices=2)
     with pytest.raises(StageError, match="regression: process 1 of 2 was ended by SIGKILL; run the same command again"):
@@ -88,12 +88,12 @@ def test_a_killed_process_ends_the_training_and_it_goes_on_to_the_same_weights(t
         assert torch.equal(resumed.network.state_dict()[name], value)
 
 
-def test_more_nodes_than_were_started_are_refused(tmp_path: Path) -> None:
+def test_more_nodes_than_started_are_refused(tmp_path: Path) -> None:
     with pytest.raises(StageError, match="num_nodes is 2, and one process was started; use torchrun or srun on each node"):
         fit(Regression(), tmp_path, num_nodes=2)
 
 
-def test_more_devices_than_there_are_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_devices_than_gpus_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.training.processes.device_of", torch.device)
     monkeypatch.setattr("lightning_fabric.accelerators.cuda.num_cuda_devices", lambda: 1)
     with pytest.raises(StageError, match=r"accelerator cuda, 2 devices, 32-true: .*\[0, 1\]"):
@@ -116,7 +116,7 @@ class Guarded(Regression):
         return super().validate(network)
 
 
-def test_processes_unpickle_nothing_of_others_listen_to_no_other_machine_and_keep_their_files_to_themselves(tmp_path: Path) -> None:
+def test_processes_reject_pickles_listen_locally_and_keep_their_files_private(tmp_path: Path) -> None:
     before = os.environ.get("TMPDIR"), tempfile.gettempdir()
     fit(Guarded(), tmp_path, devices=2, epochs=1)
     assert (os.environ.get("TMPDIR"), tempfile.gettempdir()) == before

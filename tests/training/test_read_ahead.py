@@ -1,4 +1,4 @@
-"""The next batch is read while one is learned from."""
+"""The next batch is read while the network learns from the current one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_reading_and_computing_overlap() -> None:
     assert time.monotonic() - began < 1.4  # one after the other: 1.6 s
 
 
-def test_one_part_is_read_ahead_and_an_error_comes_in_its_turn() -> None:
+def test_one_part_is_read_ahead_and_errors_are_raised_in_order() -> None:
     read: list[int] = []
 
     def note(part: int) -> int:
@@ -48,7 +48,7 @@ def test_one_part_is_read_ahead_and_an_error_comes_in_its_turn() -> None:
     assert read in ([0, 1, 2], [0, 1, 2, 3])
 
 
-def test_nothing_to_read() -> None:
+def test_read_ahead_of_no_parts_is_empty() -> None:
     assert not list(read_ahead(int, []))
 
 
@@ -73,7 +73,7 @@ class Waiting(Regression):
         return super().loss(network, batch)
 
 
-def test_a_training_reads_ahead_and_its_losses_are_those_of_one_that_does_not(tmp_path: Path) -> None:
+def test_training_with_read_ahead_has_the_losses_of_one_without(tmp_path: Path) -> None:
     waiting = Waiting()
     fit(waiting, tmp_path / "ahead", epochs=2)
     fit(Regression(plain=True), tmp_path / "plain", epochs=2)
@@ -90,7 +90,7 @@ class Unreadable(Regression):
         return super().read(items, generators)
 
 
-def test_what_cannot_be_read_ends_the_training_with_its_own_words(tmp_path: Path) -> None:
+def test_read_error_ends_the_training_with_its_message(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="readings of point-17 cannot be read"):
         fit(Unreadable(), tmp_path)
     with pytest.raises(StageError, match="readings of point-17 cannot be read"):

@@ -96,7 +96,7 @@ def test_processes_end_with_the_command_that_started_them(data: Path, number: in
 
 
 @pytest.mark.slow
-def test_two_processes_of_torchrun_make_one_model_with_the_losses_of_one(data: Path) -> None:
+def test_two_torchrun_processes_make_one_model_with_the_losses_of_one_process(data: Path) -> None:
     output = finish(start("--nproc-per-node=2", *command(data, devices=2)))
     assert output.count("made from 3 objects") == 1
     together = losses(data)
@@ -104,7 +104,7 @@ def test_two_processes_of_torchrun_make_one_model_with_the_losses_of_one(data: P
 
 
 @pytest.mark.slow
-def test_two_nodes_have_the_losses_of_one_and_find_it_up_to_date_afterwards(data: Path) -> None:
+def test_two_nodes_have_the_losses_of_one_process_and_then_are_up_to_date(data: Path) -> None:
     def agents() -> str:
         with socket.socket() as free:
             free.bind(("localhost", 0))
@@ -119,13 +119,13 @@ def test_two_nodes_have_the_losses_of_one_and_find_it_up_to_date_afterwards(data
 
 
 @pytest.mark.slow
-def test_other_processes_than_the_settings_ask_for_are_refused(data: Path) -> None:
+def test_process_count_that_differs_from_the_settings_is_refused(data: Path) -> None:
     output = finish(start("--nproc-per-node=2", *command(data, devices=3)), status=1)
     assert "torchrun started 2 processes, 2 on this node, and the settings ask for 3 (devices 3 x num_nodes 1)" in output
 
 
 @pytest.mark.slow
-def test_a_killed_process_ends_the_job_and_it_goes_on_to_the_same_weights(data: Path) -> None:
+def test_killed_process_ends_the_job_which_resumes_to_the_same_weights(data: Path) -> None:
     finish(start("--nproc-per-node=2", *command(data, devices=2, epochs=40)))
     whole = weights(data)
     (data / "models" / "gcn" / "none.json").unlink()

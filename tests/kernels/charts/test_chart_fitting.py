@@ -1,4 +1,4 @@
-"""Chart fitting: against a plain loop, on clouds of every kind, together and alone."""
+"""Chart fitting: against a slow twin, on clouds of every kind, in groups and alone."""
 
 import dataclasses
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Cloud = NDArray[np.float64]
 
 
 def pixel_cloud(depth: Callable[[Cloud, Cloud], Cloud]) -> Cloud:
-    """Compute the points in the gel of a depth (m) given over the pixel centres."""
+    """Compute the points in the gel from a function of the pixel centres that gives depth, m."""
     centres = ((np.arange(PIXELS) + 0.5) / PIXELS - 0.5) * WIDTH
     x, y = np.meshgrid(centres, centres)
     z = depth(x, y)
@@ -58,7 +58,7 @@ def alone(cloud: Cloud, rule: FitOptions, seed: int = 0) -> ChartFits:
 
 
 def distances(points: Cloud, vertices: Cloud, faces: NDArray[np.int64]) -> Cloud:
-    """From each point to the nearest place of any triangle, by projection on planes, edges and corners: all of them."""
+    """Compute distances from points to triangles: projections on all planes, edges and corners."""
     best = np.full(len(points), np.inf)
     for a, b, c in vertices[faces]:
         for start, end in ((a, b), (b, c), (c, a)):
@@ -104,7 +104,7 @@ def twin(cloud: Cloud, halt: float, samples: int, cap: int, edge_weight: float =
 
 
 @pytest.mark.parametrize("edge_weight", [0.0, 0.05])
-def test_supplements_options_equal_the_plain_twin(edge_weight: float) -> None:
+def test_fit_with_the_supplements_options_equals_the_slow_twin(edge_weight: float) -> None:
     cloud = CLOUDS["cap"][::23]
     rule = dataclasses.replace(SUPPLEMENT, samples=300, step_samples=300, halt=0.02, max_iterations=60, edge_weight=edge_weight)
     fits = alone(cloud, rule)
@@ -115,7 +115,7 @@ def test_supplements_options_equal_the_plain_twin(edge_weight: float) -> None:
     np.testing.assert_allclose(fits.vertices[0] / WIDTH, vertices.numpy(), rtol=0, atol=1e-12)
 
 
-def test_short_edges_make_a_chart_of_a_noisy_cloud_smoother_and_leave_it_near() -> None:
+def test_edge_loss_smooths_the_chart_of_a_noisy_cloud_and_keeps_it_near() -> None:
     angles = {}
     for weight in (0.0, 0.0078):
         fit = alone(CLOUDS["noisy"], dataclasses.replace(HALT, edge_weight=weight))
@@ -145,7 +145,7 @@ def test_charts_meet_their_limits_on_clouds_of_each_kind(rule: FitOptions, limit
 
 
 @pytest.mark.slow
-def test_one_touch_can_be_met_to_50_micrometres() -> None:
+def test_chart_fits_one_touch_to_50_micrometres() -> None:
     fits = alone(
         CLOUDS["cap"], dataclasses.replace(TIGHT, residual_limit=5e-5 / WIDTH, step_samples=2000, cloud_points=2000, max_iterations=2000)
     )
@@ -153,7 +153,7 @@ def test_one_touch_can_be_met_to_50_micrometres() -> None:
     assert fits.residual[0] <= 5e-5
 
 
-def test_the_loss_that_decides_is_the_chamfer_distance_to_all_points() -> None:
+def test_final_loss_is_the_chamfer_distance_to_all_points() -> None:
     fits = alone(CLOUDS["edge"], FitOptions())
     vertices, faces = torch.from_numpy(fits.vertices[0] / WIDTH), chart_square()[1].numpy()
     drawn = map_to_surfaces(
@@ -192,7 +192,7 @@ def test_chart_does_not_depend_on_others_in_its_group(monkeypatch: pytest.Monkey
             assert getattr(single, field)[0].tobytes() == getattr(together, field)[i].tobytes(), (i, field)
 
 
-def test_another_seed_is_another_chart() -> None:
+def test_another_seed_gives_another_chart() -> None:
     rule = FitOptions(max_iterations=20)
     assert not np.array_equal(alone(CLOUDS["cap"], rule, 0).vertices, alone(CLOUDS["cap"], rule, 1).vertices)
 
@@ -216,7 +216,7 @@ def test_charts_of_few_points_are_finite_and_near(rule: FitOptions) -> None:
     assert (fits.residual <= 2.5e-4).all(), dict(zip(FEW, fits.residual, strict=True))
 
 
-def test_empty_cloud_leaves_the_square() -> None:
+def test_empty_cloud_keeps_the_square() -> None:
     fits = alone(np.empty((0, 3)), FitOptions())
     assert fits.stop_rule.tolist() == [StopRule.too_few_points]
     assert fits.residual.tolist() == fits.loss.tolist() == fits.iterations.tolist() == [0]
@@ -226,7 +226,7 @@ def test_empty_cloud_leaves_the_square() -> None:
     np.testing.assert_array_equal(oblong.vertices[0], chart_square(aspect=1.5)[0].numpy() * WIDTH)
 
 
-def test_cap_is_recorded_with_the_charts_state() -> None:
+def test_iteration_limit_is_recorded_with_the_charts_state() -> None:
     fits = alone(CLOUDS["cap"], FitOptions(max_iterations=7))
     assert fits.stop_rule.tolist() == [StopRule.cap]
     assert fits.iterations.tolist() == [7]
@@ -234,7 +234,7 @@ def test_cap_is_recorded_with_the_charts_state() -> None:
     assert fits.residual[0] > 1e-3
 
 
-def test_a_chart_without_area_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chart_without_area_is_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
     square = torch.zeros(81, 3, dtype=torch.float64)
     monkeypatch.setattr("pipeline.kernels.charts.chart_fitting.chart_square", lambda side, aspect: (square, chart_square(side, aspect)[1]))
     fits = alone(POINT, FitOptions())

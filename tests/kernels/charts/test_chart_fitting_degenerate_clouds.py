@@ -36,7 +36,7 @@ def fit(points: np.ndarray, width: float = WIDTH) -> ChartFits:
 
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
-def test_the_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale: float, offset: np.ndarray) -> None:
+def test_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale: float, offset: np.ndarray) -> None:
     vertices, faces = soup(seed)
     vertices = vertices * scale + offset
     rng = np.random.default_rng(seed)
@@ -49,7 +49,7 @@ def test_the_residual_is_the_exact_distance_also_beside_slivers(seed: int, scale
 
 @given(kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_fit_of_any_cloud_is_finite(kind: str, seed: int, scale: float, offset: np.ndarray) -> None:
-    """From a millimetre to 1 km, and up to 100 m away."""
+    """Clouds from a millimetre to 1 km in size, up to 100 m away."""
     points = cloud(kind, seed, scale, offset)
     fits = fit(points)
     assert fits.stop_rule[0] in (StopRule.cap, StopRule.threshold)
@@ -61,7 +61,7 @@ def test_fit_of_any_cloud_is_finite(kind: str, seed: int, scale: float, offset: 
 
 
 @pytest.mark.parametrize("power", [-7, 6])
-def test_a_sensor_of_another_size_is_fitted_the_same_to_the_bit(power: int) -> None:
+def test_fit_does_not_depend_on_the_size_of_the_sensor(power: int) -> None:
     points = cloud("spread", 0, WIDTH / 4, np.array([0, 0, 0.005]))
     here, there = fit(points), fit(points * 2.0**power, WIDTH * 2.0**power)
     assert (there.vertices == here.vertices * 2.0**power).all()
@@ -70,7 +70,7 @@ def test_a_sensor_of_another_size_is_fitted_the_same_to_the_bit(power: int) -> N
 
 
 @pytest.mark.parametrize("kind", ["one", "identical", "collinear"])
-def test_far_points_draw_the_chart_towards_them(kind: str) -> None:
+def test_far_points_pull_the_chart_towards_them(kind: str) -> None:
     points = cloud(kind, 1, WIDTH / 100, np.array([1.0, 0, 0]))
     fits = fit(points)
     assert fits.stop_rule.tolist() == [StopRule.cap]

@@ -6,7 +6,7 @@ import torch
 from pipeline.kernels.charts.touch_chart import chart_square
 
 
-def test_default_chart_is_the_supplements() -> None:
+def test_default_chart_is_that_of_the_supplement() -> None:
     vertices, faces = chart_square()
     assert vertices.shape == (81, 3)
     assert vertices.dtype == torch.float64

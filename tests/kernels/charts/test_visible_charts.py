@@ -1,4 +1,4 @@
-"""Charts of a visible surface: on planes and balls in closed form, through noise, and none where there is no smooth surface."""
+"""Charts of a visible surface: on planes and balls in closed form, with noise, and none without a smooth surface."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_charts_lie_on_a_tilted_plane_and_face_the_camera():
     assert (np.abs(sides - WIDTH) < 0.3 * WIDTH).all()
 
 
-def test_charts_lie_on_a_ball_and_hold_what_the_camera_sees_of_it():
+def test_charts_lie_on_the_visible_part_of_a_ball():
     depth = ball()
     charts = visible_charts(depth, np.isfinite(depth), INTRINSIC, SIDE)
     offset = charts - CENTRE
@@ -51,13 +51,13 @@ def test_charts_lie_on_a_ball_and_hold_what_the_camera_sees_of_it():
     assert len(charts) > 12
 
 
-def test_noise_is_smoothed():
+def test_charts_smooth_noise():
     noise = np.random.default_rng(0).normal(scale=1e-3, size=(ROWS, COLS))
     charts = visible_charts(plane((0, 0, 1), 0.5) + noise, EVERYWHERE, INTRINSIC, SIDE)
     assert np.sqrt(np.mean((charts[..., 2] - 0.5) ** 2)) < 0.6e-3
 
 
-def test_an_edge_between_two_depths_has_no_chart():
+def test_edge_between_two_depths_has_no_chart():
     depth = np.where(np.arange(COLS) < COLS // 2 + 3, 0.5, 0.6) * np.ones((ROWS, 1))
     charts = visible_charts(depth, EVERYWHERE, INTRINSIC, SIDE)
     assert len(charts)
@@ -69,7 +69,7 @@ def test_an_edge_between_two_depths_has_no_chart():
     [(np.full((ROWS, COLS), np.nan), EVERYWHERE), (plane((0, 0, 1), 0.5), ~EVERYWHERE), (plane((0, -0.995, 0.1), 0.1), EVERYWHERE)],
     ids=["nothing measured", "no object", "seen too flatly"],
 )
-def test_where_nothing_can_be_said_there_is_no_chart(depth, shown):
+def test_empty_or_invalid_depth_gives_no_charts(depth, shown):
     with np.errstate(invalid="ignore"):
         charts = visible_charts(np.where(depth > 0, depth, np.nan), shown, INTRINSIC, SIDE)
     assert charts.shape == (0, SIDE**2, 3)

@@ -20,7 +20,7 @@ def welded(sphere: VisionCharts) -> tuple[np.ndarray, np.ndarray]:
     return positions, sphere.position[sphere.faces]
 
 
-def test_default_sphere_is_the_supplements() -> None:
+def test_default_sphere_is_that_of_the_supplement() -> None:
     sphere = vision_charts()
     assert len(sphere.centres) == 96
     assert sphere.vertices.shape == (1824, 3)
@@ -62,8 +62,8 @@ def test_faces_point_outwards(splits: int) -> None:
 @pytest.mark.parametrize("splits", SPLITS)
 def test_seams_equal_those_found_by_comparing_positions(splits: int) -> None:
     sphere = vision_charts(splits)
-    found = cKDTree(sphere.vertices).query_pairs(1e-12, output_type="ndarray")
-    np.testing.assert_array_equal(sphere.seams, found[np.lexsort(found.T[::-1])])
+    pairs = cKDTree(sphere.vertices).query_pairs(1e-12, output_type="ndarray")
+    np.testing.assert_array_equal(sphere.seams, pairs[np.lexsort(pairs.T[::-1])])
 
 
 @pytest.mark.parametrize("splits", SPLITS)

@@ -25,7 +25,7 @@ NO_CHARTS = np.zeros((0, 81, 3))
 
 
 def chart(direction, outward: float = 0.0) -> np.ndarray:
-    """Make a patch of the ellipsoid, 17 mm wide, moved outwards, as a sensor would feel it that comes from that direction."""
+    """Make a patch of the ellipsoid, 17 mm wide, moved outwards, as touched by a sensor from that direction."""
     away = np.array(direction, float) / np.linalg.norm(direction)
     across = np.cross(away, [0.3, 0.5, 0.8])
     across /= np.linalg.norm(across)
@@ -52,7 +52,7 @@ def farthest(charts, mesh) -> float:
     return float(np.sqrt(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)[0]).max()) if len(points) else 0.0
 
 
-def test_an_ellipsoid_that_was_felt_2_mm_farther_out():
+def test_closed_surface_follows_charts_2_mm_outside_an_ellipsoid():
     charts = np.array([chart(direction, 0.002) for direction in ((1, 0, 0), (-1, 0.2, 0), (0, 0, 1))])
     assert np.sqrt(igl.point_mesh_squared_distance(charts[0], JOINED * RADII, FACES)[0]).min() > 1.5e-3
     mesh = closed(JOINED * RADII, charts=charts, resolution=48)
@@ -63,7 +63,7 @@ def test_an_ellipsoid_that_was_felt_2_mm_farther_out():
     assert np.quantile(dihedral_angles(mesh.vertices, mesh.faces), 0.98) < 8
 
 
-def test_a_missing_chart_and_open_seams_are_closed():
+def test_missing_chart_and_open_seams_are_closed():
     there = SPHERE.faces[(SPHERE.faces // CHART_VERTICES != 5).all(axis=1)]  # of 96
     vertices = 0.1 * SPHERE.vertices
     shrunk = vertices.reshape(-1, CHART_VERTICES, 3)
@@ -73,7 +73,7 @@ def test_a_missing_chart_and_open_seams_are_closed():
     assert mesh.volume == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.06)
 
 
-def test_crumples_are_flattened():
+def test_crumpled_surface_is_smoothed():
     crumpled = (JOINED + 0.05 * np.random.default_rng(0).normal(size=JOINED.shape)) * RADII
     mesh = closed(crumpled)
     assert np.median(dihedral_angles(crumpled, FACES)) > 30
@@ -101,8 +101,8 @@ def test_closed_surface_passes_through_touches_anywhere(charts, volume):
     assert low < closed(JOINED * RADII, charts=charts, resolution=32).volume / VOLUME < high
 
 
-def test_both_sides_of_a_thin_body_that_is_elsewhere():
-    """A plate 6 mm thick, felt on both sides 8 mm beside where it was thought to be: each chart takes the side that faces its way."""
+def test_both_charts_of_a_displaced_thin_body_are_followed():
+    """A plate 6 mm thick, touched on both sides 8 mm from its predicted position: each chart attaches to the side that faces it."""
     plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
     grid = 0.0174 * SQUARE
     above, below = grid * [1, -1, 1] + [0, 0, 0.011], grid + [0, 0, 0.005]  # felt from above, z into the plate is down
@@ -135,7 +135,7 @@ def test_closed_surface_rejects_invalid_surfaces_and_charts():
         closed_surface(JOINED, FACES, np.full((1, 81, 3), np.nan), CHART_FACES, resolution=16)
 
 
-def test_few_points_and_a_coarse_mesh_are_attached_too():
+def test_charts_of_few_points_are_attached_to_a_coarse_mesh():
     tetrahedron = trimesh.creation.icosahedron()
     point = np.array([[0, 0, 1.5]])
     mesh = trimesh.Trimesh(

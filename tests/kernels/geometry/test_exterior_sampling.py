@@ -104,7 +104,7 @@ def test_sampling_rejects_surface_without_area(faces, rng) -> None:
 
 
 def test_faces_that_lose_their_area_to_rounding_are_skipped(rng) -> None:
-    """A face of 1e-18 m is one to the gate, and has no digit left at the object's place."""
+    """A face of 1e-18 m passes the check and loses its area to rounding at the object's position."""
     speck = np.array([[0, 0, 0], [0, 0, 1e-18], [1e-18, 0, 0]])
     cleaned, report = clean_mesh(Mesh.bare(np.vstack([BOX.vertices, speck]), np.vstack([BOX.faces, [8, 9, 10]])), 100)
     assert report.degenerate_faces == 0
@@ -157,7 +157,7 @@ def test_solid_with_slivers_has_outward_normals(aspect, rng) -> None:
 
 @pytest.mark.parametrize("thickness", [2e-5, 1e-4, 1e-2])
 def test_walls_within_the_stated_thickness_have_an_outside(thickness, rng) -> None:
-    """An inside-out plate: only its thickness tells which side is out."""
+    """An inside-out plate: only its thickness determines which side is outside."""
     plate = trimesh.creation.box((1, 1, thickness * np.sqrt(2)))
     points, normals = sample_exterior(Mesh.bare(plate.vertices, plate.faces[:, ::-1]), 2000, rng)
     assert ((points * normals)[:, 2][np.abs(normals[:, 2]) > 0.5] > 0).all()

@@ -21,7 +21,7 @@ def mesh_of(field, low, high, spacing, **options) -> trimesh.Trimesh:
 
 
 @pytest.mark.parametrize("halvings", [0, 1, 3])
-def test_a_signed_distance_gives_its_ball(halvings):
+def test_level_set_of_a_signed_distance_is_the_ball(halvings):
     mesh = mesh_of(ball, [0.88, -0.12, -0.11], [1.13, 0.12, 0.12], 0.005, halvings=halvings)
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -30,7 +30,7 @@ def test_a_signed_distance_gives_its_ball(halvings):
     assert mesh.volume == pytest.approx(BALL, rel=0.005)
 
 
-def test_the_field_is_computed_near_the_surface_alone():
+def test_field_is_computed_near_the_surface_only():
     asked = []
 
     def counted(points):
@@ -42,14 +42,14 @@ def test_the_field_is_computed_near_the_surface_alone():
     assert sum(asked[1:]) < asked[0] / 6
 
 
-def test_a_surface_that_is_found_is_followed_however_steep_the_field_is():
+def test_surface_is_followed_however_steep_the_field_is():
     box = ([0.8, -0.2, -0.2], [1.2, 0.2, 0.2], 0.005)
     everywhere, near = (mesh_of(lambda points: 5 * ball(points), *box, halvings=halvings) for halvings in (0, 3))
     np.testing.assert_allclose(near.vertices, everywhere.vertices, atol=1e-12)
 
 
-def test_a_field_that_is_steep_somewhere_is_computed_there():
-    """A small ball far below the slope that is asked for, beside a large one."""
+def test_field_is_computed_at_small_parts_where_it_is_steep():
+    """A small ball beside a large one, far below the set slope."""
     small = np.array([1.0, 0, 0.163])
 
     def field(points):
@@ -64,7 +64,7 @@ def test_a_field_that_is_steep_somewhere_is_computed_there():
 
 
 @pytest.mark.parametrize("halvings", [0, 3])
-def test_pieces_beside_the_largest_are_left_out_unless_a_point_is_near_them(halvings):
+def test_smaller_pieces_are_left_out_unless_a_point_is_near_them(halvings):
     small = np.array([1.0, 0, 0.16])
 
     def field(points):  # a ball with a hollow, and a small one beside it
@@ -103,7 +103,7 @@ def test_level_set_is_cut_off_and_closed_at_the_box():
     assert half.volume == pytest.approx(BALL / 2, rel=0.08)  # half a cell more of the disc
 
 
-def test_a_steep_field_needs_its_slope():
+def test_steep_field_needs_its_slope():
     def thin(points):  # as a signed distance of a plate 4 mm thick, times 50
         return 50 * (np.abs(points[:, 0] - 0.0512) - 0.002)
 
@@ -117,7 +117,7 @@ def test_an_empty_field_gives_an_empty_mesh():
     assert vertices.shape == faces.shape == (0, 3)
 
 
-def test_finer_grids_ask_nothing_of_a_field_that_is_far_from_0():
+def test_finer_grids_do_not_evaluate_a_field_far_from_0():
     def field(points):
         assert len(points)
         return np.full(len(points), 9.0)
@@ -140,8 +140,8 @@ def test_level_set_rejects_invalid_fields_and_boxes(field, high, spacing, words)
         level_set_mesh(field, np.zeros(3), np.array(high), spacing)
 
 
-def test_places_whose_surroundings_are_larger_than_the_grid_are_computed_in_its_memory():
-    """Without a limit on the memory, 2e9 offsets of a place would be listed."""
+def test_neighbourhoods_larger_than_the_grid_are_computed_in_its_memory():
+    """Without the memory limit, 2e9 offsets of one position would be listed."""
     far = np.array([[5.0, 0, 0], [1.0, 0, 0.05]])
     asked = []
 

@@ -68,14 +68,14 @@ def test_samples_lie_on_their_triangle(seed, scale, offset, aspect) -> None:
 
 
 class LargestDraw:
-    """The greatest number that a generator draws, again and again."""
+    """Generator that always draws its largest number."""
 
     def random(self, size: int | tuple[int, ...]) -> np.ndarray:
         return np.full(size, 1 - 2.0**-53)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1e-3, 1.0, 3.0, 1e3, 1e9])
-def test_faces_without_area_are_never_drawn(size) -> None:
+def test_faces_without_area_are_never_sampled(size) -> None:
     real = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]]) * size
     flat = np.array([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]]) * size
     triangles = np.concatenate([flat, real, flat, real / 3, flat])

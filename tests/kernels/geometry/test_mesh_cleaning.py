@@ -82,7 +82,7 @@ def test_clean_mesh_rejects_mesh_without_usable_surface(vertices, faces, reason)
 
 @given(seed=seeds, scale=scales, offset=offsets, flat=st.integers(0, 3), twice=st.integers(0, 5))
 def test_cleaning_report_depends_on_shape_alone(seed, scale, offset, flat, twice) -> None:
-    """Scale, offset, attitude, winding and the order of faces change nothing."""
+    """The report does not depend on scale, offset, rotation, winding and order of faces."""
     rng = np.random.default_rng(seed)
     vertices = BOX.vertices @ random_rotation(rng).T * scale + offset
     faces = [BOX.faces, *([[k, k, 7 - k]] for k in range(flat)), *(rng.permutation(BOX.faces[k])[None] for k in range(twice))]
@@ -115,6 +115,6 @@ def test_clean_mesh_rejects_vertices_that_are_not_finite(bad) -> None:
         sample_exterior(mesh, 10, np.random.default_rng(0))
 
 
-def test_minus_zero_and_zero_are_one_position() -> None:
+def test_minus_zero_and_zero_are_the_same_position() -> None:
     places = number_positions(np.array([[0.0, 1, 2], [-0.0, 1, 2], [0.0, 1, 3]]))
     assert places[0] == places[1] != places[2]

@@ -19,35 +19,35 @@ def points(count: int, reach: float) -> np.ndarray:
     return np.random.default_rng(0).uniform(-reach, reach, (count, 3))
 
 
-def test_distances_to_a_ball_are_its_radius_less():
-    asked = points(2000, 2.0)
-    found = signed_distances(asked, BALL.vertices, BALL.faces)
-    assert np.abs(found - (np.linalg.norm(asked, axis=1) - 1)).max() < 1e-3  # a chord's height
-    assert (found < 0).sum() > 100
+def test_distances_to_a_ball_equal_the_closed_form():
+    queries = points(2000, 2.0)
+    distances = signed_distances(queries, BALL.vertices, BALL.faces)
+    assert np.abs(distances - (np.linalg.norm(queries, axis=1) - 1)).max() < 1e-3  # a chord's height
+    assert (distances < 0).sum() > 100
 
 
 def test_distances_to_a_box_are_exact():
-    asked = points(2000, 0.5)
-    np.testing.assert_allclose(signed_distances(asked, BOX.vertices, BOX.faces), box_distance(asked, SIDES), atol=1e-12)
+    queries = points(2000, 0.5)
+    np.testing.assert_allclose(signed_distances(queries, BOX.vertices, BOX.faces), box_distance(queries, SIDES), atol=1e-12)
 
 
-def test_a_mesh_that_is_wound_inwards_has_the_same_inside():
-    asked = points(500, 0.5)
-    found = [signed_distances(asked, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
-    np.testing.assert_array_equal(*found)
-    assert (found[0] < 0).any()
+def test_mesh_wound_inwards_has_the_same_inside():
+    queries = points(500, 0.5)
+    distances = [signed_distances(queries, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
+    np.testing.assert_array_equal(*distances)
+    assert (distances[0] < 0).any()
 
 
-def test_in_a_box_without_lid_the_solid_angle_decides():
+def test_sign_in_an_open_box_follows_the_solid_angle():
     """Seen from height h above or below its middle, the lid fills 4 asin(a b / sqrt((a² + h²) (b² + h²))): less than half of all around."""
     faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]
     assert len(faces) == 10
     heights = np.array([-0.02, -1e-3, 1e-3, 0.02])
-    found = signed_distances(np.array([0, 0, 0.3]) + heights[:, None] * [0, 0, 1], BOX.vertices, faces)
-    np.testing.assert_allclose(found, np.sign(heights) * np.hypot(0.1, np.maximum(heights, 0)), atol=1e-9)
+    distances = signed_distances(np.array([0, 0, 0.3]) + heights[:, None] * [0, 0, 1], BOX.vertices, faces)
+    np.testing.assert_allclose(distances, np.sign(heights) * np.hypot(0.1, np.maximum(heights, 0)), atol=1e-9)
 
 
-def test_both_sides_of_a_sheet_are_outside_and_what_parts_share_is_inside():
+def test_both_sides_of_a_sheet_are_outside_and_overlap_of_parts_is_inside():
     sheet = signed_distances(np.array([[0.2, 0.2, 1e-3], [0.2, 0.2, -1e-3]]), np.eye(3) * [1, 1, 0], np.array([[0, 1, 2]]))
     assert sheet == pytest.approx([1e-3, 1e-3])
     two = trimesh.util.concatenate([BOX, BOX.copy().apply_translation([0.15, 0, 0])])

@@ -28,7 +28,7 @@ def test_compose_rejects_matrices_that_do_not_fit(poses: np.ndarray) -> None:
         compose(poses, np.eye(3))
 
 
-def test_an_inverted_pose_takes_transformed_points_back(poses: np.ndarray, rng: np.random.Generator) -> None:
+def test_inverted_pose_undoes_the_transform(poses: np.ndarray, rng: np.random.Generator) -> None:
     points = rng.normal(size=(6, 5, 3))
     moved = transform_points(poses, points)
     np.testing.assert_allclose(moved[2, 3], poses[2, :3, :3] @ points[2, 3] + poses[2, :3, 3], atol=1e-14)

@@ -27,7 +27,7 @@ def test_opposed_points_of_a_box_lie_on_opposite_faces() -> None:
     np.testing.assert_allclose(pairs.width * along, sides[faces[0]], rtol=1e-5)
 
 
-def test_opposed_points_of_a_ball_lie_across_its_centre_and_the_nearest_weigh_most() -> None:
+def test_opposed_points_of_a_ball_lie_across_its_centre_with_most_weight_on_the_nearest() -> None:
     ball = centred(trimesh.creation.icosphere(subdivisions=4, radius=0.03))
     field = build_distance_field(ball.vertices, ball.faces, cell=0.005, band=0.03)
     pairs = antipodal_points(field, *points_on(ball, 1000, seed=0), friction=0.5, widest=0.1, rng=np.random.default_rng(0))

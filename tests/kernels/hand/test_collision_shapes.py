@@ -41,7 +41,7 @@ def test_spheres_stay_in_their_boxes_and_reach_the_corners(hand: Hand) -> None:
             assert gaps.min(axis=1).max() < 1e-6
 
 
-def test_pruned_spheres_reach_as_far_but_for_the_tolerance(hand: Hand) -> None:
+def test_pruned_spheres_reach_as_far_within_the_tolerance(hand: Hand) -> None:
     tolerance = 0.002
     all_, few = collision_spheres(hand, spacing=0.006), collision_spheres(hand, spacing=0.006, tolerance=tolerance)
     assert len(few.radii) < len(all_.radii) / 3
@@ -51,8 +51,8 @@ def test_pruned_spheres_reach_as_far_but_for_the_tolerance(hand: Hand) -> None:
         assert gap.min(axis=1).max() <= tolerance + 1e-12
 
 
-def test_spheres_find_a_needle_inside_a_link(hand: Hand) -> None:
-    """Its surface has no point of the hand in it, but it is 8 mm inside the hand."""
+def test_spheres_detect_a_needle_inside_a_link(hand: Hand) -> None:
+    """No surface point of the hand lies in the needle, which reaches 8 mm into the hand."""
     needle = trimesh.creation.box((0.0002, 0.0002, 0.1)).apply_translation([0, 0, 0.05])
     field = build_distance_field(needle.vertices, needle.faces, cell=0.0025, band=0.012)
     spheres = collision_spheres(hand, spacing=0.003).of_links([hand.fingers[1].links[1]])
@@ -63,7 +63,7 @@ def test_spheres_find_a_needle_inside_a_link(hand: Hand) -> None:
     assert depth == pytest.approx(0.008, abs=0.0015)
 
 
-def test_world_centres_in_float32_are_right_to_a_micrometre(hand: Hand, rng: np.random.Generator) -> None:
+def test_world_centres_in_float32_are_accurate_to_a_micrometre(hand: Hand, rng: np.random.Generator) -> None:
     spheres = collision_spheres(hand, spacing=0.02)
     frames = np.tile(np.eye(4), (1, len(hand.links), 1, 1))
     frames[..., :3, 3] = rng.uniform(-10, 10, (len(hand.links), 3))

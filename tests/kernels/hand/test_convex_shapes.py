@@ -1,4 +1,4 @@
-"""Convex shapes of heavy meshes: a budget of faces, an error within a bound, measured here on its own, and the same shapes each time."""
+"""Convex shapes of large meshes: face budget, error bound measured independently, determinism."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def link(*meshes: Any) -> Link:
 
 
 def bumpy_link(rng: np.random.Generator, subdivisions: int = 6) -> Any:
-    """Make a finger's length of 81,920 faces, each vertex of which sticks out a little more or less than its neighbours."""
+    """Make a bumpy link of a finger's size, 81,920 faces by default."""
     body = trimesh.creation.icosphere(subdivisions=subdivisions)
     body.vertices = body.vertices * [0.012, 0.015, 0.05] * (1 + 2e-4 * rng.standard_normal((len(body.vertices), 1)))
     return body
@@ -38,7 +38,7 @@ def distance_outside(points: np.ndarray, mesh: Mesh) -> float:
     return float(trimesh.proximity.closest_point_naive(body, beyond)[1].max()) if len(beyond) else 0.0
 
 
-def test_heavy_mesh_becomes_a_hull_within_the_budget_that_loses_no_more_than_reported(rng: np.random.Generator) -> None:
+def test_large_mesh_becomes_a_hull_within_the_budget_and_the_reported_loss(rng: np.random.Generator) -> None:
     body = bumpy_link(rng)
     heavy = link(body)
     (shape,) = with_convex_shapes(heavy).collisions
@@ -54,7 +54,7 @@ def test_heavy_mesh_becomes_a_hull_within_the_budget_that_loses_no_more_than_rep
     assert {tuple(vertex) for vertex in shape.mesh.vertices} <= {tuple(vertex) for vertex in body.vertices}  # so nothing is added
 
 
-def test_edges_of_a_blade_are_lost_no_more_than_its_faces(rng: np.random.Generator) -> None:
+def test_edges_of_a_blade_lose_no_more_than_its_faces(rng: np.random.Generator) -> None:
     """Near the edge of a wedge a point may lie far outside, and yet near both planes that meet there."""
     ends = np.column_stack([np.linspace(0, 0.1, 600), 1e-3 * np.sin(np.linspace(0, np.pi, 600)), np.zeros(600)])
     blade = np.concatenate([ends, ends * [1, 0, 0] + [0, -0.02, 0.001], ends * [1, 0, 0] + [0, -0.02, -0.001]])
@@ -67,12 +67,12 @@ def test_edges_of_a_blade_are_lost_no_more_than_its_faces(rng: np.random.Generat
     assert distance_outside(blade, shape.mesh) <= TOLERANCE + 1e-9
 
 
-def test_mesh_within_the_budget_is_taken_as_it_is() -> None:
+def test_mesh_within_the_budget_is_kept() -> None:
     light = link(trimesh.creation.icosphere(subdivisions=2))
     assert with_convex_shapes(light).collisions[0] is light.collisions[0]
 
 
-def test_shapes_are_the_same_each_time(rng: np.random.Generator) -> None:
+def test_convex_shapes_are_deterministic(rng: np.random.Generator) -> None:
     heavy = link(bumpy_link(rng, subdivisions=5))
     first, second = (with_convex_shapes(heavy, slabs).collisions for slabs in (3, 3))
     for one, other in zip(first, second, strict=True):
@@ -80,7 +80,7 @@ def test_shapes_are_the_same_each_time(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(one.mesh.faces, other.mesh.faces)
 
 
-def test_slabs_hold_what_lies_between_their_ends() -> None:
+def test_slabs_contain_the_surface_between_their_ends() -> None:
     """An open tube: each slab is a drum, and together they are the tube's hull."""
     tube = trimesh.creation.annulus(r_min=0.01, r_max=0.012, height=0.08)
     slabs = with_convex_shapes(link(tube), 4).collisions

@@ -40,19 +40,19 @@ def test_exact_distance_to_a_box_wound_either_way(rng: np.random.Generator, insi
     np.testing.assert_allclose(field_of(mesh).exact(points), box_distance(points, np.array([0.1, 0.16, 0.3]), (0, 0, 0.6)), atol=1e-12)
 
 
-def test_lookup_is_first_order_in_its_band_and_a_bound_beyond(rng: np.random.Generator) -> None:
+def test_lookup_is_first_order_in_its_band_and_a_lower_bound_beyond(rng: np.random.Generator) -> None:
     mesh = centred(trimesh.creation.icosphere(subdivisions=4, radius=0.1))
     field, points = field_of(mesh), around(mesh, rng)
     exact = field.exact(points)
-    seen = field.lookup(points.T.astype(np.float32))
+    approx = field.lookup(points.T.astype(np.float32))
     near = np.abs(exact) < 0.012
-    assert np.abs(seen - exact)[near].max() < FINE / 10
+    assert np.abs(approx - exact)[near].max() < FINE / 10
     far = exact > 0.015
-    assert (seen[far] <= exact[far] + 1e-6).all()
-    assert (seen[far] > 0.01).all()
+    assert (approx[far] <= exact[far] + 1e-6).all()
+    assert (approx[far] > 0.01).all()
 
 
-def test_box_inside_a_box_makes_no_hollow(rng: np.random.Generator) -> None:
+def test_box_inside_a_box_leaves_it_solid(rng: np.random.Generator) -> None:
     mesh = centred(trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.box((0.1, 0.1, 0.1)))
     points = around(mesh, rng)
     outside = np.abs(points - [0, 0, 0.6]).max(axis=1) > 0.1
@@ -170,19 +170,19 @@ def spiky(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("kind", ["cone", "triangle", "plate", "thin plate", "soup"])
 @given(seed=seeds)
-def test_lookup_errs_by_two_cells_at_most(kind, seed) -> None:
+def test_lookup_error_is_at_most_two_cells(kind, seed) -> None:
     """Edges, tips, sheets and parts thinner than a cell, all within the grid's band; and on the right side from 3 cells on."""
     rng = np.random.default_rng(seed)
     vertices, faces = spiky(kind, rng)
     field = build_distance_field(vertices, faces, cell=CELL, band=BAND)
     corners = vertices[faces[rng.integers(0, len(faces), 4000)]]
     points = (corners * rng.dirichlet([1, 1, 1], 4000)[..., None]).sum(axis=1) + rng.normal(size=(4000, 3)) * CELL
-    exact, seen = field.exact(points), field.lookup(points.T.astype(np.float32))
+    exact, approx = field.exact(points), field.lookup(points.T.astype(np.float32))
     near = np.abs(exact) < BAND - CELL
-    assert np.abs(np.abs(seen) - np.abs(exact))[near].max() <= 1.8 * CELL
-    assert seen[exact < 0].max(initial=-np.inf) <= 2 * CELL
+    assert np.abs(np.abs(approx) - np.abs(exact))[near].max() <= 1.8 * CELL
+    assert approx[exact < 0].max(initial=-np.inf) <= 2 * CELL
     if kind == "plate":
-        assert np.abs(seen - exact)[near].max() <= 1.8 * CELL
+        assert np.abs(approx - exact)[near].max() <= 1.8 * CELL
 
 
 @given(seed=seeds, far=st.floats(0, 10))
@@ -191,8 +191,8 @@ def test_lookup_in_float32_loses_half_a_micrometre_per_metre(seed, far) -> None:
     points = AROUND * [0.15, 0.3, 0.02] + [0, 0, SIDES[2] / 2]
     offset = far * random_rotation(np.random.default_rng(seed))[0]
     for shift in (np.zeros(3), offset):
-        seen = build_distance_field(BOX.vertices + shift, BOX.faces, cell=CELL, band=BAND).lookup((points + shift).T.astype(np.float32))
-        assert np.abs(seen - box_distance(points, SIDES)).max() <= 2.0**-21 * (np.abs(shift).max() + 1)
+        approx = build_distance_field(BOX.vertices + shift, BOX.faces, cell=CELL, band=BAND).lookup((points + shift).T.astype(np.float32))
+        assert np.abs(approx - box_distance(points, SIDES)).max() <= 2.0**-21 * (np.abs(shift).max() + 1)
 
 
 def test_distance_field_accepts_no_points_and_rejects_infinite_ones() -> None:

@@ -1,4 +1,4 @@
-"""The inverse kinematics, which measures as little as it can, against one that measures every posture in full: equal to the last bit."""
+"""Lazy inverse kinematics against a twin that evaluates every posture completely: equal to the bit."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def field(request: pytest.FixtureRequest) -> DistanceField:
 
 
 def poses_around(ik: GraspIk, mesh: Mesh, count: int) -> list[np.ndarray]:
-    """Palms over points of a mesh, one after the other further away."""
+    """Make palm poses over points of a mesh, at increasing distance."""
     places = zip(*points_on(mesh, count, seed=0), np.linspace(0.02, 0.08, count), strict=True)
     return [tangent_palm_pose(ik.hand, point, normal, distance=distance, angle=9 * distance) for point, normal, distance in places]
 
 
-def test_link_frames_are_equal(ik: GraspIk, rng: np.random.Generator) -> None:
+def test_link_frames_equal_the_slow_twin(ik: GraspIk, rng: np.random.Generator) -> None:
     pose, angles = random_pose(rng), rng.uniform(ik.hand.lower, ik.hand.upper, (20, len(ik.hand.joint_names)))
     np.testing.assert_array_equal(forward_kinematics(ik.hand, pose, angles), slow_link_frames(ik.hand, pose, angles))
 
 
-def test_postures_are_equal(ik: GraspIk, field: DistanceField) -> None:
+def test_postures_equal_the_slow_twin(ik: GraspIk, field: DistanceField) -> None:
     found = 0
     for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 4):
         fast, slow = (search(ik, field, pose, rounds=1, rng=np.random.default_rng(0)) for search in (grasp_ik, slow_grasp_ik))

@@ -63,7 +63,7 @@ def test_fingers_fit_above_the_plate_and_not_inside_it(ik: GraspIk, plate: Dista
     assert not fingers_fit(ik, plate, above_plate(ik.hand, -0.04))
 
 
-def test_grasp_ik_finds_nothing_where_the_hand_is_inside_the_object(ik: GraspIk, rng: np.random.Generator) -> None:
+def test_grasp_ik_finds_no_posture_where_the_hand_is_inside_the_object(ik: GraspIk, rng: np.random.Generator) -> None:
     block = trimesh.creation.box((1.0, 1.0, 1.0)).apply_translation((0, 0, TOP))
     field = build_distance_field(block.vertices, block.faces, cell=0.02, band=0.05)
     assert not len(grasp_ik(ik, field, above_plate(ik.hand, 0.0), rounds=1, rng=rng).picks)

@@ -112,7 +112,7 @@ def test_bent_fingers_move_to_the_palms_side(hand: Hand) -> None:
     assert (moved @ hand.palm_facing > 0.05).all()
 
 
-def test_gel_is_visual_and_no_collision_shape(hand: Hand) -> None:
+def test_gel_has_a_visual_and_no_collision_shape(hand: Hand) -> None:
     tip = hand.sensors[0].link
     drawn = np.concatenate([mesh.vertices for link, mesh in hand.visual_meshes if link == tip])
     assert drawn[:, 0].max() == pytest.approx(0.0185, abs=1e-5)

@@ -1,4 +1,4 @@
-"""What contacts leave of an object's weight: closed forms, and a solver that scipy wrote."""
+"""Residual load that contacts cannot carry: closed forms, and scipy's solver."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
 
 
 def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> float:
-    """Solve the same by scipy, on wrenches of its own whose edges are turned otherwise."""
+    """Solve the same with scipy, on its own wrenches with differently turned friction edges."""
     columns = []
     for point, normal in zip(points, normals, strict=True):
         across, along = np.linalg.svd(normal[None])[2][1:]
@@ -39,13 +39,13 @@ def slow_residual(points: np.ndarray, normals: np.ndarray, friction: float) -> f
     return float(np.sqrt(np.mean(left)))
 
 
-def test_two_opposed_contacts_carry_all_with_friction_and_their_own_axis_without() -> None:
+def test_two_opposed_contacts_resist_all_loads_with_friction_and_one_axis_without() -> None:
     points, normals = [[0.03, 0, 0], [-0.03, 0, 0]], [[-1, 0, 0], [1, 0, 0]]
     assert residual(points, normals, 0.5) < 1e-3
     assert residual(points, normals, 0.0) == pytest.approx(np.sqrt(4 / 6), abs=1e-3)
 
 
-def test_contacts_on_one_side_carry_one_direction_and_three_around_carry_all() -> None:
+def test_contacts_on_one_side_resist_one_direction_and_three_around_resist_all() -> None:
     one_side = residual([[0.03, 0.02, 0], [0.03, -0.02, 0]], [[-1, 0, 0], [-1, 0, 0]], 0.0)
     assert one_side == pytest.approx(np.sqrt(5 / 6), abs=1e-3)
     turns = np.deg2rad([0, 120, 240])
@@ -54,7 +54,7 @@ def test_contacts_on_one_side_carry_one_direction_and_three_around_carry_all() -
     assert residual(0.03 * around, -around, 0.5) < 0.02
 
 
-def test_no_contact_carries_nothing() -> None:
+def test_residual_without_contact_is_the_whole_load() -> None:
     assert load_residual(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2, bool), 0.5) == 1.0
 
 
@@ -64,7 +64,7 @@ def random_grasps(rng: np.random.Generator, count: int, contacts: int) -> np.nda
     return np.asarray(outward / np.linalg.norm(outward, axis=2, keepdims=True))
 
 
-def test_residuals_agree_with_bounded_least_squares(rng: np.random.Generator) -> None:
+def test_residuals_equal_bounded_least_squares(rng: np.random.Generator) -> None:
     outward = random_grasps(rng, 20, 3)
     fast = np.array([residual(0.04 * own, -own, 0.5) for own in outward])
     slow = np.array([slow_residual(0.04 * own, -own, 0.5) for own in outward])
@@ -74,7 +74,7 @@ def test_residuals_agree_with_bounded_least_squares(rng: np.random.Generator) ->
 
 @pytest.mark.parametrize("friction", [0.3, 0.5, 1.0])
 def test_lightest_grasp_is_that_of_all_residuals(rng: np.random.Generator, friction: float) -> None:
-    """Every residual computed to its end, and compared: leaving those that cannot win changes no choice."""
+    """Stopping early on grasps that cannot win does not change the choice."""
     wins = 0
     for count in (1, 40, 40, 40):
         outward = random_grasps(rng, count, 4)

@@ -71,7 +71,7 @@ def test_penetration_of_the_palm_in_a_block_is_its_depth(hand: Hand, cell: float
 
 
 def test_penetration_of_thin_parts_is_measured_where_the_grid_is_wrong(rng: np.random.Generator) -> None:
-    """The grid takes points in a thin plate for points beside it; they are measured all the same."""
+    """The grid places points in a thin plate outside it; their depth is still measured."""
     mistaken = 0
     for _ in range(6):
         body = trimesh.creation.box((9 * CELL, 2 * CELL, 6 * CELL))

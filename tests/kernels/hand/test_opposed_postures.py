@@ -1,4 +1,4 @@
-"""Postures in which two gels face each other, by means that did not find them."""
+"""Postures in which two gels face each other, checked independently of the search."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_gels_face_each_other_across_the_width(name: str, widest: float) -> None
         assert fingers_apart(hand, ik.boxes, frames, fingers, 0.001).all()
 
 
-def test_a_hand_with_one_sensor_cannot_hold() -> None:
+def test_hand_with_one_sensor_cannot_hold() -> None:
     ik = ik_of("allegro_right")
     alone = replace(ik, hand=replace(ik.hand, sensors=ik.hand.sensors[:1]))
     with pytest.raises(InvalidInput, match=r"one sensor alone cannot hold.*search=touch"):

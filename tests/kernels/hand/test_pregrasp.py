@@ -32,7 +32,7 @@ def test_pregrasp_stays_within_joint_limits(seed, distance) -> None:
 
 
 @given(seed=seeds, size=st.floats(1e-3, 1e3), distance=st.floats(-1, 1), angle=st.floats(-10, 10))
-def test_palm_faces_the_point_at_the_given_distance_and_angle(seed, size, distance, angle) -> None:
+def test_palm_faces_the_point_at_the_set_distance_and_angle(seed, size, distance, angle) -> None:
     rng = np.random.default_rng(seed)
     point, normal = rng.normal(size=3), random_rotation(rng)[0]
     pose = tangent_palm_pose(HAND, point, normal * size, distance=distance, angle=angle)

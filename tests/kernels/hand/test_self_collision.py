@@ -35,8 +35,8 @@ def test_fingers_clear_of_palm_ignores_other_fingers(hand: Hand) -> None:
     assert fingers_clear_of_palm(hand, collision_boxes(hand), frames, 0.001).all()
 
 
-def test_choose_postures_drops_the_lesser_of_two_that_collide(hand: Hand) -> None:
-    """The best index and the best middle finger cross, so the lesser of the two gives way."""
+def test_choose_postures_drops_the_lower_rated_of_two_that_collide(hand: Hand) -> None:
+    """The best index and the best middle finger cross, so the lower-rated of the two is dropped."""
     boxes = collision_boxes(hand)
     options = np.zeros((2, 16))
     options[:, 12] = 0.9
@@ -119,8 +119,8 @@ def test_box_gap_bounds_the_distance_and_scales_and_moves_with_the_boxes(seed, s
     assert box_gap(frames[1], half[1], frames[0], half[0]) == pytest.approx(gap, abs=128 * EPS)
     moved, offset = frames.copy(), rng.uniform(-10, 10, 3)
     moved[:, :3, 3] = frames[:, :3, 3] * scale + offset
-    found = box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale)
-    assert np.abs(found - gap * scale) <= 32 * EPS * (np.abs(offset).max() + 8 * scale)
+    moved_gap = box_gap(moved[0], half[0] * scale, moved[1], half[1] * scale)
+    assert np.abs(moved_gap - gap * scale) <= 32 * EPS * (np.abs(offset).max() + 8 * scale)
 
 
 @given(seed=seeds, tilt=st.floats(-9, -2).map(lambda e: 10.0**e))

@@ -15,21 +15,21 @@ def slow_interval(values, rng, resamples, level):
     return means[cut], means[-cut - 1]
 
 
-def test_the_interval_is_that_of_objects_drawn_one_by_one():
+def test_interval_equals_that_of_objects_drawn_one_by_one():
     values = np.random.default_rng(0).gamma(2.0, size=25)
-    found = mean_interval(values, np.random.default_rng(1))
+    interval = mean_interval(values, np.random.default_rng(1))
     low, high = slow_interval(values, np.random.default_rng(2), 4000, 0.95)
-    assert found.mean == values.mean()
-    assert found.low == pytest.approx(low, abs=0.05 * (high - low))
-    assert found.high == pytest.approx(high, abs=0.05 * (high - low))
+    assert interval.mean == values.mean()
+    assert interval.low == pytest.approx(low, abs=0.05 * (high - low))
+    assert interval.high == pytest.approx(high, abs=0.05 * (high - low))
 
 
-def test_the_interval_of_a_normal_mean_is_nearly_the_textbook_one():
+def test_interval_of_a_normal_mean_is_close_to_the_closed_form():
     values = np.random.default_rng(3).normal(5, 2, size=400)
-    found = mean_interval(values, np.random.default_rng(4))
+    interval = mean_interval(values, np.random.default_rng(4))
     half = 1.96 * values.std() / 20
-    assert found.low == pytest.approx(values.mean() - half, abs=0.1 * half)
-    assert found.high == pytest.approx(values.mean() + half, abs=0.1 * half)
+    assert interval.low == pytest.approx(values.mean() - half, abs=0.1 * half)
+    assert interval.high == pytest.approx(values.mean() + half, abs=0.1 * half)
 
 
 def test_difference_interval_cancels_the_difficulty_of_objects():
@@ -42,7 +42,7 @@ def test_difference_interval_cancels_the_difficulty_of_objects():
     assert apart.high - apart.low > 20 * (paired.high - paired.low)
 
 
-def test_the_same_seed_gives_the_same_interval_and_another_another():
+def test_interval_follows_from_the_seed():
     values = np.random.default_rng(0).normal(size=30)
     assert mean_interval(values, np.random.default_rng(7)) == mean_interval(values, np.random.default_rng(7))
     assert mean_interval(values, np.random.default_rng(7)) != mean_interval(values, np.random.default_rng(8))
@@ -52,20 +52,20 @@ def test_the_same_seed_gives_the_same_interval_and_another_another():
 def test_interval_of_equal_values_is_that_value(value):
     """To the rounding of a mean; an interval of differences that are all 0 is 0."""
     values = np.full(10, value)
-    found = mean_interval(values, np.random.default_rng(0))
-    np.testing.assert_allclose([found.mean, found.low, found.high], value, rtol=1e-14)
+    interval = mean_interval(values, np.random.default_rng(0))
+    np.testing.assert_allclose([interval.mean, interval.low, interval.high], value, rtol=1e-14)
     same = difference_interval(values, values, np.random.default_rng(0))
     assert (same.mean, same.low, same.high) == (0, 0, 0)
 
 
 def test_one_object_has_an_infinite_interval():
-    found = mean_interval(np.array([3.0]), np.random.default_rng(0))
-    assert (found.mean, found.low, found.high, found.count) == (3.0, -np.inf, np.inf, 1)
+    interval = mean_interval(np.array([3.0]), np.random.default_rng(0))
+    assert (interval.mean, interval.low, interval.high, interval.count) == (3.0, -np.inf, np.inf, 1)
 
 
 def test_interval_of_two_objects_reaches_from_one_to_the_other():
-    found = mean_interval(np.array([-1.0, 3.0]), np.random.default_rng(0))
-    assert (found.low, found.mean, found.high) == (-1, 1, 3)
+    interval = mean_interval(np.array([-1.0, 3.0]), np.random.default_rng(0))
+    assert (interval.low, interval.mean, interval.high) == (-1, 1, 3)
 
 
 @pytest.mark.parametrize("bad", [np.zeros(0), np.array([1.0, np.nan]), np.zeros((2, 2, 2))])
@@ -74,13 +74,13 @@ def test_mean_interval_rejects_empty_or_infinite_values(bad):
         mean_interval(bad, np.random.default_rng(0))
 
 
-def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
+def test_interval_over_objects_and_trainings_has_the_variance_of_both():
     rng = np.random.default_rng(6)
     objects, trainings = rng.normal(0, 1, size=100), np.array([-0.6, 0.1, 0.5])
     values = 5 + objects + trainings[:, None]
     half = 1.96 * np.sqrt(objects.var() / 100 + trainings.var() / 3)
-    found = mean_interval(values, np.random.default_rng(7))
-    assert found.high - found.low == pytest.approx(2 * half, rel=0.1)
+    interval = mean_interval(values, np.random.default_rng(7))
+    assert interval.high - interval.low == pytest.approx(2 * half, rel=0.1)
     one = mean_interval(values[0], np.random.default_rng(7))
     assert one.high - one.low == pytest.approx(2 * 1.96 * objects.std() / 10, rel=0.1)
     easy = np.zeros(100) + trainings[:, None]  # what makes an object hard cancels, so that trainings alone leave a doubt
@@ -89,7 +89,7 @@ def test_the_interval_over_objects_and_trainings_has_the_variance_of_both():
     assert paired.mean == pytest.approx(trainings.mean() - trainings[:2].mean() - 0.3)
 
 
-def test_what_makes_one_training_better_cancels_between_figures_of_the_same_trainings():
+def test_differences_between_trainings_cancel_in_figures_of_the_same_trainings():
     values = np.random.default_rng(9).normal(size=100) + np.array([-0.6, 0.1, 0.5])[:, None]
     apart = difference_interval(values, values + 0.1, np.random.default_rng(10))
     paired = difference_interval(values, values + 0.1, np.random.default_rng(10), same_trainings=True)
@@ -97,16 +97,16 @@ def test_what_makes_one_training_better_cancels_between_figures_of_the_same_trai
     assert astuple(paired) == pytest.approx((-0.1, -0.1, -0.1, 100))
 
 
-def test_the_interval_over_trainings_is_that_of_values_drawn_one_by_one():
+def test_interval_over_trainings_equals_that_of_values_drawn_one_by_one():
     values = np.random.default_rng(0).gamma(2.0, size=(3, 12))
-    found = mean_interval(values, np.random.default_rng(1))
+    interval = mean_interval(values, np.random.default_rng(1))
     rng = np.random.default_rng(2)
     means = []
     for _ in range(2000):
         rows, columns = rng.integers(3, size=3), rng.integers(12, size=12)
         means.append(np.mean([[values[row, column] for column in columns] for row in rows]))
     low, high = np.quantile(means, (0.025, 0.975))
-    assert (found.low, found.high) == pytest.approx((low, high), abs=0.07 * (high - low))
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=0.07 * (high - low))
 
 
 def test_difference_interval_rejects_unequal_numbers_of_objects():

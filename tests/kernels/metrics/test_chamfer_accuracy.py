@@ -49,7 +49,7 @@ def test_chamfer_of_clouds_far_apart(kind: str, seed: int, scale: float, offset:
 
 @TYPES
 @given(kind=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
-def test_a_cloud_and_itself_are_zero_apart_with_zero_gradient(
+def test_chamfer_of_a_cloud_with_itself_is_zero_with_zero_gradient(
     dtype: torch.dtype, kind: str, seed: int, scale: float, offset: np.ndarray
 ) -> None:
     points = torch.from_numpy(cloud(kind, seed, scale, offset)).to(dtype)
@@ -72,8 +72,8 @@ def test_gradients_in_float32_are_those_of_float64(first: str, second: str, seed
 
 
 @pytest.mark.parametrize(("apart", "error"), [(1e-3, 0.03), (3e-4, 0.3), (1e-4, 3.0)])
-def test_differences_hold_where_the_expanded_square_does_not(apart: float, error: float) -> None:
-    """|a|² + |b|² - 2ab in float32, as peers have it, errs by 3 % of a millimetre and more; ours by less than a millionth."""
+def test_squared_differences_stay_accurate_where_the_expanded_square_fails(apart: float, error: float) -> None:
+    """The float32 form |a|² + |b|² - 2ab of other libraries errs by 3 % of a millimetre or more; differences by less than a millionth."""
     rng = np.random.default_rng(0)
     a = torch.from_numpy(rng.uniform(-0.25, 0.25, (60, 3)) + [0, 0, 0.6]).float()
     b = (a.double() + apart * torch.nn.functional.normalize(torch.from_numpy(rng.normal(size=(60, 3))))).float()
@@ -89,7 +89,7 @@ def test_differences_hold_where_the_expanded_square_does_not(apart: float, error
 
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
 def test_all_pairs_search_finds_an_equally_near_point(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
-    """Of float32 differences the least may be another point's, but one whose distance is within a millionth of the least."""
+    """In float32 the search may choose another point, whose distance is within a millionth of the least."""
     a, b = pair(first, second, seed, scale, offset, torch.float32)
     target = SearchCloud(b)
     target._tree = None
@@ -102,13 +102,13 @@ def test_all_pairs_search_finds_an_equally_near_point(first: str, second: str, s
 @TYPES
 @pytest.mark.parametrize("kind", sorted(CLOUDS))
 @pytest.mark.parametrize("power", [-10, -3, 6])
-def test_doubling_lengths_doubles_them_to_the_bit(dtype: torch.dtype, kind: str, power: int) -> None:
+def test_chamfer_scales_exactly_with_doubled_lengths(dtype: torch.dtype, kind: str, power: int) -> None:
     a, b = pair(kind, "spread", 3, 1.0, np.array([0.0, 0, 0.6]), dtype)
     assert float(chamfer(a * 2.0**power, b * 2.0**power)) == 4.0**power * float(chamfer(a, b))
 
 
 @given(kind=KINDS, seed=seeds, scale=scales, copies=st.integers(2, 5))
-def test_copies_of_a_cloud_change_nothing(kind: str, seed: int, scale: float, copies: int) -> None:
+def test_chamfer_ignores_copies_of_a_cloud(kind: str, seed: int, scale: float, copies: int) -> None:
     a, b = pair(kind, "spread", seed, scale, np.zeros(3), torch.float64)
     many = a.repeat(copies, 1)
     torch.testing.assert_close(chamfer(many, b), chamfer(a, b), rtol=1e-13, atol=0)

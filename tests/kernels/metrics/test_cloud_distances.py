@@ -33,26 +33,26 @@ def plane(count, rng, *, width=1.0, height=0.0):
 
 
 @given(first=KINDS, second=KINDS, seed=seeds, scale=scales, offset=OFFSETS)
-def test_distances_are_those_of_exact_arithmetic(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
+def test_distances_equal_exact_arithmetic(first: str, second: str, seed: int, scale: float, offset: np.ndarray) -> None:
     a, b = cloud(first, seed, scale, offset), cloud(second, seed + 1, scale, offset)
-    found = cloud_distances(a, b)
-    for each, ours, theirs in ((found.predicted, a, b), (found.truth, b, a)):
+    distances = cloud_distances(a, b)
+    for each, ours, theirs in ((distances.predicted, a, b), (distances.truth, b, a)):
         np.testing.assert_allclose(each, [float(squared) for squared in exact.nearest_squared(ours, theirs)], rtol=2e-15, atol=0)
-    assert found.chamfer == pytest.approx(exact.chamfer(a, b), rel=1e-14)
+    assert distances.chamfer == pytest.approx(exact.chamfer(a, b), rel=1e-14)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
 @pytest.mark.parametrize("kind", sorted(CLOUDS))
-def test_a_cloud_and_itself_agree_perfectly_in_any_type(kind: str, dtype: type[np.floating]) -> None:
+def test_distances_of_a_cloud_to_itself_are_zero_in_any_type(kind: str, dtype: type[np.floating]) -> None:
     points = cloud(kind, 1, 1.0, np.zeros(3)).astype(dtype)
-    found = cloud_distances(points, points[::-1])
-    assert found.chamfer == 0
-    assert found.precision_recall(0.0) == (1, 1)
-    assert found.f1(0.0) == 1
+    distances = cloud_distances(points, points[::-1])
+    assert distances.chamfer == 0
+    assert distances.precision_recall(0.0) == (1, 1)
+    assert distances.f1(0.0) == 1
 
 
 @given(kind=KINDS, seed=seeds, power=st.integers(-20, 20))
-def test_doubling_lengths_quadruples_distances_and_areas_to_the_bit(kind: str, seed: int, power: int) -> None:
+def test_squared_distances_and_areas_scale_exactly_with_doubled_lengths(kind: str, seed: int, power: int) -> None:
     """From 1e-6 to 1e6."""
     a, b = cloud(kind, seed, 1.0, np.zeros(3)), cloud("spread", seed, 1.0, np.zeros(3))
     factor = 2.0**power
@@ -75,20 +75,20 @@ def test_the_chamfer_distance_and_f1_are_symmetric_and_scale(seed, scale, tau):
     assert there.f1(tau, scale) == pytest.approx(scaled, abs=0.1)  # a point on the very limit may round to either side
 
 
-def test_two_planes_that_face_each_other_are_twice_their_squared_distance_apart():
+def test_chamfer_of_parallel_planes_is_twice_their_squared_distance():
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(20.0), [0.0]), axis=-1).reshape(-1, 3)
     assert cloud_distances(grid, grid + [0, 0, 0.3]).chamfer == pytest.approx(2 * 0.3**2)
 
 
-def test_spheres_are_the_squared_difference_of_their_radii_apart_each_way():
+def test_chamfer_of_concentric_spheres_is_the_squared_difference_of_radii_each_way():
     rng = np.random.default_rng(1)
     directions = sphere(1.0, 4000, rng)
-    found = cloud_distances(0.5 * directions, 0.8 * directions)
-    assert found.predicted.mean() == pytest.approx(0.3**2)
-    assert found.truth.mean() == pytest.approx(0.3**2)
+    distances = cloud_distances(0.5 * directions, 0.8 * directions)
+    assert distances.predicted.mean() == pytest.approx(0.3**2)
+    assert distances.truth.mean() == pytest.approx(0.3**2)
 
 
-def test_two_samplings_of_a_plane_are_the_sampling_floor_apart():
+def test_chamfer_of_two_samplings_of_a_plane_is_the_sampling_floor():
     rng = np.random.default_rng(5)
     count, width = 20_000, 0.4
     measured = cloud_distances(plane(count, rng, width=width), plane(count, rng, width=width)).chamfer
@@ -96,8 +96,8 @@ def test_two_samplings_of_a_plane_are_the_sampling_floor_apart():
 
 
 def test_the_mean_distance_is_in_metres_and_the_mean_of_both_directions():
-    found = cloud_distances(np.array([[0.0, 0, 0], [3, 0, 0]]), np.array([[0.0, 0, 0], [0, 4, 0], [0, 4, 0]]))
-    assert found.mean_distance == pytest.approx((3 / 2 + 8 / 3) / 2)
+    distances = cloud_distances(np.array([[0.0, 0, 0], [3, 0, 0]]), np.array([[0.0, 0, 0], [0, 4, 0], [0, 4, 0]]))
+    assert distances.mean_distance == pytest.approx((3 / 2 + 8 / 3) / 2)
     directions = sphere(1.0, 500, np.random.default_rng(1))
     assert cloud_distances(0.5 * directions, 0.8 * directions).mean_distance == pytest.approx(0.3)
 
@@ -112,12 +112,12 @@ def test_two_samplings_of_a_plane_are_as_far_apart_as_sampling_allows():
 
 
 @pytest.mark.parametrize("count", [1_000, 10_000])
-def test_the_area_of_a_sphere_is_found_from_points_on_it(count):
+def test_sampled_area_of_a_sphere(count):
     points = sphere(0.2, count, np.random.default_rng(2))
     assert sampled_area(points) == pytest.approx(4 * np.pi * 0.2**2, rel=4 / np.sqrt(count))
 
 
-def test_a_thin_sheet_counts_once_as_it_does_in_the_distances():
+def test_sampled_area_counts_a_thin_sheet_once_as_distances_do():
     rng = np.random.default_rng(8)
     sheet = np.concatenate([plane(5000, rng), plane(5000, rng, height=1e-5)])
     other = np.concatenate([plane(5000, rng), plane(5000, rng, height=1e-5)])
@@ -126,20 +126,20 @@ def test_a_thin_sheet_counts_once_as_it_does_in_the_distances():
 
 
 @pytest.mark.parametrize("thickness", [1e-5, 1e-2, 0.3])
-def test_with_normals_both_sides_of_a_sheet_count_however_thin_it_is(thickness):
+def test_sampled_area_with_normals_counts_both_sides_of_a_thin_sheet(thickness):
     rng = np.random.default_rng(8)
     sheet = np.concatenate([plane(5000, rng), plane(5000, rng, height=thickness)])
     normals = np.repeat([[0.0, 0, -1], [0, 0, 1]], 5000, axis=0)
     assert sampled_area(sheet, normals) == pytest.approx(2.0, rel=0.05)
 
 
-def test_with_normals_the_area_of_a_sphere_is_the_same():
+def test_sampled_area_of_a_sphere_is_the_same_with_normals():
     points = sphere(0.2, 4000, np.random.default_rng(7))
     assert sampled_area(points, points / 0.2) == pytest.approx(sampled_area(points), rel=1e-9)
     assert sampled_area(points[:2], points[:2] / 0.2) == pytest.approx(sampled_area(points[:2]), rel=1e-9)
 
 
-def test_copies_have_no_area_and_no_floor() -> None:
+def test_copies_of_a_point_have_zero_area_and_sampling_floor() -> None:
     assert sampled_area(np.full((9, 3), 1e2)) == 0
     assert sampling_floor(0.0, 1) == 0
 
@@ -147,14 +147,14 @@ def test_copies_have_no_area_and_no_floor() -> None:
 def test_precision_counts_predicted_points_and_recall_true_ones():
     truth = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]])
     predicted = np.array([[0, 0, 0.05], [0, 0, 0.2]])
-    found = cloud_distances(predicted, truth)
-    assert found.precision_recall(0.01) == (0.5, 0.25)
-    assert found.f1(0.01) == pytest.approx(2 * 0.5 * 0.25 / 0.75)
-    assert found.f1(1e-9) == 0
-    assert found.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
+    distances = cloud_distances(predicted, truth)
+    assert distances.precision_recall(0.01) == (0.5, 0.25)
+    assert distances.f1(0.01) == pytest.approx(2 * 0.5 * 0.25 / 0.75)
+    assert distances.f1(1e-9) == 0
+    assert distances.precision_recall(0.01, scale=0.4) == (1.0, 0.25)  # 0.2 m become 0.08 m
 
 
-def test_f1_of_nothing_right_and_of_one_side_right() -> None:
+def test_f1_without_matches_and_with_matches_on_one_side() -> None:
     assert CloudDistances(np.array([1.0]), np.array([1.0])).f1(0.5) == 0
     assert CloudDistances(np.array([0.0]), np.array([1.0])).f1(0.5) == 0
     assert CloudDistances(np.array([0.0, 1.0]), np.array([0.0])).f1(0.0) == pytest.approx(2 / 3)
@@ -183,8 +183,8 @@ def test_invalid_clouds_are_rejected(bad, message):
 
 @pytest.mark.parametrize(("tau", "scale"), [(math.nan, 1.0), (-1e-9, 1.0), (1e-4, math.nan), (1e-4, 0.0), (1e-4, math.inf)])
 def test_precision_recall_rejects_invalid_threshold_or_scale(tau: float, scale: float) -> None:
-    found = CloudDistances(np.zeros(1), np.zeros(1))
-    for call in (found.precision_recall, found.f1):
+    distances = CloudDistances(np.zeros(1), np.zeros(1))
+    for call in (distances.precision_recall, distances.f1):
         with pytest.raises(ValueError, match=f"squared distance {tau}, scale {scale}"):
             call(tau, scale)
 

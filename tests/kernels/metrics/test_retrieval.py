@@ -29,10 +29,10 @@ def test_chamfer_matrix_of_points_on_a_line():
 
 
 @pytest.mark.parametrize("both", [True, False])
-def test_the_nearest_cloud_is_that_of_comparing_all(both):
-    clouds, asked = shapes(24, 0), shapes(8, 1)
+def test_nearest_cloud_equals_that_of_exhaustive_search(both):
+    clouds, queries = shapes(24, 0), shapes(8, 1)
     searched = [SearchedCloud(cloud) for cloud in clouds]
-    for cloud in (*asked, clouds[5]):
+    for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
         value, number = nearest_cloud(SearchedCloud(cloud), searched, both=both) or (np.nan, -1)
         assert number == int(np.argmin(every))
@@ -40,13 +40,13 @@ def test_the_nearest_cloud_is_that_of_comparing_all(both):
         assert nearest_cloud(SearchedCloud(cloud), searched, both=both, below=value) is None
 
 
-def test_of_equal_clouds_the_first_is_the_nearest():
+def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
-    found = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
-    assert found == (0.0, 2)
+    nearest = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
+    assert nearest == (0.0, 2)
 
 
-def test_bounds_stay_below_the_distance_and_spare_most_comparisons():
+def test_lower_bounds_hold_and_avoid_most_comparisons():
     clouds = [SearchedCloud(cloud) for cloud in shapes(40, 3)]
     query, *others = clouds
     for other in others:

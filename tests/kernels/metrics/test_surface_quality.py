@@ -27,20 +27,20 @@ def test_area_and_angles_of_a_box():
     assert angles == pytest.approx([0.0] * 6 + [90.0] * 12, abs=1e-9)
 
 
-def test_a_fold_is_180_and_a_face_without_area_has_no_angle():
+def test_fold_has_180_degrees_and_face_without_area_has_no_angle():
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, 0.9, 0], [2, 0, 0]], float)
     assert dihedral_angles(vertices, np.array([[0, 1, 2], [1, 0, 3]])) == pytest.approx([180.0])
     assert len(dihedral_angles(vertices, np.array([[0, 1, 2], [1, 0, 4]]))) == 0
 
 
-def test_seams_are_measured_where_vertices_were_one_point():
+def test_seam_gap_is_measured_between_vertices_of_the_same_position():
     vertices = np.array([[0, 0, 0], [0, 0, 3], [1, 1, 1], [0, 4, 0], [5, 5, 5], [5, 5, 5]], float)
     assert seam_gaps(vertices, np.array([7, 7, 1, 7, 2, 2])) == pytest.approx([0.0, 5.0])
 
 
-def test_normals_agree_with_themselves_of_either_sign_and_by_half_with_chance(rng):
-    points, found = trimesh.sample.sample_surface(BALL, 4000, seed=0)
-    normals = BALL.face_normals[found]
+def test_normal_consistency_is_one_for_either_sign_and_half_for_random_normals(rng):
+    points, face_index = trimesh.sample.sample_surface(BALL, 4000, seed=0)
+    normals = BALL.face_normals[face_index]
     assert normal_consistency(points, normals, points, -normals) == pytest.approx(1.0)
     random = rng.standard_normal((4000, 3))
     random /= np.linalg.norm(random, axis=1, keepdims=True)
@@ -50,31 +50,31 @@ def test_normals_agree_with_themselves_of_either_sign_and_by_half_with_chance(rn
     assert normal_consistency(points, normals, points, turned) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_two_balls_cross_where_exact_predicates_say_so():
+def test_crossing_faces_of_two_balls_equal_exact_predicates():
     near, far = BALL.copy(), BALL.copy()
     near.apply_translation([0.3, 0.2, 0.1])
     far.apply_translation([2.5, 0, 0])
     for other, some in ((near, True), (far, False)):
         both = trimesh.util.concatenate([BALL, other])
-        found = crossing_faces(both.vertices, both.faces)
+        crossing = crossing_faces(both.vertices, both.faces)
         slow = np.zeros(len(both.faces), bool)
         corners = both.vertices[both.faces]
         for one in range(len(BALL.faces)):
             for two in range(len(BALL.faces), len(both.faces)) if some and one % 16 == 0 else ():
                 crosses = igl.tri_tri_intersection_test_3d(*corners[one][:, None], *corners[two][:, None])
                 slow[one] |= bool(crosses[0])
-        assert found.any() == some
-        assert (found[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
+        assert crossing.any() == some
+        assert (crossing[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
     assert not crossing_faces(BALL.vertices, BALL.faces).any()
 
 
-def test_one_large_face_among_many_small_ones_crosses_those_that_it_meets():
+def test_large_face_crosses_each_small_face_that_it_intersects():
     ball = trimesh.creation.icosphere(6)
     vertices = np.concatenate([ball.vertices, [[-9, -9, 0.01], [9, -9, 0.01], [0, 9, 0.01]]])
-    found = crossing_faces(vertices, np.concatenate([ball.faces, [len(ball.vertices) + np.arange(3)]]))
+    crossing = crossing_faces(vertices, np.concatenate([ball.faces, [len(ball.vertices) + np.arange(3)]]))
     heights = ball.vertices[ball.faces][:, :, 2] > 0.01
-    assert found[-1]
-    assert (found[:-1] == (heights.any(axis=1) & ~heights.all(axis=1))).all()
+    assert crossing[-1]
+    assert (crossing[:-1] == (heights.any(axis=1) & ~heights.all(axis=1))).all()
 
 
 def test_shared_volume_of_two_boxes(rng):

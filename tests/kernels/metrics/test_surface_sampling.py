@@ -16,7 +16,7 @@ def generator(seed: int = 0) -> torch.Generator:
 
 
 def twin(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
-    """One point after the other, by the words of the docstring."""
+    """Sample one point after the other, as the docstring states."""
     corners = [[vertices[i] for i in face] for face in faces.tolist()]
     areas = [float(torch.linalg.cross(b - a, c - a).norm().detach()) / 2 for a, b, c in corners]
     points = []
@@ -38,7 +38,7 @@ def barycentric(points: Tensor, face: int) -> Tensor:
     return torch.where(on[:, None], solved, torch.nan)
 
 
-def test_sampled_points_equal_the_twins() -> None:
+def test_sampled_points_equal_those_of_the_slow_twin() -> None:
     uniform = torch.rand(1, 500, 3, generator=generator(), dtype=torch.float64)
     torch.testing.assert_close(map_to_surfaces(VERTICES[None], FACES, uniform)[0], twin(VERTICES, FACES, uniform[0]), rtol=0, atol=1e-14)
 
@@ -68,7 +68,7 @@ def test_gradient_reaches_the_vertices() -> None:
         torch.testing.assert_close(gradient[i], slow, rtol=0, atol=1e-13)
 
 
-def test_a_row_does_not_depend_on_the_others_and_a_seed_settles_it() -> None:
+def test_samples_of_a_surface_depend_on_it_and_the_seed_only() -> None:
     uniform = torch.rand(3, 100, 3, generator=generator(4), dtype=torch.float64)
     several = torch.stack([VERTICES, VERTICES * 2, VERTICES + 1])
     together = map_to_surfaces(several, FACES, uniform)

@@ -59,7 +59,7 @@ def test_float32_is_within_four_units_in_the_last_place(seed: int, scale: float,
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @given(seed=seeds, scale=scales, offset=OFFSETS)
-def test_the_gradient_of_a_points_place_is_shared_by_corners(dtype: torch.dtype, seed: int, scale: float, offset: np.ndarray) -> None:
+def test_gradient_of_a_point_is_shared_by_the_corners(dtype: torch.dtype, seed: int, scale: float, offset: np.ndarray) -> None:
     """Weights sum to one, also on slivers: the gradients of all corners together are those of the points."""
     vertices, faces = soup(seed)
     given = torch.from_numpy(vertices * scale + offset).to(dtype)[None].requires_grad_()
@@ -70,7 +70,7 @@ def test_the_gradient_of_a_points_place_is_shared_by_corners(dtype: torch.dtype,
 
 
 @given(seed=seeds, scale=scales)
-def test_doubling_lengths_doubles_points_to_the_bit(seed: int, scale: float) -> None:
+def test_points_scale_exactly_with_doubled_lengths(seed: int, scale: float) -> None:
     vertices, faces = soup(seed)
     given, triangles = torch.from_numpy(vertices * scale), torch.from_numpy(faces)
     power = 2.0 ** (seed % 20 - 10)
@@ -79,8 +79,8 @@ def test_doubling_lengths_doubles_points_to_the_bit(seed: int, scale: float) -> 
 
 
 @given(seed=seeds, scale=scales)
-def test_the_ends_of_the_areas_choose_faces_that_have_one(seed: int, scale: float) -> None:
-    """Also 1, the end of the last: segments and points before and behind are never chosen."""
+def test_ends_of_the_cumulative_area_choose_faces_with_area(seed: int, scale: float) -> None:
+    """Includes 1, the end of the last face: segments and points before and after are never chosen."""
     vertices, faces = soup(seed)
     order = faces[[1, 2, 0, 3, 2, 1]]
     ends = torch.tensor([[[0.0, 4 / 9, 0.5], [np.nextafter(1, 0), 4 / 9, 0.5], [1.0, 4 / 9, 0.5]]], dtype=torch.float64)
@@ -89,7 +89,7 @@ def test_the_ends_of_the_areas_choose_faces_that_have_one(seed: int, scale: floa
     np.testing.assert_allclose(points, [first, last, last], rtol=0, atol=1e-13 * scale)
 
 
-def test_inside_out_changes_no_area() -> None:
+def test_samples_ignore_the_winding_of_faces() -> None:
     vertices, faces = soup(0)
     turned = faces[:, ::-1].copy()
     there, back = (map_to_surfaces(torch.from_numpy(vertices)[None], torch.from_numpy(given), evenly())[0] for given in (faces, turned))
@@ -118,8 +118,8 @@ def test_sampling_rejects_surfaces_without_area(kind: str) -> None:
 
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
-def test_a_segment_that_rounding_gave_an_area_is_drawn_from_as_a_segment(seed: int, scale: float, offset: np.ndarray) -> None:
-    """Corners in a row, but for rounding: no area, or one that keeps every point on the segment."""
+def test_segment_with_area_from_rounding_is_sampled_as_a_segment(seed: int, scale: float, offset: np.ndarray) -> None:
+    """Corners are collinear up to rounding: the area is zero, or every point stays on the segment."""
     rng = np.random.default_rng(seed)
     vertices = np.outer(rng.random(3), rng.normal(size=3)) * scale + offset
     try:

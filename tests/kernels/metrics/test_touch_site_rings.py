@@ -31,7 +31,7 @@ def a_pose(rng):
 
 
 @pytest.mark.parametrize("rings", [1, 5])
-def test_rings_are_those_of_the_definition(rings):
+def test_rings_follow_the_definition(rings):
     rng = np.random.default_rng(0)
     pose = a_pose(rng)
     points = pose[:3, 3] + rng.uniform(-3.5, 3.5, size=(3000, 3)) * WIDTH
@@ -40,8 +40,8 @@ def test_rings_are_those_of_the_definition(rings):
 
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
-def test_rings_are_the_same_at_any_scale_and_place(seed: int, scale: float, offset: np.ndarray) -> None:
-    """But for points that rounding at that place may carry over an edge."""
+def test_rings_ignore_scale_and_offset(seed: int, scale: float, offset: np.ndarray) -> None:
+    """Except points that rounding at that offset may move over an edge."""
     rng = np.random.default_rng(seed)
     pose, width = a_pose(rng), 0.016 * scale
     pose[:3, 3] = offset
@@ -63,7 +63,7 @@ def test_every_ring_of_a_plane_has_its_share():
     np.testing.assert_allclose(count / count.sum(), np.array([1, 3, 5, 7, 9]) / 25, rtol=0.03)
 
 
-def test_edges_belong_to_the_inner_ring_and_the_far_side_to_none():
+def test_points_on_edges_belong_to_the_inner_ring_and_far_points_to_no_ring():
     points = np.array([[0.5, 0, 0], [0, -1.0, 0], [2.5, 2.5, 1.0], [0, 0, 1.001], [0, 0, -1.001], [2.501, 0, 0]])
     np.testing.assert_array_equal(ring_indices(points, np.eye(4), 1.0), [0, 1, 4, -1, -1, -1])
 
@@ -83,7 +83,7 @@ def test_ring_means_without_points_are_zero():
     assert mean.shape == count.shape == (5,)
 
 
-def test_ring_means_tell_zero_distance_from_no_point() -> None:
+def test_ring_means_distinguish_zero_distance_from_no_point() -> None:
     mean, count = ring_means(np.zeros(1), np.array([4]))
     assert mean.tolist() == [0] * 5
     assert count.tolist() == [0, 0, 0, 0, 1]

@@ -59,7 +59,7 @@ def test_vision_vertices_are_the_first_of_each_item() -> None:
     assert found[..., 0].tolist() == [[*range(456)], [*range(465, 921)], [*range(921, 1377)]]
 
 
-def test_join_arranges_features_item_by_item() -> None:
+def test_join_orders_features_by_item() -> None:
     graph = chart_graph(vision_charts(0), 3, [1, 0, 2], FLOAT32)
     vision, touch = torch.arange(3 * 456).reshape(3, 456, 1), -torch.arange(1, 3 * 9 + 1).reshape(3, 9, 1)
     features = graph.join(vision, touch)

@@ -69,7 +69,7 @@ def test_contact_mask_of_black_and_white_images() -> None:
     assert contact_mask(black.expand(0, 4, 4, 3), black).shape == (0, 4, 4)
 
 
-def test_a_press_is_seen_where_it_presses() -> None:
+def test_contact_mask_covers_the_pressed_pixels() -> None:
     row, col = np.indices(SENSOR.shape)
     pressed = (row - 50) ** 2 + (col - 50) ** 2 < 20**2
     depth = np.where(pressed, 0.005 + 1e-6 * ((row - 50) ** 2 + (col - 50) ** 2), np.inf).astype(np.float32)

@@ -43,10 +43,10 @@ def test_any_touch_chart_gives_finite_vertices(kind: str, seed: int, scale: floa
 @pytest.mark.parametrize("count", [0, 1, 20])
 def test_item_does_not_depend_on_its_batch(count: int) -> None:
     network = small(**TOUCH)
-    asked = inputs([0, count, 20], network.config)
-    alone = asked | {"touch_vertices": asked["touch_vertices"][:count], "touched": asked["touched"][:count], "counts": [count]}
+    batch = inputs([0, count, 20], network.config)
+    alone = batch | {"touch_vertices": batch["touch_vertices"][:count], "touched": batch["touched"][:count], "counts": [count]}
     with torch.no_grad():
-        torch.testing.assert_close(network(**asked)[1:2], network(**alone), rtol=0, atol=1e-12)
+        torch.testing.assert_close(network(**batch)[1:2], network(**alone), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("training", [True, False])
@@ -61,14 +61,14 @@ def test_black_white_and_noisy_images_give_finite_vertices(kind: str, training: 
 
 def test_surface_moves_with_the_scene() -> None:
     """Sphere, camera and charts moved together by 10 m."""
-    asked = inputs([1, 2])
+    batch = inputs([1, 2])
     shift = torch.full((3,), 10.0, dtype=torch.float64)
-    camera = asked["camera"].clone()
+    camera = batch["camera"].clone()
     camera[:, 3] -= camera[:, :3] @ shift
     centre = tuple((torch.tensor(SMALL.centre, dtype=torch.float64) + shift).tolist())
     with torch.no_grad():
-        here = small().eval()(**asked)
-        moved = small(centre=centre).eval()(**(asked | {"camera": camera, "touch_vertices": asked["touch_vertices"] + shift}))
+        here = small().eval()(**batch)
+        moved = small(centre=centre).eval()(**(batch | {"camera": camera, "touch_vertices": batch["touch_vertices"] + shift}))
     torch.testing.assert_close(moved - shift, here, rtol=0, atol=1e-9)
 
 
@@ -76,7 +76,7 @@ def test_surface_moves_with_the_scene() -> None:
     ("name", "single_bound", "half_bound"), [("touch", 1e-6, 0.01), ("occluded-touch", 1e-6, 0.01), ("single-image", 1e-5, 0.05)]
 )
 def test_float32_and_bfloat16_err_as_documented(name: str, single_bound: float, half_bound: float) -> None:
-    """As the docstring says, m, at a quarter of the widths."""
+    """Errors in m as documented, at a quarter of the widths."""
     config = CONFIGURATIONS.get(name, SINGLE_IMAGE).model_copy(update={"splits": 0, "side": 3, "encoder_width": 0.25, "gcn_features": 60})
     network = DeformationNetwork(config, torch.Generator().manual_seed(0)).double().eval()
     exactly = inputs([1] if config.touch else [0], config)
@@ -100,10 +100,10 @@ def test_half_precision_parameters_are_rejected(dtype: torch.dtype) -> None:
 
 
 def test_inputs_come_in_any_floating_type() -> None:
-    network, asked = small().float().eval(), inputs([1])
-    single = {name: asked[name].float() for name in ("images", "touch_vertices")}
+    network, batch = small().float().eval(), inputs([1])
+    single = {name: batch[name].float() for name in ("images", "touch_vertices")}
     with torch.no_grad():
-        assert torch.equal(network(**asked), network(**(asked | single)))
+        assert torch.equal(network(**batch), network(**(batch | single)))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -116,16 +116,16 @@ def test_inputs_come_in_any_floating_type() -> None:
     ],
 )
 def test_input_that_is_not_finite_is_rejected(place: str, message: str, value: float) -> None:
-    asked = inputs([1])
-    spoilt = asked[place]
+    batch = inputs([1])
+    spoilt = batch[place]
     assert isinstance(spoilt, Tensor)
     spoilt.view(-1)[5] = value
     with pytest.raises(InvalidInput, match=message):
-        small()(**asked)
+        small()(**batch)
 
 
 def test_diverged_network_raises() -> None:
-    """A network that has diverged is told so where its vertices are to be seen, in the second pass."""
+    """Divergence is reported where vertices are projected, in the second pass."""
     network = small()
     with torch.no_grad():
         network.gcn.last.bias.fill_(math.inf)

@@ -36,7 +36,7 @@ def layer_of(mixed: float, dtype: torch.dtype = torch.float64) -> ZeroNeighbourL
 
 
 @pytest.mark.parametrize("counts", [[0], [1], [20]])
-def test_average_equals_the_dense_one_with_twenty_charts_and_none(counts: list[int]) -> None:
+def test_average_equals_the_dense_average_with_and_without_charts(counts: list[int]) -> None:
     sphere = vision_charts(0)
     expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts)
     graph = graph_of(counts)
@@ -45,7 +45,7 @@ def test_average_equals_the_dense_one_with_twenty_charts_and_none(counts: list[i
 
 @TYPES
 @given(counts=COUNTS, seed=seeds, exponent=st.integers(-6, 6))
-def test_averages_lie_between_the_least_and_the_largest(dtype: torch.dtype, counts: list[int], seed: int, exponent: int) -> None:
+def test_averages_lie_between_minimum_and_maximum(dtype: torch.dtype, counts: list[int], seed: int, exponent: int) -> None:
     graph = graph_of(counts, dtype)
     values = torch.randn(sum(graph.sizes), 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
     values = (values * 10.0**exponent).to(dtype)
@@ -57,8 +57,8 @@ def test_averages_lie_between_the_least_and_the_largest(dtype: torch.dtype, coun
 
 @TYPES
 @given(seed=seeds, power=st.integers(-20, 20), mixed=st.sampled_from([0.0, 1 / 3, 1.0]))
-def test_a_layer_without_bias_scales_with_its_features_to_the_bit(dtype: torch.dtype, seed: int, power: int, mixed: float) -> None:
-    """From 1e-6 to 1e6, value and gradient: nothing in it is added that has a size of its own."""
+def test_layer_without_bias_scales_with_its_features_bit_for_bit(dtype: torch.dtype, seed: int, power: int, mixed: float) -> None:
+    """Value and gradient from 1e-6 to 1e6: the layer adds no constant of fixed size."""
     graph, layer = graph_of([1, 0], dtype), layer_of(mixed, dtype)
     features = torch.randn(sum(graph.sizes), 4, generator=torch.Generator().manual_seed(seed % 2**31), dtype=dtype)
     found = []
@@ -84,17 +84,17 @@ def test_gradients_in_float32_are_those_of_float64(counts: list[int], seed: int)
         assert float((single - double).norm()) <= 1e-2 * float(double.norm()) + 1e-30
 
 
-def test_zero_features_are_the_bias_and_its_average() -> None:
+def test_zero_features_give_the_bias_and_its_average() -> None:
     graph, layer = graph_of([1]), layer_of(1 / 3)
     nn.init.constant_(layer.linear.bias, 0.5)
-    made = layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph)
-    torch.testing.assert_close(made, torch.full_like(made, 0.5), rtol=1e-15, atol=0)
+    output = layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph)
+    torch.testing.assert_close(output, torch.full_like(output, 0.5), rtol=1e-15, atol=0)
     nn.init.constant_(layer.linear.bias, -0.5)
     assert not layer(torch.zeros(sum(graph.sizes), 4, dtype=torch.float64), graph).any()
 
 
 def test_nan_spreads_to_neighbours_only() -> None:
-    """It is not hidden either: who calls looks at what comes out."""
+    """NaN is not hidden: the caller checks the output."""
     graph, layer = graph_of([1]), layer_of(1.0)
     features = torch.ones(sum(graph.sizes), 4, dtype=torch.float64)
     features[7] = math.nan

@@ -18,7 +18,7 @@ from tests.kernels.networks.pictures import KINDS, network_images
 Network = TypeVar("Network", bound=nn.Module)
 
 
-def made(make: Callable[..., Network], *arguments: object, **others: object) -> Network:
+def seeded_network(make: Callable[..., Network], *arguments: object, **others: object) -> Network:
     """Make a network with weights from seed 0."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
@@ -35,7 +35,7 @@ def all_finite(network: nn.Module) -> bool:
 @pytest.mark.parametrize("training", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_unet_gives_finite_depths_and_gradients_for_any_image(kind: str, training: bool) -> None:
-    unet = made(UNet, 2).train(training)
+    unet = seeded_network(UNet, 2).train(training)
     depth = unet(network_images(kind, 32))
     depth.sum().backward()
     assert bool(((depth >= 0) & (depth <= 1)).all())
@@ -47,7 +47,7 @@ def test_unet_gives_finite_depths_and_gradients_for_any_image(kind: str, trainin
 
 @pytest.mark.parametrize(("size", "batch", "fine"), [(16, 1, False), (31, 1, False), (32, 1, True), (16, 2, True)])
 def test_batch_normalisation_trains_on_two_values_per_channel_or_raises(size: int, batch: int, fine: bool) -> None:
-    unet = made(UNet, 1)
+    unet = seeded_network(UNet, 1)
     if fine:
         unet(network_images("white", size, batch)).sum().backward()
         assert all_finite(unet)
@@ -60,7 +60,7 @@ def test_batch_normalisation_trains_on_two_values_per_channel_or_raises(size: in
 @pytest.mark.parametrize("kind", KINDS)
 def test_unet_has_the_documented_errors_in_each_precision(kind: str) -> None:
     """In evaluation: float32 within 1e-6 of float64, bfloat16 under autocast within 1e-3, of the gel's thickness."""
-    unet, tactile_images = made(UNet, 4).eval(), network_images(kind, 48)
+    unet, tactile_images = seeded_network(UNet, 4).eval(), network_images(kind, 48)
     with torch.no_grad():
         single = unet(tactile_images)
         double = copy.deepcopy(unet).double()(tactile_images.double())
@@ -72,8 +72,8 @@ def test_unet_has_the_documented_errors_in_each_precision(kind: str) -> None:
 
 
 @pytest.mark.parametrize("bias", [-1e4, 1e4, -88.0, 20.0])
-def test_a_saturated_depth_is_the_end_of_its_range(bias: float) -> None:
-    unet = made(UNet, 1).eval()
+def test_saturated_depth_equals_the_end_of_its_range(bias: float) -> None:
+    unet = seeded_network(UNet, 1).eval()
     nn.init.constant_(unet.head.bias, bias)
     depth = unet(network_images("noise", 16))
     depth.sum().backward()
@@ -84,7 +84,7 @@ def test_a_saturated_depth_is_the_end_of_its_range(bias: float) -> None:
 @pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
 def test_unet_rejects_half_precision_parameters(dtype: torch.dtype) -> None:
     with pytest.raises(ValueError, match=f"U-Net with parameters of type {dtype}.*autocast"):
-        made(UNet, 1).to(dtype)(network_images("noise", 32).to(dtype))
+        seeded_network(UNet, 1).to(dtype)(network_images("noise", 32).to(dtype))
 
 
 # ---- the image encoder
@@ -93,7 +93,7 @@ SMALL = {"batch": 12, "instance": 25}
 
 
 def encoder(norm: str, width: float = 0.1) -> ImageEncoder:
-    return made(ImageEncoder, ENCODER_PLANS[SMALL[norm]], norm=norm, width=width)
+    return seeded_network(ImageEncoder, ENCODER_PLANS[SMALL[norm]], norm=norm, width=width)
 
 
 @pytest.mark.parametrize("training", [True, False])
@@ -153,6 +153,6 @@ def test_encoder_rejects_images_that_are_too_small(norm: str, size: int, batch: 
 def test_networks_reject_invalid_images(value: float) -> None:
     images = network_images("noise", 32)
     images[0, 1, 2, 3] = value
-    for network in (made(UNet, 1), encoder("instance")):
+    for network in (seeded_network(UNet, 1), encoder("instance")):
         with pytest.raises(ValueError, match=r"reach from .*must lie in \[0, 1\]"):
             network(images)

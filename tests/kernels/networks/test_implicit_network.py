@@ -29,7 +29,7 @@ def small(**changes: Any) -> ImplicitNetwork:
     return ImplicitNetwork(SMALL.model_copy(update=changes), torch.Generator().manual_seed(0)).double().eval()
 
 
-def given(counts: list[int] = COUNTS, **changes: Any) -> dict[str, Any]:
+def inputs_of(counts: list[int] = COUNTS, **changes: Any) -> dict[str, Any]:
     like = CONFIGURATIONS["occluded-touch"].model_copy(update={"side": 3, "encoder_layers": 12} | changes)
     return inputs(counts, like)
 
@@ -48,7 +48,7 @@ def test_implicit_configurations_have_the_inputs_of_the_supplements():
 
 
 def test_items_and_queries_are_independent():
-    network, seen, asked = small(), given(), queries(3)
+    network, seen, asked = small(), inputs_of(), queries(3)
     together = network(asked, **seen)
     assert together.shape == (3, 20)
     assert together.abs().max() < SMALL.band
@@ -62,7 +62,7 @@ def test_items_and_queries_are_independent():
 
 @pytest.mark.parametrize("changed", ["images", "touch_vertices", "touched"])
 def test_each_input_affects_its_own_item_only(changed):
-    network, seen, asked = small(), given([1, 1]), queries(2)
+    network, seen, asked = small(), inputs_of([1, 1]), queries(2)
     before = network(asked, **seen)
     other = seen[changed].clone()
     other[0] = ~other[0] if changed == "touched" else other[0] * 0.9
@@ -72,7 +72,7 @@ def test_each_input_affects_its_own_item_only(changed):
 
 
 def test_predictions_do_not_depend_on_the_order_of_grasps():
-    network, seen, asked = small(), given([3]), queries(1)
+    network, seen, asked = small(), inputs_of([3]), queries(1)
     turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}
     torch.testing.assert_close(network(asked, **turned), network(asked, **seen))
 
@@ -84,7 +84,7 @@ def test_equal_generators_give_equal_networks():
 
 def test_network_learns_the_distance_to_a_touched_ball():
     network = small(image=None, features=32, band=0.1).train()
-    seen = given([2], image=None)
+    seen = inputs_of([2], image=None)
     asked = queries(1, 400)
     truth = (asked - torch.tensor([0, 0, 0.6])).norm(dim=2) - 0.12
     optimizer = torch.optim.Adam(network.parameters(), lr=5e-3)
@@ -96,8 +96,8 @@ def test_network_learns_the_distance_to_a_touched_ball():
     assert loss.item() < 0.3 * float(truth.clamp(-0.1, 0.1).abs().mean())
 
 
-def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
-    network, seen = small(), given([1])
+def test_decode_with_touches_uses_touches_nearby_and_the_network_far_away():
+    network, seen = small(), inputs_of([1])
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)  # faces +z
     seen |= {"touch_vertices": flat[None], "touched": torch.tensor([True])}
     code = network.encode(**seen)
@@ -117,23 +117,23 @@ def test_decode_with_touches_follows_touches_nearby_and_the_network_far_away():
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0, -0.003), (0.004, 0.0, 0.0), (0.0, -0.001, FINGER_DEPTH + 0.002), (0.005, 0.002, -0.001)])
-def test_touches_are_followed_as_far_as_the_network_errs_there(shift: tuple[float, float, float]):
-    network, seen = small(), given([1])
+def test_reach_of_touches_grows_with_the_error_of_the_network_there(shift: tuple[float, float, float]):
+    network, seen = small(), inputs_of([1])
     flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)
     code = network.encode(**seen | {"touch_vertices": flat[None], "touched": torch.tensor([True])})
     query, error = flat[4] + torch.tensor(shift, dtype=torch.float64), network.decode(code, flat[None, 4:5]).item()
-    found = network.decode_with_touches(code, query[None, None], network.errors_at_touches(code)).item()
+    decoded = network.decode_with_touches(code, query[None, None], network.errors_at_touches(code)).item()
     (x, y, height), reach = shift, min(SMALL.touch_reach, LEAST_REACH + REACH_PER_ERROR * abs(error))
     away = max(height - FINGER_DEPTH, 0) / reach + min(height, 0) / FOLLOWED_DEPTH
     weight = np.exp(-(((x**2 + y**2) / reach**2 + away**2) ** 2))
     fading = np.exp(-(x**2 + y**2 + height**2) / (2 * SMALL.touch_reach) ** 2)
     alone = network.decode(code, query[None, None]).item() - error * fading
-    assert found == pytest.approx(weight * height + (1 - weight) * alone, rel=1e-9)
+    assert decoded == pytest.approx(weight * height + (1 - weight) * alone, rel=1e-9)
 
 
 @pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {"touch_reach": 1e-30}, {}])
 def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[str, Any]):
-    network, seen, asked = small(**changes), given([2 if changes.get("touch", True) else 0]), queries(1)
+    network, seen, asked = small(**changes), inputs_of([2 if changes.get("touch", True) else 0]), queries(1)
     if not changes:
         seen |= {"touched": torch.tensor([False, False])}
     code, asked = network.encode(**seen), torch.cat([asked, seen["touch_vertices"].reshape(1, -1, 3)], dim=1)
@@ -141,7 +141,7 @@ def test_decode_with_touches_equals_decode_without_touch_or_reach(changes: dict[
 
 
 def test_encode_rejects_superfluous_missing_or_infinite_input():
-    seen, asked = given(), queries(3)
+    seen, asked = inputs_of(), queries(3)
     with pytest.raises(ValueError, match="image 'occluded' and touch True is given something else"):
         small()(asked, **(seen | {"images": None, "camera": None}))
     with pytest.raises(ValueError, match="touch False is given something else"):

@@ -31,20 +31,20 @@ def test_parameters_are_five_thousand_by_default() -> None:
         LocalNetwork(0)
 
 
-def test_positions_go_from_rim_to_rim() -> None:
+def test_positions_reach_from_rim_to_rim() -> None:
     positions = pixel_positions(2, 4)[0]
     assert positions[0, 0].tolist() == [-0.75, -0.25, 0.25, 0.75]
     assert positions[1, :, 0].tolist() == [-0.5, 0.5]
 
 
-def test_slopes_depend_on_three_pixels_around_alone(network: LocalNetwork, change: torch.Tensor) -> None:
+def test_slopes_depend_on_three_pixels_around_only(network: LocalNetwork, change: torch.Tensor) -> None:
     given = change.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(network.slopes(given, pixel_positions(24, 30))[0, 0, 12, 15], given)
     row, col = gradient[0].abs().sum(dim=0).nonzero(as_tuple=True)
     assert (row.min(), row.max(), col.min(), col.max()) == (9, 15, 12, 18)
 
 
-def test_depth_is_the_integral_of_slopes_and_contact_bends_neither(network: LocalNetwork, change: torch.Tensor) -> None:
+def test_depth_is_the_integral_of_slopes_and_contact_gives_them_no_gradient(network: LocalNetwork, change: torch.Tensor) -> None:
     shape = network(change, pixel_positions(24, 30), PITCH)
     assert shape.depth.shape == shape.contact.shape == (1, 24, 30)
     shape.contact.sum().backward()
@@ -52,7 +52,7 @@ def test_depth_is_the_integral_of_slopes_and_contact_bends_neither(network: Loca
     network.zero_grad(set_to_none=True)
 
 
-def test_in_a_window_slopes_that_are_true_give_the_true_depth(network: LocalNetwork, change: torch.Tensor) -> None:
+def test_true_slopes_in_a_window_give_the_true_depth(network: LocalNetwork, change: torch.Tensor) -> None:
     within = torch.rand(1, 24, 30, generator=torch.Generator().manual_seed(2))
     assert network(change, pixel_positions(24, 30), PITCH, within).depth.shape == within.shape
     network.slopes = lambda *_: surface_slopes(within, PITCH)  # type: ignore[method-assign]
@@ -62,7 +62,7 @@ def test_in_a_window_slopes_that_are_true_give_the_true_depth(network: LocalNetw
         del network.slopes
 
 
-def test_the_loss_is_least_at_the_truth_and_grows_with_each_error() -> None:
+def test_loss_is_minimal_at_the_truth_and_grows_with_each_error() -> None:
     depth = torch.zeros(1, 12, 12)
     depth[:, 4:8, 4:8] = 0.1
     truth = GelState(depth, depth > 0)
@@ -77,7 +77,7 @@ def test_the_loss_is_least_at_the_truth_and_grows_with_each_error() -> None:
         assert float(local_loss(wrong, truth, PITCH)) > least + 1e-3
 
 
-def test_a_network_that_has_diverged_is_refused() -> None:
+def test_diverged_network_is_refused() -> None:
     nothing = torch.zeros(1, 8, 8)
     shape = LocalShape(torch.full((1, 2, 8, 8), torch.nan), nothing, nothing)
     with pytest.raises(InvalidInput, match="it has diverged"):

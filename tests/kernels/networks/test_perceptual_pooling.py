@@ -46,7 +46,7 @@ def reach(maps: list[Tensor], encoder: ImageEncoder) -> list[tuple[float, float]
 
 
 @pytest.mark.parametrize(("layers", "kernel"), [(12, 3), (15, 3), (18, 3), (25, 3), (25, 5)])
-def test_a_ramp_is_pooled_exactly_inside_and_at_integers(layers: int, kernel: int) -> None:
+def test_pooling_a_ramp_is_exact_inside_and_at_integer_coordinates(layers: int, kernel: int) -> None:
     maps, encoder, _ = averaging(layers, kernel)
     generator = torch.Generator().manual_seed(0)
     for features, grid, (first, last) in zip(maps, encoder.grids, reach(maps, encoder), strict=True):
@@ -67,7 +67,7 @@ def test_pooling_beyond_the_outermost_centres_gives_border_features(layers: int)
         torch.testing.assert_close(pool_features([features], [grid], pixels), pixels.clamp(first, last), rtol=0, atol=1e-9)
 
 
-def test_five_by_five_padded_by_one_is_a_ramp_away_from_the_border() -> None:
+def test_padded_5_x_5_convolution_keeps_a_ramp_away_from_the_border() -> None:
     """Averages over zeros bend the ramp at the border, and three blocks carry that inwards; the middle of the first map is free of it."""
     maps, encoder, _ = averaging(12, 5)
     pixels = torch.tensor([[[100.0, 150.0], [128.0, 128.0], [155.5, 101.25]]]).double()
@@ -108,7 +108,7 @@ def test_pooling_of_a_map_with_one_element() -> None:
     torch.testing.assert_close(pooled, torch.tensor([3.0, -1.0]).expand(1, 3, 2))
 
 
-def test_points_are_seen_where_the_camera_projects_them() -> None:
+def test_projected_pixels_equal_those_of_the_camera_model() -> None:
     points = np.random.default_rng(1).uniform(-0.4, 0.4, size=(2, 40, 3)) + [0, 0, 0.6]
     pixels = project_to_pixels(scene_camera(), torch.from_numpy(points))
     np.testing.assert_allclose(pixels.numpy(), project_points(scene_camera().numpy(), points), atol=1e-9)
@@ -116,7 +116,7 @@ def test_points_are_seen_where_the_camera_projects_them() -> None:
     torch.testing.assert_close(each, pixels)
 
 
-def test_points_behind_the_camera_fall_out_of_the_image_on_their_own_side() -> None:
+def test_points_behind_the_camera_project_outside_the_image_on_their_side() -> None:
     camera = scene_camera()
     forward = camera[2, :3]
     right = torch.linalg.cross(forward, torch.tensor([0.0, 0, 1]).double())
@@ -151,7 +151,7 @@ def test_gradcheck_of_maps_and_points() -> None:
     )
 
 
-def test_half_precision_moves_no_point() -> None:
+def test_autocast_does_not_move_points() -> None:
     points = torch.tensor([0.0, 0.0, 0.6]) + 0.2 * torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
     camera = scene_camera().float()
     with torch.autocast("cpu", torch.bfloat16):

@@ -25,7 +25,7 @@ SIDEWAYS = st.sampled_from([-10.0, -1.0, 0.0, 1e-9, 0.3, 10.0]) | st.floats(-10,
 
 
 def placed(depth: float, right: float, down: float) -> np.ndarray:
-    """Compute a world point from what the camera measures of it, m."""
+    """Compute a world point (m) from its coordinates in the camera's frame."""
     axes = scene_camera().numpy()[:, :3].copy()
     axes[:2] = (axes[:2] - SIZE / 2 * axes[2]) / FOCAL  # right and down, from the projection's rows
     return EYE + np.array([right, down, depth]) @ axes
@@ -58,7 +58,7 @@ def test_float32_projection_has_the_documented_error(depth: float, right: float,
     assert bool(((found - exact).abs() <= bound).all())
 
 
-def test_pixels_in_the_scene_are_right_to_a_thousandth() -> None:
+def test_pixels_in_the_scene_are_accurate_to_a_thousandth() -> None:
     points = torch.from_numpy(np.random.default_rng(0).uniform(-0.25, 0.25, (1, 500, 3)) + [0, 0, 0.6])
     error = project_to_pixels(scene_camera().float(), points.float()).double() - project_to_pixels(scene_camera(), points.float().double())
     assert float(error.abs().max()) <= 1e-3
@@ -70,7 +70,7 @@ PLACES = st.tuples(BORDER | st.floats(-300, 600), BORDER | st.floats(-300, 600),
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @given(place=PLACES, seed=seeds)
-def test_at_and_beyond_the_border_pooling_is_plain_arithmetic(dtype: torch.dtype, place: tuple[float, float, int], seed: int) -> None:
+def test_pooling_at_and_beyond_the_border_equals_plain_arithmetic(dtype: torch.dtype, place: tuple[float, float, int], seed: int) -> None:
     """Places are taken as floats of the type, and the ones next to them."""
     column, row = (np.nextafter(np.float32(value), np.float32(place[2] * np.inf)) if place[2] else np.float32(value) for value in place[:2])
     features = torch.from_numpy(np.random.default_rng(seed).uniform(-1, 1, (1, 2, MAP, MAP)).astype(np.float32)).to(dtype)

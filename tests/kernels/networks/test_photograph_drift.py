@@ -1,4 +1,4 @@
-"""The drift that is taken away from photographs: all of a smooth one, none of a contact; and a plain computation of the same."""
+"""Removal of drift from photographs: smooth drift is removed, contacts are kept; compared with a slow twin."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def drift(rows: int = 120, cols: int = 160) -> np.ndarray:
     return np.stack([3 + 4 * x - 2 * y, 5 * x * y - 3, 2 - 6 * x**2 + y**2])
 
 
-def test_smooth_drift_goes_and_the_contact_stays(rng: np.random.Generator) -> None:
+def test_smooth_drift_is_removed_and_the_contact_kept(rng: np.random.Generator) -> None:
     noise = rng.normal(0, 1, (2, *contact().shape))
     photographs = torch.tensor(np.stack([contact(), -0.7 * contact()]) + drift() + noise, dtype=torch.float32)
     left = without_drift(photographs).numpy() - noise - np.stack([contact(), -0.7 * contact()])
@@ -34,18 +34,18 @@ def test_smooth_drift_goes_and_the_contact_stays(rng: np.random.Generator) -> No
     assert np.abs(left).max() < 1.0
 
 
-def test_what_has_not_drifted_is_left_as_it_is() -> None:
+def test_image_without_drift_is_kept() -> None:
     still = torch.tensor(contact()[None], dtype=torch.float32)
     assert (without_drift(still) - still).abs().max() < 0.5
     assert (without_drift(torch.zeros(1, 3, 60, 80)) == 0).all()
 
 
-def test_image_that_is_all_contact_has_no_drift_to_speak_of() -> None:
+def test_image_of_contact_alone_has_little_drift() -> None:
     pressed = torch.full((1, 3, 60, 80), 50.0)
     assert (without_drift(pressed) - pressed).abs().max() < 8
 
 
-def test_drift_is_that_of_weighted_least_squares() -> None:
+def test_drift_equals_weighted_least_squares() -> None:
     change = contact(SIDE, SIDE) + drift(SIDE, SIDE)
     x, y = (axis.ravel() for axis in positions(SIDE, SIDE))
     terms = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
@@ -53,11 +53,11 @@ def test_drift_is_that_of_weighted_least_squares() -> None:
     for _ in range(ROUNDS):
         root = 1 / (1 + np.square(levels - fitted).sum(axis=1, keepdims=True) / SCALE**2)
         fitted = terms @ np.linalg.lstsq(root * terms, root * levels, rcond=None)[0]
-    found = without_drift(torch.tensor(change[None]))[0].numpy()
-    np.testing.assert_allclose(found, change - fitted.T.reshape(change.shape), atol=0.05)
+    corrected = without_drift(torch.tensor(change[None]))[0].numpy()
+    np.testing.assert_allclose(corrected, change - fitted.T.reshape(change.shape), atol=0.05)
 
 
-def test_a_gradient_flows_after_a_call_in_inference_mode() -> None:
+def test_gradients_flow_after_a_call_in_inference_mode() -> None:
     photographs = torch.tensor(contact(37, 53)[None], dtype=torch.float32)
     with torch.inference_mode():
         expected = without_drift(photographs.clone())

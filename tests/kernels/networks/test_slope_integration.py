@@ -11,34 +11,34 @@ from tests.references.slow_slopes import integrate_slowly
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (7, 2), (12, 17)])
-def test_the_surface_is_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
+def test_surface_equals_that_of_a_sparse_solver(shape: tuple[int, int]) -> None:
     slopes = np.random.default_rng(0).normal(size=(2, *shape))
-    found = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
-    np.testing.assert_allclose(found, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
+    surface = integrate_slopes(torch.tensor(slopes)[None], (0.3, 0.7))[0].numpy()
+    np.testing.assert_allclose(surface, integrate_slowly(slopes, (0.3, 0.7)), rtol=0, atol=1e-12)
 
 
-def test_a_smooth_bump_comes_back_from_its_slopes() -> None:
+def test_smooth_bump_is_recovered_from_its_slopes() -> None:
     y, x = np.mgrid[-1:1:81j, -1:1:61j]
     bump = np.exp(-8 * (x**2 + y**2))
     depth = torch.tensor(bump)[None]
     pitch = (2 / 80, 2 / 60)
-    found = integrate_slopes(surface_slopes(depth, pitch), pitch)
-    assert float((found - depth).abs().max()) < 0.01
+    surface = integrate_slopes(surface_slopes(depth, pitch), pitch)
+    assert float((surface - depth).abs().max()) < 0.01
 
 
-def test_slopes_of_a_plane_are_its_slopes() -> None:
+def test_slopes_of_a_plane_equal_its_gradient() -> None:
     y, x = torch.meshgrid(0.2 * torch.arange(5.0), 0.1 * torch.arange(6.0), indexing="ij")
     slopes = surface_slopes((3 * x - 2 * y)[None], (0.2, 0.1))
     torch.testing.assert_close(slopes[0, 0], torch.full((5, 6), 3.0))
     torch.testing.assert_close(slopes[0, 1], torch.full((5, 6), -2.0))
 
 
-def test_the_derivative_is_that_of_differences() -> None:
+def test_gradient_equals_finite_differences() -> None:
     slopes = torch.randn(1, 2, 4, 5, dtype=torch.float64, generator=torch.Generator().manual_seed(0), requires_grad=True)
     assert torch.autograd.gradcheck(lambda given: integrate_slopes(given, (0.2, 0.3)), (slopes,))
 
 
-def test_training_follows_reading_in_one_process() -> None:
+def test_gradients_flow_after_a_call_in_inference_mode() -> None:
     with torch.inference_mode():
         integrate_slopes(torch.zeros(1, 2, 13, 14), (0.2, 0.3))
     slopes = torch.zeros(1, 2, 13, 14, requires_grad=True)
@@ -46,6 +46,6 @@ def test_training_follows_reading_in_one_process() -> None:
     assert slopes.grad is not None
 
 
-def test_another_shape_is_an_error() -> None:
+def test_slopes_of_wrong_shape_are_rejected() -> None:
     with pytest.raises(ValueError, match=r"slopes have shape \(2, 4, 5\)"):
         integrate_slopes(torch.zeros(2, 4, 5), (1.0, 1.0))

@@ -49,7 +49,7 @@ def test_query_features_hold_the_height_above_the_nearest_touch():
     assert (outside[:, 0] < -0.28).all()  # the other chart is 0.3 away along x, and 0.02 wide
 
 
-def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
+def test_query_features_depend_on_touches_of_the_same_item_and_are_zero_without_touch():
     charts = torch.stack([chart_on_ball(), 2 * chart_on_ball()])
     items = touches_by_item(charts, torch.tensor([True, True]), [1, 0, 1])
     queries = torch.from_numpy(np.random.default_rng(0).normal(size=(6, 3)))
@@ -60,7 +60,7 @@ def test_query_features_depend_on_the_items_own_touches_and_are_zero_without():
     torch.testing.assert_close(2 * first[:, :3], second[:, :3])
 
 
-def test_items_that_felt_nothing_have_zeros():
+def test_items_without_touch_have_zero_features():
     items = touches_by_item(torch.zeros(0, 25, 3), torch.zeros(0, dtype=torch.bool), [0, 0])
     assert items.point_features.shape == (2, 0, 7)
     features, nearest = items.features_at(torch.ones(2, 4, 3))
@@ -70,7 +70,7 @@ def test_items_that_felt_nothing_have_zeros():
 
 
 @pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])
-def test_trees_and_pairs_find_points_that_are_equally_near(pairs, monkeypatch):
+def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
     monkeypatch.setattr(chamfer, "PAIRS_PER_BLOCK", pairs)  # all at once, and in blocks of 16 queries
     draw = np.random.default_rng(1)
     points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))

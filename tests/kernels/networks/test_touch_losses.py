@@ -85,7 +85,7 @@ def test_loss_of_a_shifted_plane_is_the_squared_shift() -> None:
         assert float(projected_chamfer_loss(depth + shift, depth, mask, width=WIDTH, gel=GEL)) == pytest.approx(2 * squared, rel=1e-9)
 
 
-def test_touches_weigh_the_same_for_any_area() -> None:
+def test_touches_have_equal_weight_for_any_area() -> None:
     depth = torch.full((2, 8, 8), 0.004, dtype=torch.float64)
     mask = torch.zeros(2, 8, 8, dtype=torch.bool)
     mask[0, 3, 3] = True
@@ -112,7 +112,7 @@ def test_empty_mask_has_zero_loss_and_gradient(loss: Loss) -> None:
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_the_true_depth_is_the_minimum_and_unmasked_pixels_do_not_matter(loss: Loss) -> None:
+def test_true_depth_minimises_the_loss_and_unmasked_pixels_are_ignored(loss: Loss) -> None:
     predicted, depth, mask = scene()
     perfect = depth.clamp(max=GEL).requires_grad_()
     value = loss(perfect, depth, mask, width=WIDTH, gel=GEL)

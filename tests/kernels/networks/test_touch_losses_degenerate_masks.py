@@ -91,9 +91,7 @@ def test_values_are_exact_and_gradients_finite(loss: Loss, contact: str, truth: 
 
 @pytest.mark.parametrize("loss", LOSSES)
 @given(power=st.integers(-6, 6), **GIVEN)
-def test_a_sensor_of_another_size_has_the_same_loss_to_the_bit(
-    loss: Loss, power: int, contact: str, truth: str, seed: int, far: float
-) -> None:
+def test_loss_does_not_depend_on_the_size_of_the_sensor(loss: Loss, power: int, contact: str, truth: str, seed: int, far: float) -> None:
     """Losses are in sensor widths: from a sensor of a quarter of a millimetre to one of a metre."""
     predicted, depth, mask = scene(contact, truth, seed, far)
     factor = 2.0**power
@@ -104,7 +102,7 @@ def test_a_sensor_of_another_size_has_the_same_loss_to_the_bit(
 
 @pytest.mark.parametrize("loss", LOSSES)
 @pytest.mark.parametrize("contact", sorted(CONTACTS))
-def test_depth_of_infinity_counts_as_the_gels_surface(loss: Loss, contact: str) -> None:
+def test_infinite_depth_counts_as_the_surface_of_the_gel(loss: Loss, contact: str) -> None:
     predicted, depth, mask = scene(contact, "nothing met", 0)
     assert float(loss(predicted, depth, mask, width=WIDTH, gel=GEL)) == float(
         loss(predicted, torch.full_like(depth, GEL), mask, width=WIDTH, gel=GEL)

@@ -75,7 +75,7 @@ def test_layers_have_the_inputs_of_table_5() -> None:
     assert torch.equal(unet.down[3][0](layers[8]), layers[9])  # (10) takes (9)
 
 
-def test_a_2_x_2_convolution_is_padded_at_the_far_side() -> None:
+def test_2_x_2_convolution_is_padded_at_the_right_and_bottom() -> None:
     """Output pixel (r, c) sees input rows r, r + 1 and columns c, c + 1, with zeros beyond the last."""
     merge = network(1).merge[-1]
     features = torch.rand(1, 2, 5, 4, dtype=torch.float64)
@@ -142,7 +142,7 @@ def test_unet_rejects_wrong_shapes() -> None:
 
 
 @pytest.mark.parametrize(("loss", "steps"), [(masked_depth_loss, 180), pytest.param(projected_chamfer_loss, 400, marks=pytest.mark.slow)])
-def test_one_touch_is_overfitted_to_50_micrometres(loss: Callable[..., Tensor], steps: int) -> None:
+def test_network_overfits_one_touch_to_50_micrometres(loss: Callable[..., Tensor], steps: int) -> None:
     """A ball of 12 mm radius, 3 mm deep in the gel, in evaluation mode.
 
     By the depth loss the RMS depth error is 50 µm at most; by the Chamfer loss the RMS distance to the nearest point, which

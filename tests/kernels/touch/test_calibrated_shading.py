@@ -23,7 +23,7 @@ def slow_change(sensor, pressed) -> np.ndarray:
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     left, top, right, bottom = np.array(sensor.calibrated.within) / sensor.width
     x, y = ([min(max(at, least), most) for at in axis] for axis, least, most in ((x, left, right), (y, top, bottom)))
-    found = np.zeros((*sensor.shape, 3))
+    change = np.zeros((*sensor.shape, 3))
     rows, cols = sensor.shape
     for r in range(rows):
         for c in range(cols):
@@ -39,10 +39,10 @@ def slow_change(sensor, pressed) -> np.ndarray:
                 a, b = tilt / size * sensor.calibrated.steepest
             normal = [a**i * b**j for i, j in powers(3)[1:]]
             place = [x[c] ** i * y[r] ** j for i, j in powers(2)]
-            found[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
+            change[r, c] = np.einsum("csp,s,p->c", np.array(sensor.calibrated.coefficients), normal, place)
             if sensor.calibrated.depth is not None:
-                found[r, c] += 1e3 * min(pressed[r, c], sensor.calibrated.deepest) * np.array(sensor.calibrated.depth) @ place
-    return found
+                change[r, c] += 1e3 * min(pressed[r, c], sensor.calibrated.deepest) * np.array(sensor.calibrated.depth) @ place
+    return change
 
 
 def test_colours_are_the_polynomial_of_normal_and_position() -> None:
@@ -54,7 +54,7 @@ def test_colours_are_the_polynomial_of_normal_and_position() -> None:
 
 
 @pytest.mark.parametrize("deepest", [10.0, 0.0006])
-def test_light_grows_with_the_depth_up_to_the_deepest_that_was_fitted(deepest: float, rng: np.random.Generator) -> None:
+def test_light_grows_with_depth_up_to_the_deepest_fitted_contact(deepest: float, rng: np.random.Generator) -> None:
     optics = SMALL.calibrated.model_copy(update={"shadows": (), "depth": rng.normal(0, 9, (3, 6)).tolist(), "deepest": deepest})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
     np.testing.assert_allclose(calibrated_change(bump(), sensor, optics), slow_change(sensor, bump()), atol=1e-9)
@@ -63,11 +63,11 @@ def test_light_grows_with_the_depth_up_to_the_deepest_that_was_fitted(deepest: f
 
 
 @pytest.mark.parametrize("steepest", [0.3, 0.05])
-def test_slopes_that_were_not_fitted_have_the_colours_of_the_steepest_one_that_was(steepest: float) -> None:
+def test_slopes_beyond_the_fitted_range_have_the_colours_of_the_steepest_fitted_slope(steepest: float) -> None:
     optics = SMALL.calibrated.model_copy(update={"shadows": (), "depth": None, "steepest": steepest})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
-    found = calibrated_change(bump(), sensor, optics)
-    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    change = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(change, slow_change(sensor, bump()), atol=1e-9)
     cone = [slope * np.hypot(*np.meshgrid(*pixel_centres(sensor))) for slope in (1.0, 2.0)]  # both steeper than the steepest
     away = np.hypot(*np.meshgrid(*pixel_centres(sensor))) > 4 * max(sensor.pitch)
     changes = [calibrated_change(one, sensor, optics)[away] for one in cone]
@@ -75,16 +75,16 @@ def test_slopes_that_were_not_fitted_have_the_colours_of_the_steepest_one_that_w
 
 
 @pytest.mark.parametrize("within", [(-0.001, -0.0008, 0.0012, 0.0009), (-1.0, -1.0, 1.0, 1.0)])
-def test_positions_that_were_not_fitted_have_the_colours_of_the_nearest_one_that_was(within: tuple[float, ...]) -> None:
+def test_positions_outside_the_fitted_range_have_the_colours_of_the_nearest_fitted_position(within: tuple[float, ...]) -> None:
     optics = SMALL.calibrated.model_copy(update={"shadows": (), "within": within})
     sensor = SMALL.model_copy(update={"membrane": 0.0, "calibrated": optics})
-    found = calibrated_change(bump(), sensor, optics)
-    np.testing.assert_allclose(found, slow_change(sensor, bump()), atol=1e-9)
+    change = calibrated_change(bump(), sensor, optics)
+    np.testing.assert_allclose(change, slow_change(sensor, bump()), atol=1e-9)
     everywhere = calibrated_change(bump(), sensor, optics.model_copy(update={"within": None}))
-    assert (found == everywhere).all() == (within[0] == -1.0)
+    assert (change == everywhere).all() == (within[0] == -1.0)
 
 
-def test_contact_deeper_than_those_fitted_casts_the_shadow_of_the_deepest() -> None:
+def test_contact_deeper_than_the_fitted_range_casts_the_shadow_of_the_deepest() -> None:
     optics = SMALL.calibrated.model_copy(update={"deepest": 0.0006})
     no_shadow, no_limit = optics.model_copy(update={"shadows": ()}), optics.model_copy(update={"deepest": 10.0})
     sensor = SMALL.model_copy(update={"membrane": 0.0})
@@ -97,7 +97,7 @@ def test_contact_deeper_than_those_fitted_casts_the_shadow_of_the_deepest() -> N
     assert (calibrated_change(shallow, sensor, no_limit) == calibrated_change(shallow, sensor, optics)).all()
 
 
-def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> None:
+def test_untouched_image_is_the_background_polynomial() -> None:
     terms = SMALL.calibrated.background
     x, y = (centres / SMALL.width for centres in pixel_centres(SMALL))
     expected = sum(x[5] ** i * y[7] ** j * np.array(levels) for (i, j), levels in zip(powers(6), terms, strict=True))
@@ -105,8 +105,8 @@ def test_background_is_the_polynomial_and_what_nothing_touches_shows_it() -> Non
     assert (untouched_image(SMALL)[7, 5] == np.rint(expected)).all()
 
 
-def test_membrane_is_round_keeps_the_volume_and_has_the_asked_width() -> None:
-    """Of a point: what is drawn in around it sums to it, spreads alike in all directions, with the asked standard deviation."""
+def test_membrane_is_isotropic_keeps_the_volume_and_has_the_set_width() -> None:
+    """The indentation around one point sums to it and is isotropic with the set standard deviation."""
     point = np.zeros((121, 141))
     point[60, 70] = 1.0
     around = membrane_indentation(point, (5.0, 7.0))
@@ -121,7 +121,7 @@ def test_membrane_is_round_keeps_the_volume_and_has_the_asked_width() -> None:
     assert (membrane_indentation(point, (5.0, 7.0)) >= point).all()
 
 
-def test_a_wall_casts_a_shadow_as_long_as_its_height_over_the_slope() -> None:
+def test_shadow_of_a_wall_is_as_long_as_its_height_over_the_slope() -> None:
     """A wall of 1 mm on one column; light from the left at slope 0.5: the shade begins behind it and ends 2 mm further."""
     wall = np.zeros((20, 60))
     wall[:, 20] = 0.001
@@ -142,7 +142,7 @@ def test_shadows_fall_away_from_the_lamp_in_every_direction() -> None:
         assert centre @ [np.cos(direction), np.sin(direction)] < -0.9 * np.linalg.norm(centre) < 0
 
 
-def test_noise_is_drawn_with_its_standard_deviation_and_only_where_asked() -> None:
+def test_noise_has_the_set_standard_deviation_and_needs_a_generator() -> None:
     noisy = SMALL.model_copy(update={"noise": 2.0})
     empty = np.full(SMALL.shape, np.inf)
     still = tactile_image(empty, noisy)
@@ -153,7 +153,7 @@ def test_noise_is_drawn_with_its_standard_deviation_and_only_where_asked() -> No
     assert (tactile_image(empty, SMALL, np.random.default_rng(0)) == still).all()
 
 
-def test_a_contact_keeps_its_depth_and_draws_the_gel_around_it_in() -> None:
+def test_contact_keeps_its_depth_and_indents_the_gel_around_it() -> None:
     pressed = bump()
     surface = gel_indentation(pressed, SMALL)
     assert surface.max() == pressed.max()

@@ -1,4 +1,4 @@
-"""Fits to photographs that our renderer made with a known model: what is chosen, and by which errors."""
+"""Fits to photographs rendered with a known model: chosen options and their errors."""
 
 import numpy as np
 import pytest
@@ -35,15 +35,15 @@ def of_degree(degree: int) -> Sensor:
 
 
 @pytest.mark.parametrize("degree", [0, 1])
-def test_degree_in_the_position_is_the_one_that_predicts_best(degree: int) -> None:
+def test_fit_chooses_the_degree_in_position_that_predicts_best(degree: int) -> None:
     sensor = of_degree(degree).model_copy(update={"noise": 1.0})
     fit = fit_colours(sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(shadows=0, elastic=False))
     assert fit.position_degree == degree
     assert fit.at_end == ()
 
 
-def test_light_that_grows_with_the_depth_is_recognised() -> None:
-    """The middle of a contact is flat and yet lit otherwise: by so many levels per mm as the gel there is deep."""
+def test_fit_recognises_light_that_grows_with_depth() -> None:
+    """The flat middle of a contact changes colour in proportion to its depth."""
     base = of_degree(0)
     assert base.calibrated is not None
     optics = base.calibrated.model_copy(update={"depth": ((9.0,), (-4.0,), (0.0,))})
@@ -54,7 +54,7 @@ def test_light_that_grows_with_the_depth_is_recognised() -> None:
     np.testing.assert_allclose(np.ravel(fit.calibration.depth), [9, -4, 0], atol=0.7)
 
 
-def test_membrane_as_wide_as_the_widest_that_is_tried_is_reported() -> None:
+def test_membrane_of_the_largest_candidate_width_is_reported() -> None:
     wide = of_degree(0).model_copy(update={"membrane": MEMBRANES[-1] * RADIUS})
     fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False))
     assert fit.sensor.membrane == pytest.approx(wide.membrane)
@@ -63,8 +63,8 @@ def test_membrane_as_wide_as_the_widest_that_is_tried_is_reported() -> None:
 
 
 @pytest.mark.parametrize("elastic", [True, False])
-def test_gel_that_made_the_photographs_is_recognised(elastic: bool) -> None:
-    """An elastic layer of two contact radii, or a membrane of half of one: the one is not taken for the other."""
+def test_fit_recovers_the_membrane_or_elastic_layer_of_the_photographs(elastic: bool) -> None:
+    """An elastic layer of two contact radii and a membrane of half a radius are distinguished."""
     gel = {"gel": Gel(modulus=MODULUS, thickness=2 * RADIUS)} if elastic else {"membrane": 0.5 * RADIUS}
     sensor = of_degree(0).model_copy(update=gel)
     fit = fit_colours(sensor, photographs(sensor, 5), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0))
@@ -75,7 +75,7 @@ def test_gel_that_made_the_photographs_is_recognised(elastic: bool) -> None:
     assert fit.at_end == ()
 
 
-def test_error_of_a_left_out_photograph_is_that_of_a_fit_to_the_others() -> None:
+def test_cross_validation_error_equals_that_of_a_fit_to_the_other_photographs() -> None:
     """Beside least squares of stacked rows, a fit per photograph; the ridge is what is left between them."""
     sensor = of_degree(1)
     every = photographs(sensor)

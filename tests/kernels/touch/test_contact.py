@@ -88,7 +88,7 @@ def test_one_pixel_in_the_gel_is_one_point() -> None:
 
 
 def test_surface_in_front_of_the_whole_gel() -> None:
-    """A ball of a metre, and one that holds the sensor within."""
+    """A ball of 1 m radius, from outside and with the sensor inside."""
     at = pose_at(np.array([0, 0, -1.0]), np.array([0, 0, 1.0]), SENSOR.w - 0.003)
     depth = ray_depth(box_faces(ball(5, 1.0)), at, SENSOR)
     assert (depth < SENSOR.w).all()
@@ -97,8 +97,8 @@ def test_surface_in_front_of_the_whole_gel() -> None:
 
 
 @given(seed=seeds, offset=offsets)
-def test_local_points_are_right_to_half_a_float32_unit(seed, offset) -> None:
-    """Against rigid motion in fractions."""
+def test_local_points_are_accurate_to_half_a_float32_unit(seed, offset) -> None:
+    """Compare with rigid motion in rational arithmetic."""
     rng = np.random.default_rng(seed)
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = random_rotation(rng), offset

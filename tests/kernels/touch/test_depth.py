@@ -30,26 +30,26 @@ SMALL = coarse(6)
 
 
 @tracers
-def test_depth_of_nothing_is_infinite(trace: Tracer) -> None:
+def test_depth_without_faces_is_infinite(trace: Tracer) -> None:
     assert np.isinf(trace(box_faces(np.zeros((0, 3, 3))), np.eye(4), SENSOR)).all()
 
 
 @tracers
 @pytest.mark.parametrize("z", [-0.001, 0.0501])
-def test_surface_behind_or_out_of_range_is_not_met(trace: Tracer, z: float) -> None:
+def test_surface_behind_or_out_of_range_is_not_hit(trace: Tracer, z: float) -> None:
     assert np.isinf(trace(box_faces(sheet(z)), np.eye(4), SENSOR)).all()
 
 
 @tracers
 @pytest.mark.parametrize("z", [0.0, 1e-12, 0.05])
-def test_surface_at_either_end_of_the_range_is_met(trace: Tracer, z: float) -> None:
+def test_surface_at_either_end_of_the_range_is_hit(trace: Tracer, z: float) -> None:
     depth = trace(box_faces(sheet(z)), np.eye(4), SENSOR)
     assert np.abs(depth - z).max() <= 1e-7
     assert (depth >= 0).all()
 
 
 @tracers
-def test_surface_just_behind_the_plane_hides_nothing(trace: Tracer) -> None:
+def test_surface_just_behind_the_sensor_plane_does_not_occlude(trace: Tracer) -> None:
     depth = trace(box_faces(np.concatenate([sheet(-5e-8), sheet(0.01)])), np.eye(4), SENSOR)
     assert np.abs(depth - 0.01).max() <= 1e-7
 
@@ -68,7 +68,7 @@ def test_rays_that_start_on_a_slanted_surface(trace: Tracer) -> None:
 
 
 @tracers
-def test_object_seen_by_one_pixel(trace: Tracer) -> None:
+def test_object_smaller_than_a_pixel_is_hit_by_one_ray(trace: Tracer) -> None:
     x, y = pixel_centres(SENSOR)
     tiny = sheet(0.003, half=1e-5, x=x[17], y=y[80])
     depth = trace(box_faces(tiny), np.eye(4), SENSOR)
@@ -106,7 +106,7 @@ def test_depth_ignores_faces_without_area(trace: Tracer) -> None:
 
 
 @tracers
-def test_open_mesh_is_seen_from_inside(trace: Tracer) -> None:
+def test_open_mesh_is_hit_from_inside(trace: Tracer) -> None:
     bowl = ball(3, 0.02, z=0.003)
     bowl = bowl[(bowl[..., 2] > 0.003).all(axis=1)]
     depth = trace(box_faces(bowl), np.eye(4), SENSOR)
@@ -128,8 +128,8 @@ def test_no_ray_passes_between_faces(trace: Tracer) -> None:
         assert np.abs(depth[1:-1, 1:-1] - 0.005).max() <= 1e-7
 
 
-def test_ray_through_the_hub_of_a_fan_is_met() -> None:
-    """Many faces meet at a corner that a ray hits: in any attitude, some face must take it."""
+def test_ray_through_the_hub_of_a_fan_hits_it() -> None:
+    """Many faces share a corner on a ray: for any rotation, one of them must be hit."""
     rng = np.random.default_rng(6)
     sensor = coarse(3)  # its middle ray starts at the origin of the sensor's frame
     for _ in range(200):
@@ -169,7 +169,7 @@ def test_pressed_depth_ignores_offset(trace, seed, offset) -> None:
 
 @tracers
 @given(seed=seeds)
-def test_depth_ignores_mixed_up_faces(trace, seed) -> None:
+def test_depth_ignores_order_and_copies_of_faces(trace, seed) -> None:
     rng = np.random.default_rng(seed)
     triangles, pose = pressed_ball(rng, np.array([0, 0, 0.6]))
     depth = trace(box_faces(triangles), pose, SMALL)
@@ -184,8 +184,8 @@ def test_depth_ignores_mixed_up_faces(trace, seed) -> None:
 
 @tracers
 @pytest.mark.parametrize("across", [False, True])
-def test_edge_on_plate_is_met_at_its_nearest_point_or_not_at_all(trace, across) -> None:
-    """It stands edge-on over the middle column, or row, of rays; with a lid on it, it is met in any case."""
+def test_edge_on_plate_is_hit_at_its_nearest_point_or_missed(trace, across) -> None:
+    """The plate stands edge-on over the middle column or row of rays; with a lid it is always hit."""
     sensor = coarse(5)
     plate = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [0, 0, 0.01]]])
     lid = np.array([[[0, -0.1, 0.004], [0, 0.1, 0.004], [1e-6, 0, 0.004]]])
@@ -202,8 +202,8 @@ def test_edge_on_plate_is_met_at_its_nearest_point_or_not_at_all(trace, across) 
 
 @tracers
 @given(seed=seeds, aspect=aspects)
-def test_sliver_is_met(trace, seed, aspect) -> None:
-    """Half a metre long, across the middle ray: a distance to it may be wrong, a depth may not."""
+def test_sliver_is_hit(trace, seed, aspect) -> None:
+    """Half a metre long, across the middle ray: distances to it may be inexact, its depth may not."""
     rng = np.random.default_rng(seed)
     face = 0.5 * sliver(aspect, rng)
     normal = face_cross_products(face[None])[0]

@@ -33,7 +33,7 @@ def test_without_bits_depth_is_float32():
 
 
 @given(seed=seeds, gel=st.one_of(st.none(), st.integers(10, 40)), far=st.one_of(st.none(), st.integers(10, 40)))
-def test_quantising_twice_changes_nothing(seed, gel, far) -> None:
+def test_quantisation_is_idempotent(seed, gel, far) -> None:
     rng = np.random.default_rng(seed)
     depth = np.concatenate([rng.uniform(0, 0.05, 200), SENSOR.w + rng.normal(size=50) * 1e-9, [0, np.inf, np.nextafter(SENSOR.w, 0)]])
     stored = quantise_depth(depth, SENSOR, gel_bits=gel, far_bits=far)

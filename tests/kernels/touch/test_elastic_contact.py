@@ -33,7 +33,7 @@ def radii(worn: Sensor) -> np.ndarray:
 
 @pytest.mark.parametrize("shape", [(120, 160), (240, 320), (480, 640)])
 @pytest.mark.parametrize(("radius", "depth"), [(0.004, 0.0004), (0.006, 0.0005), (0.003, 0.0008)])
-def test_a_ball_follows_hertz(shape, radius, depth):
+def test_ball_follows_hertz(shape, radius, depth):
     """Force, radius of the contact, pressure and the surface around it, for one pixel per cell and for several."""
     worn = sensor(*shape)
     distance = radii(worn)
@@ -53,7 +53,7 @@ def test_a_ball_follows_hertz(shape, radius, depth):
     assert np.abs(gel.pressure - hertz)[inside].max() < 0.03 * peak
 
 
-def test_a_flat_punch_takes_the_force_of_its_closed_form():
+def test_force_of_a_flat_punch_equals_the_closed_form():
     """2 E* a d on a half-space, and around it 2 d / pi asin(a / r)."""
     worn, depth, punch = sensor(240, 320), 3e-4, 0.003
     distance = radii(worn)
@@ -65,7 +65,7 @@ def test_a_flat_punch_takes_the_force_of_its_closed_form():
 
 
 @pytest.mark.parametrize(("ratio", "soft", "rubber"), [(0.2, 1.207, 1.281), (0.6, 1.784, 2.211), (1, 2.480, 3.609), (2, 4.336, 9.069)])
-def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, soft, rubber):
+def test_force_of_a_flat_punch_on_a_layer_equals_published_values(ratio, soft, rubber):
     """2 E* a d times the table of Hayes, Keer, Herrmann and Mockros 1972, by the punch's radius over the layer's thickness."""
     punch, depth = 0.0045, 1e-4
     for poisson, factor in ((0.3, soft), (0.5, rubber)):
@@ -75,7 +75,7 @@ def test_a_flat_punch_on_a_layer_takes_the_published_force(ratio, soft, rubber):
         assert normal_force(gel.pressure, worn) == pytest.approx(factor * 2 * E / (1 - poisson**2) * punch * depth, rel=0.01)
 
 
-def test_a_cylinder_follows_hertz_in_its_middle():
+def test_cylinder_follows_hertz_in_its_middle():
     """A long one: the half width of the contact is that of its force per length, 2 sqrt(F R / (pi E*)), its pressure 2 F / (pi a)."""
     radius, depth = 0.004, 4e-4
     worn = sensor(160, 160).model_copy(update={"given_height": 4 * SIDE, "width": SIDE / 2})  # pixels longer along y
@@ -91,7 +91,7 @@ def test_a_cylinder_follows_hertz_in_its_middle():
     assert np.abs(middle - expected).max() < 0.05 * middle.max()
 
 
-def test_a_thin_compressible_layer_is_a_bed_of_springs():
+def test_thin_compressible_layer_acts_as_a_bed_of_springs():
     """Under a wide punch, far from its rim: p = d M / h with the modulus M of a layer that cannot widen."""
     thickness, depth, poisson = 4e-4, 2e-5, 0.3
     layer = Gel(modulus=E, poisson=poisson, thickness=thickness)
@@ -103,7 +103,7 @@ def test_a_thin_compressible_layer_is_a_bed_of_springs():
     assert np.abs(gel.indentation[distance > 0.0065]).max() < 0.01 * depth
 
 
-def test_waves_of_pressure_on_a_layer_have_the_limits_of_their_lengths():
+def test_compliance_of_a_layer_has_the_limits_of_short_and_long_waves():
     long = np.array([1e-3])
     for poisson in (0.0, 0.3, 0.48):
         assert layer_factor(np.array([20.0]), poisson) == pytest.approx(1, abs=1e-12)
@@ -113,15 +113,15 @@ def test_waves_of_pressure_on_a_layer_have_the_limits_of_their_lengths():
 
 
 @pytest.mark.parametrize("gel", [HALF_SPACE, Gel(modulus=E, poisson=0.3, thickness=0.002), Gel(modulus=E, poisson=0.5, thickness=0.004)])
-def test_a_press_is_that_of_the_slow_solver(gel, rng):
+def test_press_equals_the_slow_solver(gel, rng):
     worn = sensor(9, 12, gel)
     for shape in ("ball", "prism", "relief"):
         pressed = np.maximum(worn.w - random_press(worn, rng, shapes=[shape]).depth, 0)
-        found = press_elastic(pressed, worn, gel)
+        gel_state = press_elastic(pressed, worn, gel)
         slow, pressure = slow_press(pressed, worn.pitch, modulus=gel.modulus, poisson=gel.poisson, thickness=gel.thickness)
-        assert np.abs(found.pressure - pressure).max() < 1e-3 * pressure.max()
-        assert found.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
-        assert np.abs(found.indentation - slow).max() < 2e-4 * pressed.max()
+        assert np.abs(gel_state.pressure - pressure).max() < 1e-3 * pressure.max()
+        assert gel_state.pressure.sum() == pytest.approx(pressure.sum(), rel=5e-4)
+        assert np.abs(gel_state.indentation - slow).max() < 2e-4 * pressed.max()
 
 
 def grows(number: int) -> None:
@@ -133,13 +133,13 @@ def grows(number: int) -> None:
     deepest = float((worn.w - press.depth).max())
     relief = np.where(np.isfinite(press.depth), -press.depth, -np.inf)
     gels = [press_gel(press_relief(relief, worn, share * deepest), worn) for share in (0.9, 0.96, 1.0)]
-    forces = [normal_force(found.pressure, worn) for found in gels]
+    forces = [normal_force(gel_state.pressure, worn) for gel_state in gels]
     assert forces[0] > 0
     assert (np.diff(forces) / forces[:-1] > 0.5 * np.array([0.06 / 0.9, 0.04 / 0.96])).all(), (press.shape, gel, forces)
-    for found in gels:
-        assert np.isfinite(found.indentation).all()
-        assert (found.pressure >= 0).all()
-        assert (found.contact == (found.pressure > 0)).all()
+    for gel_state in gels:
+        assert np.isfinite(gel_state.indentation).all()
+        assert (gel_state.pressure >= 0).all()
+        assert (gel_state.contact == (gel_state.pressure > 0)).all()
 
 
 @pytest.mark.parametrize("numbers", [range(60), pytest.param(range(60, 1000), marks=pytest.mark.slow)], ids=["60", "1000"])
@@ -153,13 +153,13 @@ def test_a_larger_sensor_feels_the_same_pressure(scale):
     """All lengths times a number: the indentation is that many times as deep, the pressure the same, the force its square."""
     pressed = np.maximum(5e-4 - radii(sensor(60, 80)) ** 2 / 0.008, 0)
     small, large = (sensor(60, 80, Gel(modulus=E, thickness=0.004 * by), SIDE * by) for by in (1.0, scale))
-    found, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
-    np.testing.assert_allclose(again.pressure, found.pressure, atol=1e-6 * found.pressure.max())
-    np.testing.assert_allclose(again.indentation / scale, found.indentation, atol=1e-6 * pressed.max())
-    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(found.pressure, small))
+    gel_state, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
+    np.testing.assert_allclose(again.pressure, gel_state.pressure, atol=1e-6 * gel_state.pressure.max())
+    np.testing.assert_allclose(again.indentation / scale, gel_state.indentation, atol=1e-6 * pressed.max())
+    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(gel_state.pressure, small))
 
 
-def test_nothing_pressed_presses_nothing():
+def test_depth_without_contact_gives_zero_force_and_indentation():
     worn = sensor(100, 120)
     gel = press_gel(np.full(worn.shape, np.inf), worn)
     assert not gel.contact.any()
@@ -167,7 +167,7 @@ def test_nothing_pressed_presses_nothing():
     assert (gel.indentation == 0).all()
 
 
-def test_pixels_that_do_not_fill_whole_cells_change_little():
+def test_force_hardly_changes_if_pixels_do_not_fill_whole_cells():
     """Of 321 columns three share a cell, and the last cells reach beyond the rim."""
     force = []
     for shape in ((160, 160), (321, 321)):
@@ -176,7 +176,7 @@ def test_pixels_that_do_not_fill_whole_cells_change_little():
     assert force[1] == pytest.approx(force[0], rel=0.01)
 
 
-def test_a_gel_thinner_than_a_pixel_is_refused():
+def test_gel_thinner_than_a_pixel_is_refused():
     thin = Gel(modulus=E, thickness=1e-5)
     with pytest.raises(InvalidInput, match=r"1e-05 m thick, its contact is solved on cells of 0.00018 m: give the sensor more pixels"):
         press_elastic(np.full((60, 100), 1e-4), sensor(60, 100, thin), thin)

@@ -1,4 +1,4 @@
-"""Face culling keeps all that a ray can meet, and little else."""
+"""Face culling keeps every face that a ray can hit, and few others."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from tests.kernels.touch.shapes import (
 from tests.references.brute_force_depth import brute_force
 
 
-def test_culling_drops_what_no_ray_meets_and_keeps_the_rest() -> None:
+def test_culling_drops_faces_that_no_ray_hits_and_keeps_the_rest() -> None:
     triangles = ball(6, 0.25)
     faces = box_faces(triangles)
     pose = pose_at(np.array([0.25, 0, 0]), np.array([-1.0, 0, 0]), 0.005)
-    seen = cull_faces(faces, pose, SENSOR)
-    assert 0 < seen.shape[2] < 0.01 * len(triangles)
+    kept = cull_faces(faces, pose, SENSOR)
+    assert 0 < kept.shape[2] < 0.01 * len(triangles)
     away = pose_at(np.array([0.25, 0, 0]), np.array([1.0, 0, 0]), -0.001)
     assert cull_faces(faces, away, SENSOR).shape == (3, 3, 0)
     truth = brute_force(triangles, ray_origins(pose, coarse(6)), pose[:3, 2], SENSOR.range)

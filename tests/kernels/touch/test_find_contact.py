@@ -1,4 +1,4 @@
-"""Contacts whose rims are too blurred to see, and those that the image's rim cuts."""
+"""Contacts with blurred rims, and contacts cut by the border of the image."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_contact_without_a_rim_is_found_by_symmetry(size: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[np.ndarray, np.ndarray]:
+def full_contact() -> tuple[np.ndarray, np.ndarray]:
     """Make a photograph of a contact of 22 pixels radius around (90, 80), and the untouched one."""
     sensor = load_sensor("gelsight").model_copy(update={"rows": 160, "cols": 213, "noise": 1.0})
     pressed = ball_impression(sensor, Circle(90.0, 80.0, 22.0), 0.004)
@@ -34,7 +34,7 @@ def whole() -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("seen", [1.7, 1.3, 1.0])
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
-def test_contact_that_the_rim_cuts_is_found(whole: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
+def test_contact_cut_by_the_rim_is_found(full_contact: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
     """`seen` radii of its two are in the image."""
     reach = 22.0 * (seen - 1)
     cut = {
@@ -43,7 +43,7 @@ def test_contact_that_the_rim_cuts_is_found(whole: tuple[np.ndarray, np.ndarray]
         "top": np.s_[int(80 - reach) :],
         "bottom": np.s_[: int(81 + reach)],
     }[side]
-    image, untouched = (np.ascontiguousarray(one[cut]) for one in whole)
+    image, untouched = (np.ascontiguousarray(one[cut]) for one in full_contact)
     found = find_contact(image, untouched)
     x, y = found.x + (int(90 - reach) if side == "left" else 0), found.y + (int(80 - reach) if side == "top" else 0)
     assert np.hypot(x - 90, y - 80) < 0.15 * 22
@@ -51,8 +51,8 @@ def test_contact_that_the_rim_cuts_is_found(whole: tuple[np.ndarray, np.ndarray]
 
 
 @pytest.mark.parametrize("left", [98, 104])
-def test_contact_that_lies_mostly_outside_the_image_is_refused(whole: tuple[np.ndarray, np.ndarray], left: int) -> None:
-    image, untouched = (np.ascontiguousarray(one[:, left:]) for one in whole)
+def test_contact_that_lies_mostly_outside_the_image_is_refused(full_contact: tuple[np.ndarray, np.ndarray], left: int) -> None:
+    image, untouched = (np.ascontiguousarray(one[:, left:]) for one in full_contact)
     with pytest.raises(InvalidInput, match=r"% of the (rim|best one)"):
         find_contact(image, untouched)
 

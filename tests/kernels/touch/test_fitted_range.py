@@ -1,4 +1,4 @@
-"""What is said of the range of a calibration, and which photographs it lacks."""
+"""Messages about the fitted range of a calibration and the photographs that it lacks."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_box_of_contacts_is_in_the_sensor_frame() -> None:
     assert (top, bottom) == pytest.approx((-0.00295, 0.00295), abs=1e-5)
 
 
-def test_range_is_named_and_files_without_one_are_said_to_extrapolate() -> None:
+def test_fitted_range_is_described_and_files_without_one_are_reported_to_extrapolate() -> None:
     assert fitted_range(OPTICS)[0] == "fitted: slopes up to 64 degrees, contacts up to 2.00 mm deep, x -8.5 to 8.9 mm, y -5.0 to 5.8 mm"
     (line,) = fitted_range(OPTICS.model_copy(update={"within": None}))
     assert "colours elsewhere are extrapolated, calibrate again" in line

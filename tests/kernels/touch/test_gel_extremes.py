@@ -52,7 +52,7 @@ def test_surface_is_where_rays_leave_the_gel(sensor: Sensor) -> None:
 
 
 @gels
-def test_gel_touched_nowhere_everywhere_and_at_one_pixel(sensor: Sensor) -> None:
+def test_gel_touched_at_no_pixel_all_pixels_and_one_pixel(sensor: Sensor) -> None:
     lowest = gel_heights(sensor)[3, 5]
     for depth, pixels in (
         (np.full(sensor.shape, np.inf), 0),
@@ -104,7 +104,7 @@ def test_impression_in_a_bulge_ignores_offset(seed: int, offset: np.ndarray) -> 
     assert np.abs(there - here).max() <= 16 * EPS * np.abs(offset).max() + 1e-14
 
 
-def test_a_bulge_next_to_flat_is_felt_as_a_flat_gel() -> None:
+def test_nearly_flat_bulge_gives_the_image_of_a_flat_gel() -> None:
     depth = np.random.default_rng(1).uniform(0, 2 * SENSOR.w, SMALL.shape)
     round_ = GELS["next to flat"]
     lower = SMALL.width**2 / 4 / 10  # of the corners: (width² / 2) / (2 radius), and a little

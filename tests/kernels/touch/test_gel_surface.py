@@ -41,7 +41,7 @@ def test_pixels_of_a_rectangular_gel_fill_its_sides() -> None:
     assert SENSOR.height == SENSOR.width
 
 
-def test_depth_of_a_rectangular_gel_is_that_of_a_tilted_plane_and_of_brute_force(rng: np.random.Generator) -> None:
+def test_depth_of_a_rectangular_gel_equals_closed_form_and_brute_force(rng: np.random.Generator) -> None:
     corners = np.array([[-1, -1], [1, -1], [0, 1.5]])
     plane = np.column_stack([corners, 0.005 + 0.2 * corners[:, 0] + 0.1 * corners[:, 1]])[None]
     x, y = np.meshgrid(*pixel_centres(WIDE))
@@ -56,7 +56,7 @@ def test_depth_of_a_rectangular_gel_is_that_of_a_tilted_plane_and_of_brute_force
 
 
 @pytest.mark.parametrize("shape", list(GELS))
-def test_touches_of_any_gel_are_those_of_brute_force(shape: str) -> None:
+def test_touches_of_any_gel_equal_brute_force(shape: str) -> None:
     """Impression, points and image of a mug in a gel, against all rays x all faces, rays from the gel's surface, and equations 1 to 5."""
     sensor, triangles = GELS[shape], pybullet_triangles("objects/mug.obj")
     rng, touched = np.random.default_rng(3), 0
@@ -81,7 +81,7 @@ def test_touches_of_any_gel_are_those_of_brute_force(shape: str) -> None:
     assert touched > 100
 
 
-def test_surfaces_are_spheres_cylinders_and_maps() -> None:
+def test_gel_surface_is_a_sphere_a_cylinder_or_a_height_map() -> None:
     x, y = np.meshgrid(*pixel_centres(WIDE))
     for along, squared in {"both": x**2 + y**2, "x": x**2, "y": y**2}.items():
         below = WIDE.w - gel_surface(curved(along))
@@ -102,7 +102,7 @@ def test_a_plane_flattens_a_disc_of_a_spherical_gel() -> None:
     np.testing.assert_allclose(impression(depth, sensor), expected, atol=1e-12)
 
 
-def test_a_ball_presses_into_a_spherical_gel_as_two_spheres_meet() -> None:
+def test_contact_of_a_ball_and_a_spherical_gel_equals_that_of_two_spheres() -> None:
     sensor, size = curved("both"), 0.01
     depth = ray_depth(box_faces(ball(6, size, z=sensor.w - 0.002 + size)), np.eye(4), sensor)
     x, y = np.meshgrid(*pixel_centres(sensor))
@@ -114,7 +114,7 @@ def test_a_ball_presses_into_a_spherical_gel_as_two_spheres_meet() -> None:
 
 
 @pytest.mark.parametrize("along", ["x", "y"])
-def test_an_edge_meets_a_cylindrical_gel_along_its_ridge(along: str) -> None:
+def test_edge_touches_a_cylindrical_gel_along_its_ridge(along: str) -> None:
     """The edge of a right angle along the ridge, d deep, touches the whole of it, in a strip as wide as where wedge and cylinder meet."""
     sensor, pressed = curved(along), 0.001
     across = np.meshgrid(*pixel_centres(sensor))[0 if along == "x" else 1]
@@ -127,7 +127,7 @@ def test_an_edge_meets_a_cylindrical_gel_along_its_ridge(along: str) -> None:
     assert impression(depth, sensor).max() == pytest.approx(pressed - lost, rel=1e-3)
 
 
-def test_touch_and_points_go_by_the_height_of_the_gel_at_the_pixel() -> None:
+def test_touch_and_points_depend_on_the_height_of_the_gel_at_the_pixel() -> None:
     """A surface between the gel's rim and its top: it touches in the middle, not at the rim."""
     sensor = curved("both")
     middle, rim = np.full(sensor.shape, np.inf, np.float32), np.full(sensor.shape, np.inf, np.float32)
@@ -140,7 +140,7 @@ def test_touch_and_points_go_by_the_height_of_the_gel_at_the_pixel() -> None:
     assert (untouched_image(sensor) != untouched_image(WIDE)).any()  # its lamps shine on a curved surface
 
 
-def test_a_gel_that_rises_above_its_middle_is_gel_up_to_its_top() -> None:
+def test_gel_higher_than_its_middle_extends_to_its_top() -> None:
     rises = Sensor.model_validate({**WIDE.model_dump(), "surface": {"heights": [[WIDE.w, WIDE.w], [WIDE.w + 0.004, WIDE.w + 0.004]]}})
     assert [gel_top(sensor) for sensor in (WIDE, curved("both"), rises)] == pytest.approx([WIDE.w, WIDE.w, WIDE.w + 0.004], abs=1e-4)
     depth = np.full(rises.shape, WIDE.w + 0.0010013)
@@ -175,6 +175,6 @@ def test_curved_gels_are_traced_from_far_and_near_poses(rng: np.random.Generator
         ),
     ],
 )
-def test_a_sensor_that_cannot_be_is_refused(changes, message) -> None:
+def test_invalid_sensor_is_refused(changes, message) -> None:
     with pytest.raises(ValidationError, match=message):
         Sensor.model_validate({**WIDE.model_dump(), **changes})

@@ -28,7 +28,7 @@ RANGES = PressRanges(size=(0.002, 0.006), depth=(0.0002, 0.001))
 
 @pytest.mark.parametrize("sensor", [GELSIGHT, DIGIT], ids=["flat", "curved"])
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_shape_lies_as_deep_in_the_gel_as_drawn(name, sensor):
+def test_shape_is_pressed_to_the_drawn_depth(name, sensor):
     for number in range(20):
         press = random_press(sensor, np.random.default_rng(number), RANGES, [name])
         assert press.shape == name
@@ -39,7 +39,7 @@ def test_a_shape_lies_as_deep_in_the_gel_as_drawn(name, sensor):
         assert RANGES.depth[0] <= impression(press.depth, sensor).max() <= RANGES.depth[1] + 1e-12
 
 
-def test_shapes_differ_and_every_code_names_one():
+def test_shapes_differ_and_every_code_names_a_shape():
     assert ("patch", *SHAPES) == PRESSED
     drawn = [random_press(GELSIGHT, np.random.default_rng(number)) for number in range(100)]
     assert {press.shape for press in drawn} == set(SHAPES)
@@ -49,7 +49,7 @@ def test_shapes_differ_and_every_code_names_one():
 
 
 @pytest.mark.parametrize("name", ["ball", "prism", "stairs", "relief"])
-def test_a_press_in_other_pixels_is_the_same_press(name):
+def test_press_does_not_depend_on_the_resolution(name):
     fine, coarse = load_sensor("gelsight", shape=(180, 240)), GELSIGHT  # the middle of three pixels is that of one
     for number in range(10):
         both = [impression(random_press(worn, np.random.default_rng(number), RANGES, [name]).depth, worn) for worn in (fine, coarse)]
@@ -57,7 +57,7 @@ def test_a_press_in_other_pixels_is_the_same_press(name):
         assert (unlike < 2e-4).mean() > 0.95  # their deepest pixels differ, and so do the heights by as much
 
 
-def test_a_relief_is_pressed_to_its_depth_and_only_differences_of_heights_count():
+def test_relief_is_pressed_to_its_depth_whatever_its_offset():
     x, y = np.meshgrid(*pixel_centres(GELSIGHT))
     relief = np.sqrt(np.maximum(0.004**2 - (x - 0.001) ** 2 - y**2, 0))
     relief[relief == 0] = -np.inf
@@ -80,12 +80,12 @@ def test_a_relief_is_pressed_to_its_depth_and_only_differences_of_heights_count(
         (np.zeros((60, 80)), np.nan, "depth is nan"),
     ],
 )
-def test_what_cannot_be_pressed_is_named(relief, depth, message):
+def test_relief_that_cannot_be_pressed_is_refused(relief, depth, message):
     with pytest.raises(InvalidInput, match=message):
         press_relief(relief, GELSIGHT, depth)
 
 
-def test_a_relief_of_another_shape_or_with_nan_is_a_bug():
+def test_relief_of_wrong_shape_or_with_nan_raises_value_error():
     with pytest.raises(ValueError, match=r"relief has shape \(80, 60\); sensor 'gelsight' has \(60, 80\)"):
         press_relief(np.zeros((80, 60)), GELSIGHT, 1e-3)
     with pytest.raises(ValueError, match="NaN"):
@@ -111,13 +111,13 @@ def test_a_patch_of_a_ball_is_a_smaller_ball():
         assert RANGES.depth[0] <= pressed.max() <= RANGES.depth[1] + 1e-12
 
 
-def test_an_object_without_a_patch_is_named():
+def test_object_without_a_patch_is_named():
     edge_on = box_faces(sheet(0.0, 0.1))
     with pytest.raises(InvalidInput, match="no ray of 20 sensors meets the object"):
         random_patch(edge_on, np.zeros((1, 3)), np.array([[1.0, 0, 0]]), GELSIGHT, np.random.default_rng(0), ranges=PressRanges(tilt=0.0))
 
 
-def test_the_gel_is_where_the_shape_is_in_the_contact_and_its_image_is_that_of_the_depth():
+def test_gel_follows_the_shape_in_the_contact_and_its_image_follows_from_the_depth():
     press = random_press(GELSIGHT, np.random.default_rng(11), RANGES, ["ball"])
     gel = press_gel(press.depth, GELSIGHT)
     pressed = impression(press.depth, GELSIGHT)

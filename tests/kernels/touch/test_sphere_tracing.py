@@ -1,4 +1,4 @@
-"""Sphere tracing without its exact end."""
+"""Sphere tracing without the exact last step."""
 
 from __future__ import annotations
 

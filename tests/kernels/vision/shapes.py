@@ -1,4 +1,4 @@
-"""Meshes for the tests, and the one scene they are seen in."""
+"""Meshes and the scene of the vision tests."""
 
 from __future__ import annotations
 

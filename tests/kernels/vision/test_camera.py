@@ -17,7 +17,7 @@ from tests.strategies import EPS, offsets, scales, seeds
 CAMERA = SCENE.camera
 
 
-def test_shipped_camera_looks_past_the_object_centre_by_6_mm() -> None:
+def test_axis_of_the_shipped_camera_passes_the_object_centre_at_6_mm() -> None:
     forward = -camera_pose(CAMERA)[:3, 2]
     assert forward == pytest.approx([-0.8525, -0.4028, -0.3333], abs=5e-5)
     to_centre = CENTRE - CAMERA.position
@@ -83,7 +83,7 @@ def test_projection_ignores_scale_and_offset(seed, scale, offset) -> None:
     assert np.abs(there - here).max() <= 64 * EPS * CAMERA.focal[0] * (np.abs(offset).max() / scale + 4)
 
 
-def test_points_just_before_the_camera_project() -> None:
+def test_points_just_in_front_of_the_camera_project() -> None:
     frame = camera_pose(CAMERA)
     for ahead, seen in ((1e-9, True), (-1e-9, False), (-1e3, False), (1e3, True)):
         assert np.isfinite(project_points(projection_matrix(CAMERA), frame[:3, 3] - ahead * frame[:3, 2])).all() == seen
@@ -100,7 +100,7 @@ def test_positions_that_are_not_finite_and_no_pixels_are_refused(bad) -> None:
         CAMERA.with_resolution(0)
 
 
-def test_the_square_camera_of_a_scene_sees_the_lesser_side_of_its_first_one() -> None:
+def test_square_camera_of_a_scene_covers_the_shorter_side_of_its_first_camera() -> None:
     stated = NamedCamera(name="wide", position=(1, 0, 0.5), rotation=(90, 0, 90), focal=(700, 700), centre=(320, 240), size=(640, 480))
     square = SCENE.model_copy(update={"cameras": (stated,)}).square_camera(96)
     assert square.shape == (96, 96)

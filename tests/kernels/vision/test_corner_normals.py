@@ -33,7 +33,7 @@ def test_ball_is_smooth_and_box_has_edges() -> None:
     assert normals == pytest.approx(np.repeat(normals[:, :1], 3, axis=1), abs=1e-12)
 
 
-def test_chunk_size_changes_nothing(monkeypatch) -> None:
+def test_corner_normals_do_not_depend_on_chunk_size(monkeypatch) -> None:
     mesh = ball(subdivisions=2)
     whole = corner_normals(mesh.vertices, mesh.faces)
     monkeypatch.setattr(module, "PAIRS_PER_CHUNK", 50)

@@ -1,4 +1,4 @@
-"""Primitives: what a renderer is given of a mesh, its colours and its textures."""
+"""Primitives of a mesh for the renderer: geometry, colours and textures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_positions_are_rounded_to_float32_and_faces_doubled(seed, offset) -> Non
     assert (np.einsum("fci,fi->fc", part.normals[part.indices[::2]], face_cross_products(exact)) > 0.99).all()
 
 
-def test_colours_become_linear_light() -> None:
+def test_colours_are_converted_to_linear_light() -> None:
     """Black is 0, white 1, every step up; and back to the same 8 bits."""
     greys = np.arange(256, dtype=np.uint8)
     faces = np.repeat(BOX.faces[:1], 256, axis=0)
@@ -75,7 +75,7 @@ def test_large_textures_are_shrunk_and_keep_their_colour(shape, value) -> None:
     assert (small == value).all()
 
 
-def test_shrunk_texture_has_a_whole_factor() -> None:
+def test_textures_are_shrunk_by_an_integer_factor() -> None:
     assert shrink_texture(np.full((3, 5000, 4), 7, np.uint8)).shape == (1, 1667, 4)
     small = np.zeros((20, 30, 4), np.uint8)
     assert shrink_texture(small) is small

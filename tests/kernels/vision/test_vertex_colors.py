@@ -21,7 +21,7 @@ def looked_up(shown=EVERYWHERE, camera=CAMERA):
     return seen_colors(np.asarray(BALLS.vertices), np.asarray(BALLS.faces), IMAGE, projection_matrix(camera), shown)
 
 
-def test_what_faces_the_camera_has_its_pixel_s_colour():
+def test_vertices_that_face_the_camera_have_the_colour_of_their_pixel():
     colors, seen = looked_up()
     red = BALLS.vertices[:, 0] < -1e-6
     top = np.arange(len(BALLS.vertices)) < len(NEAR.vertices)
@@ -32,7 +32,7 @@ def test_what_faces_the_camera_has_its_pixel_s_colour():
     assert (colors[~seen] == 0).all()
 
 
-def test_what_is_turned_away_or_behind_something_is_not_seen():
+def test_vertices_turned_away_or_occluded_are_not_seen():
     _, seen = looked_up()
     assert not seen[: len(NEAR.vertices)][NEAR.vertices[:, 2] < 0.2].any()
     beside = np.linalg.norm(FAR.vertices[:, :2], axis=1) * 0.8 / (1 - FAR.vertices[:, 2])  # where the ray passes the near ball's height
@@ -42,7 +42,7 @@ def test_what_is_turned_away_or_behind_something_is_not_seen():
     assert (up & (beside > 0.11)).any()
 
 
-def test_pixels_that_show_something_else_and_cameras_that_look_away_colour_nothing():
+def test_unmarked_pixels_and_cameras_that_look_away_give_no_colour():
     assert not looked_up(shown=~EVERYWHERE)[1].any()
     assert not looked_up(camera=CAMERA.model_copy(update={"rotation": (180.0, 0.0, 0.0)}))[1].any()
     assert not looked_up(camera=CAMERA.model_copy(update={"centre": (-1000.0, 32.0)}))[1].any()
@@ -52,6 +52,6 @@ def test_the_foreground_differs_from_most_of_the_border():
     image = np.full((20, 30, 3), 230, np.uint8)
     image[5:20, 10:14] = (228, 120, 230)  # reaches the border
     image[0, 0] += 4
-    found = foreground(image)
-    assert found.sum() == 15 * 4
-    assert found[5:, 10:14].all()
+    mask = foreground(image)
+    assert mask.sum() == 15 * 4
+    assert mask[5:, 10:14].all()

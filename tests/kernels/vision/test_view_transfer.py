@@ -27,7 +27,7 @@ def seen_from(rng: np.random.Generator, azimuth: float, elevation: float, distan
     return np.column_stack([turned, -turned @ place])
 
 
-def test_a_projection_matrix_is_split_into_what_it_was_made_of(rng: np.random.Generator) -> None:
+def test_projection_matrix_is_split_into_its_factors(rng: np.random.Generator) -> None:
     for _ in range(20):
         intrinsic = np.array([[rng.uniform(100, 900), 0, rng.uniform(0, 500)], [0, rng.uniform(100, 900), rng.uniform(0, 500)], [0, 0, 1]])
         rotation, centre = random_rotation(rng), rng.uniform(-2, 2, 3)
@@ -38,14 +38,14 @@ def test_a_projection_matrix_is_split_into_what_it_was_made_of(rng: np.random.Ge
         np.testing.assert_allclose(optical_centre(matrix), centre, atol=1e-9)
 
 
-def test_the_training_camera_is_carried_onto_itself() -> None:
+def test_training_camera_is_carried_onto_itself() -> None:
     np.testing.assert_allclose(carried_camera(TRAINING, TRAINING, TARGET), TRAINING, rtol=1e-10, atol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "distance"), [(0.4, 0.3, 1.0), (-2.0, 1.2, 0.4), (3.0, -0.2, 2.5), (1.0, np.pi / 2 - 1e-3, 0.7)]
 )
-def test_a_carried_camera_shows_the_target_as_in_training(
+def test_carried_camera_shows_the_target_as_in_training(
     rng: np.random.Generator, azimuth: float, elevation: float, distance: float
 ) -> None:
     real = seen_from(rng, azimuth, elevation, distance)
@@ -63,7 +63,7 @@ def test_a_carried_camera_shows_the_target_as_in_training(
     np.testing.assert_allclose(*steps, rtol=1e-4, atol=1e-5)
 
 
-def test_a_camera_straight_above_has_the_azimuth_of_its_image() -> None:
+def test_camera_straight_above_has_the_azimuth_of_its_image() -> None:
     camera = Camera(position=(0, 0, 1.6), rotation=(0, 0, 30), focal=(300, 300), centre=(64, 64), resolution=128)
     above = projection_matrix(camera)
     nearby = projection_matrix(camera.model_copy(update={"position": (0.5 * np.sin(np.pi / 6), -0.5 * np.cos(np.pi / 6), 1.6)}))
@@ -71,7 +71,7 @@ def test_a_camera_straight_above_has_the_azimuth_of_its_image() -> None:
     assert np.isfinite(carried_camera(TRAINING, above, TARGET)).all()
 
 
-def test_an_image_is_moved_to_where_points_are_seen(rng: np.random.Generator) -> None:
+def test_transferred_image_shows_points_where_the_other_camera_sees_them(rng: np.random.Generator) -> None:
     """Blobs drawn where a real camera sees points are, after the transfer, where the other camera sees them."""
     real = seen_from(rng, 1.0, 0.5, 1.2)
     other = carried_camera(TRAINING, real, TARGET)
@@ -89,7 +89,7 @@ def test_an_image_is_moved_to_where_points_are_seen(rng: np.random.Generator) ->
         assert 0 < shown <= 1
 
 
-def test_an_image_of_the_same_camera_is_left_as_it_is_and_what_it_lacks_is_filled(rng: np.random.Generator) -> None:
+def test_image_of_the_same_camera_is_kept_and_missing_pixels_are_filled(rng: np.random.Generator) -> None:
     image = rng.integers(0, 256, (256, 256, 3), dtype=np.uint8)
     same, shown = transfer_view(image, TRAINING, TRAINING, (256, 256), (9, 8, 7))
     assert same is image
@@ -101,9 +101,9 @@ def test_an_image_of_the_same_camera_is_left_as_it_is_and_what_it_lacks_is_fille
     assert shown == pytest.approx(156 / 256, abs=0.01)
 
 
-def test_an_image_that_shrinks_is_smoothed(rng: np.random.Generator) -> None:
+def test_shrunk_image_is_smoothed(rng: np.random.Generator) -> None:
     """A chequered image of single pixels becomes grey instead of stripes."""
     image = np.repeat((255 * (np.indices((400, 400)).sum(axis=0) % 2))[..., None], 3, axis=2).astype(np.uint8)
     zoom = np.array([[0.15, 0, 0], [0, 0.15, 0], [0, 0, 1.0]])
-    made, _ = transfer_view(image, TRAINING, zoom @ TRAINING, (60, 60), (0, 0, 0))
-    assert np.abs(made[5:-5, 5:-5].astype(int) - 127).max() < 8
+    shrunk, _ = transfer_view(image, TRAINING, zoom @ TRAINING, (60, 60), (0, 0, 0))
+    assert np.abs(shrunk[5:-5, 5:-5].astype(int) - 127).max() < 8

@@ -17,7 +17,7 @@ def viewpoint(azimuth: float, elevation: float, distance: float = 1.0) -> Viewpo
     ("azimuth", "elevation", "position"),
     [(0, 0, [1.75, 0, 0]), (90, 0, [0, 0, 1.75]), (180, 0, [-1.75, 0, 0]), (0, 30, [1.75 * np.cos(np.pi / 6), 0.875, 0])],
 )
-def test_camera_is_where_the_metadata_say(azimuth, elevation, position):
+def test_camera_centre_follows_the_metadata(azimuth, elevation, position):
     camera = viewpoint_camera(viewpoint(azimuth, elevation), 137)
     centre = -np.linalg.solve(camera[:, :3], camera[:, 3])
     np.testing.assert_allclose(centre, position, atol=1e-12)
@@ -34,7 +34,7 @@ def test_axes_of_the_image_for_a_35_mm_lens_on_a_32_mm_sensor():
     assert project_points(nearer, np.array([0, 0.175, 0])) == pytest.approx([160, 160 - 2 * tenth])
 
 
-def test_placed_camera_sees_the_world_as_the_camera_sees_the_file():
+def test_placed_camera_projects_the_world_as_the_camera_projects_the_file():
     turned = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     placement = np.eye(4)
     placement[:3, :3], placement[:3, 3] = 0.37 * turned, [0.1, -0.2, 0.6]

@@ -179,7 +179,7 @@ def test_vertex_colours_are_smooth(renderer) -> None:
     assert np.abs(plain.astype(int) - painted.astype(int)).max() <= 1
 
 
-def test_only_the_given_meshes_are_rendered_at_their_poses(renderer) -> None:
+def test_only_selected_meshes_are_rendered_at_their_poses(renderer) -> None:
     first, second = renderer.add(ball(0.05), Label.OBJECT), renderer.add(ball(0.05), Label.HAND)
     aside = np.eye(4)
     aside[:3, 3] = 0.15 * camera_pose(SCENE.camera)[:3, 0]
@@ -193,7 +193,7 @@ def test_only_the_given_meshes_are_rendered_at_their_poses(renderer) -> None:
         renderer.remove(part)
 
 
-def test_two_renderers_do_not_disturb_each_other(renderer) -> None:
+def test_renderers_are_independent(renderer) -> None:
     before = seen(renderer, ball())
     with Renderer(SCENE, 64) as other:
         assert seen(other, ball()).rgb.shape == (64, 64, 3)

@@ -32,7 +32,7 @@ def srgb(light: np.ndarray) -> np.ndarray:
     return np.rint(255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055))
 
 
-def test_colours_in_constant_light_alone(renderer) -> None:
+def test_colours_in_constant_light_only(renderer) -> None:
     """The lamp is too far away to matter: what is left is albedo times the constant light."""
     for color, albedo in (((0, 0, 0), 0.0), ((255, 255, 255), 1.0)):
         rgb = seen(renderer, floor(color)).rgb
@@ -54,7 +54,7 @@ def test_lamp_on_or_behind_a_surface_does_not_light_it(renderer, height) -> None
     assert np.abs(rgb - srgb(AMBIENT)).max() <= 1
 
 
-def test_mesh_without_faces_is_not_shown(renderer) -> None:
+def test_mesh_without_faces_leaves_the_background(renderer) -> None:
     view = seen(renderer, Mesh.bare(np.zeros((0, 3)), np.zeros((0, 3))))
     assert (view.segmentation == Label.BACKGROUND).all()
     assert (view.rgb == renderer.render([], DOWN).rgb).all()
@@ -76,7 +76,7 @@ def test_surfaces_outside_near_and_far_plane_are_not_drawn(renderer, depth, show
 
 
 @pytest.mark.parametrize("away", [9.0, 30.0, 100.0])
-def test_a_long_lens_far_away_sees_what_lies_around_the_origin(renderer, away) -> None:
+def test_distant_camera_with_a_long_lens_shows_the_surroundings_of_the_origin(renderer, away) -> None:
     camera = DOWN.model_copy(update={"position": (0.0, 0.0, away), "focal": (64 * away, 64 * away)})
     view = seen(renderer, floor(scale=0.1), camera)
     assert (view.segmentation == seen(renderer, floor(scale=0.1)).segmentation).all()

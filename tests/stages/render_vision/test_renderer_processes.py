@@ -76,7 +76,7 @@ print("PYOPENGL_PLATFORM" in os.environ or "LP_NATIVE_VECTOR_WIDTH" in os.enviro
     assert run(code) == "False\n"
 
 
-def test_a_process_that_renders_can_load_torchs_compiler() -> None:
+def test_rendering_process_can_load_torchs_compiler() -> None:
     """PyPI's torch for GPUs comes with triton, whose LLVM ends a process where Mesa's was loaded first."""
     pytest.importorskip("triton")
     code = "from tests.kernels.vision.shapes import SCENE; from stages.render_vision.renderer import Renderer; Renderer(SCENE); "

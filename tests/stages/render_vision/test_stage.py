@@ -90,7 +90,7 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
         load_scene(path)
 
 
-def test_two_cameras_of_one_name_are_refused(tmp_path) -> None:
+def test_two_cameras_of_the_same_name_are_refused(tmp_path) -> None:
     described = yaml.safe_load(description_path("scene", "supplement").read_text())
     described["cameras"] = [described["cameras"][0] | {"name": "a"}] * 2
     (tmp_path / "twice.yaml").write_text(json.dumps(described))
@@ -108,12 +108,12 @@ def test_images_show_object_and_hand() -> None:
     assert (row["segmentation"][2] == 2).sum() > (row["segmentation"][1] == 2).sum()  # nearer the camera, larger
 
 
-def test_another_hand_than_that_of_the_grasps_is_refused() -> None:
+def test_hand_other_than_that_of_the_grasps_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or set --set hand=other"):
         STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
 
 
-def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
+def test_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
     hand = load_hand("allegro_right")
     shutil.copytree(hand.path.parent, tmp_path / "hands")
     copied = str(tmp_path / "hands" / hand.path.name)
@@ -126,7 +126,7 @@ def test_a_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None
         STAGE.check_inputs(VisionSettings(hand=copied), {"grasps": grasps})
 
 
-def test_an_image_does_not_depend_on_earlier_objects() -> None:
+def test_image_does_not_depend_on_earlier_objects() -> None:
     settings = VisionSettings(hand=HAND, resolution=64)
     (alone,) = rows(settings, task("b", 0.1))
     _, after = rows(settings, task("a", 0.2), task("b", 0.1))

@@ -1,4 +1,4 @@
-"""What `sample-distances` stores is what the mesh of `sample-surfaces` says."""
+"""Rows of `sample-distances` agree with the meshes of `sample-surfaces`."""
 
 from __future__ import annotations
 
@@ -29,6 +29,6 @@ def test_stored_distances_are_those_of_the_stored_points(tmp_path):
     assert not np.array_equal(*(rows.read("query_points", name) for name in rows.object_ids[:2]))
 
 
-def test_a_least_spread_above_the_largest_is_refused():
+def test_least_spread_above_the_largest_is_refused():
     with pytest.raises(ValueError, match=r"least_spread is 0.1, most_spread 0.05"):
         DistanceSettings(least_spread=0.1)

@@ -133,7 +133,7 @@ def test_status_lists_the_failures(mixed):
     assert "bad-nan" in CliRunner().invoke(app, ["status", str(data)]).output
 
 
-def test_folder_of_bad_meshes_alone_is_no_fault_of_the_run(tmp_path):
+def test_folder_of_bad_meshes_only_does_not_fail_the_run(tmp_path):
     (tmp_path / "objects").mkdir()
     (tmp_path / "objects" / "empty.obj").touch()
     folders = ["--objects", str(tmp_path / "objects"), "--data", str(tmp_path / "data")]
@@ -165,6 +165,6 @@ def test_million_faces_need_a_higher_limit(tmp_path):
         ("simulate-touch.sphere_tolerance=1e-17", "1e-9|1e-09|0.000000001"),  # rays would pass through faces
     ],
 )
-def test_settings_that_rounding_would_make_wrong_are_refused(assignment, limit):
+def test_settings_beyond_the_limits_of_rounding_are_refused(assignment, limit):
     with pytest.raises(InvalidInput, match=f"(greater|less) than or equal to ({limit})"):
         resolve(assignment.partition(".")[0], "standard", [assignment])

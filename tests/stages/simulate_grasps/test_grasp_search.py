@@ -1,4 +1,4 @@
-"""Attempts at grasps: sound by means that did not choose them, and the same every time."""
+"""Attempts at grasps: sound by independent checks, and reproducible."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_sound_grasp_has_no_links_inside_each_other(prepared: PreparedHand, gras
                         assert (extent - np.abs((points - other[:3, 3]) @ other[:3, :3])).min(axis=1).max() <= 0
 
 
-def test_sound_grasp_stays_where_it_settled(prepared: PreparedHand) -> None:
+def test_sound_grasp_is_at_rest(prepared: PreparedHand) -> None:
     with Simulation(prepared.hand) as physics:
         physics.load(mug())
         for number in range(3):
@@ -113,7 +113,7 @@ def test_attempt_does_not_depend_on_process_or_order(prepared: PreparedHand) -> 
     assert grasp.hand_pose.tobytes() + grasp.joint_angles.tobytes() + np.float64(grasp.penetration).tobytes() == elsewhere
 
 
-def test_keep_best_keeps_most_touches_and_the_earlier_of_equals() -> None:
+def test_keep_best_prefers_most_touches_then_the_earlier_attempt() -> None:
     def made(name: int, touches: int, sound: bool = True) -> Grasp:
         touched = np.arange(4) < touches
         return Grasp(np.eye(4), np.full(16, float(name)), np.zeros((4, 4, 4)), touched, 0.0, None if sound else "moves")

@@ -1,4 +1,4 @@
-"""Plans of a hold search: what is not measured would not have been chosen."""
+"""Plans of a hold search: skipped candidates would not have been chosen."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def planner(prepared: PreparedHand) -> HoldPlanner:
     return HoldPlanner.of_object(prepared, thing, settings, prepare_pinches(prepared), numpy_rng(0, "rays"))
 
 
-def test_fingers_that_oppose_each_other_at_an_angle_find_plans_too(planner: HoldPlanner) -> None:
+def test_planner_finds_plans_for_fingers_opposed_at_an_angle(planner: HoldPlanner) -> None:
     none, pinches = np.empty(0, np.intp), planner.pinches
     claw = Pinches(pinches.postures.rows(none), pinches.grips[none], pinches.frames[none], pinches.fingers[none])
     rays, hand, thing = numpy_rng(0, "rays"), planner.prepared_hand, planner.prepared_object
     assert HoldPlanner.of_object(hand, thing, planner.settings, claw, rays)(numpy_rng(0, "plan", 0)) is not None
 
 
-def test_plans_are_those_of_all_choices_and_all_plans(planner: HoldPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plans_equal_those_of_exhaustive_search(planner: HoldPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every contact measured, every residual computed to its end, every plan made, and the best of them all taken."""
     lazy = [planner(numpy_rng(0, "plan", number)) for number in range(8)]
     loads: list[int] = []

@@ -1,4 +1,4 @@
-"""What is prepared of hand and object: a grid that knows when fingers are clear."""
+"""Prepared hands and objects: the distance grid classifies clear fingers correctly."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.stages.simulate_grasps.conftest import SETTINGS
 
 
 @pytest.mark.parametrize("hand_name", ["allegro_right", "two_finger_gripper"])
-def test_grid_calls_clear_fingers_clear(hand_name: str) -> None:
+def test_distance_grid_classifies_clear_fingers_as_clear(hand_name: str) -> None:
     """Against exact distances: a band narrower than the fingers' spheres called 38 % of Allegro's clear fingers in the way."""
     prepared = prepare_hand(SETTINGS.model_copy(update={"hand": hand_name}))
     clear = mistaken = missed = 0

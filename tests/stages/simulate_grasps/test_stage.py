@@ -68,7 +68,7 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
         np.testing.assert_array_equal(rows[1][name], array)
 
 
-def test_hold_search_touches_what_the_hand_cannot_span() -> None:
+def test_hold_search_touches_objects_that_the_hand_cannot_span() -> None:
     block = centred(trimesh.creation.box((0.5, 0.5, 0.5)))
     settings = SETTINGS.model_copy(update={"search": "hold", "attempts": 2, "grasps": 1})
     with SimulateGrasps().session(settings, {}) as process:
@@ -77,7 +77,7 @@ def test_hold_search_touches_what_the_hand_cannot_span() -> None:
     assert not row["held"].any()
 
 
-def test_stage_that_stops_early_keeps_the_same_grasps() -> None:
+def test_early_stop_keeps_the_same_grasps() -> None:
     rows = []
     for exhaustive in (True, False):
         settings = SETTINGS.model_copy(update={"attempts": 6, "grasps": 2, "exhaustive": exhaustive})
@@ -120,19 +120,19 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
         process(*unit_of(shell, points, -normals))
 
 
-def test_attempts_that_fail_say_why() -> None:
+def test_failed_attempts_report_the_reason() -> None:
     """Twenty steps are too few for fingers to rest; the object has room."""
     ball = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
     settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20, "resting_speed": 1e-12})
-    told = pytest.raises(
+    error = pytest.raises(
         InvalidInput, match=r"0 of 1 grasps found in 2 attempts: fingers still move after 20 steps \(simulate-grasps.settle_steps\)"
     )
-    with SimulateGrasps().session(settings, {}) as process, told:
+    with SimulateGrasps().session(settings, {}) as process, error:
         process(*unit_of(ball, *points_on(ball, 100, seed=0)))
 
 
 def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A change of MuJoCo's side, or of which engines there are, makes no grasp again."""
+    """A change of MuJoCo's code or of the list of engines does not change the key."""
     hashed: list[str] = []
     sources = keys._source
     monkeypatch.setattr(keys, "_source", lambda name, path: hashed.append(name) or sources(name, path))

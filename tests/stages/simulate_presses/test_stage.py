@@ -70,7 +70,7 @@ def test_rows_follow_from_the_stored_depth(surfaces, tmp_path):
         ObjectRows(surfaces, ["press_force"], None)
 
 
-def test_an_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
+def test_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
     soft = SENSOR.format(elastic_sensor(tmp_path))
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, soft, "simulate-presses.patches=0")
     rows = ObjectRows(surfaces, [*ARRAYS, "press_pressure", "press_force"], None)
@@ -82,7 +82,7 @@ def test_an_elastic_gel_is_stored_with_pressure_and_force(surfaces, tmp_path):
         assert ((pressure > 0) == rows.read("press_contact", name)).all()
 
 
-def test_a_gel_that_is_not_known_well_is_drawn_per_press(surfaces):
+def test_range_of_gel_factors_is_drawn_per_press(surfaces):
     run_stage(surfaces, "simulate-presses", manifest(), *SMALL, "simulate-presses.gel=[0.3, 3]", "simulate-presses.patches=0")
     rows = ObjectRows(surfaces, ARRAYS, None)
     sensor = touch_sensor(rows.attributes("presses"))
@@ -94,7 +94,7 @@ def test_a_gel_that_is_not_known_well_is_drawn_per_press(surfaces):
     assert min(wider) < 0 < max(wider)
 
 
-def test_a_factor_widens_the_membrane_or_thickens_the_elastic_gel(tmp_path):
+def test_gel_factor_widens_the_membrane_or_thickens_the_elastic_gel(tmp_path):
     settings = resolve("simulate-presses", "standard", [SENSOR.format(membrane_sensor(tmp_path))])
     assert scaled_gel(pressed_sensor(settings), 2.0).membrane == pytest.approx(0.0018)
     soft = pressed_sensor(resolve("simulate-presses", "standard", [SENSOR.format(elastic_sensor(tmp_path))]))
@@ -115,22 +115,22 @@ def test_pixels_are_square_and_null_keeps_the_cameras():
         ("sensor=gelsite", "there is no sensor 'gelsite', did you mean gelsight"),
     ],
 )
-def test_settings_that_cannot_be_used_are_named(assignment, message):
+def test_unusable_settings_are_named(assignment, message):
     with pytest.raises(InvalidInput, match=message):
         resolve("simulate-presses", "standard", [f"simulate-presses.{assignment}"])
 
 
-def test_a_press_through_the_gel_is_refused_before_anything_is_made(surfaces):
+def test_press_deeper_than_the_gel_is_refused_before_the_run(surfaces):
     with pytest.raises(StageError, match=r"depth goes to 0.005 m, the gel of gelsight is 0.004 m thick; press less deep"):
         run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.depth=[0.001, 0.005]")
 
 
-def test_the_sensor_belongs_to_the_key(tmp_path):
+def test_key_covers_the_sensor(tmp_path):
     soft = elastic_sensor(tmp_path)
     settings = resolve("simulate-presses", "standard", [SENSOR.format(soft)])
     assert SimulatePresses().assets(settings) == [soft]
 
 
-def test_a_factor_of_a_gel_that_stays_flat_is_refused(surfaces):
+def test_factor_of_a_gel_without_membrane_is_refused(surfaces):
     with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; leave gel out"):
         run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")

@@ -75,7 +75,7 @@ def test_tracers_agree_to_the_tolerance() -> None:
     assert np.abs(ray[np.isfinite(ray)] - sphere[np.isfinite(ray)]).max() <= 2e-7
 
 
-def test_local_points_are_stored_on_demand() -> None:
+def test_local_points_are_stored_on_request() -> None:
     settings = TouchSettings(sensors=WORN)
     assert set(run(settings, six_poses())) == {"depth", "tactile_image"}
     assert STAGE.attributes(settings)["sensors"][0]["w"] == SENSOR.w
@@ -89,7 +89,7 @@ def test_pose_that_is_not_finite_is_invalid_input() -> None:
         run(TouchSettings(sensors=WORN), poses)
 
 
-def test_another_sensor_than_that_of_the_hand_is_refused() -> None:
+def test_sensor_other_than_that_of_the_hand_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"the hand wears \['other'\], simulate-touch.sensors is .*gel_16mm.*; leave it out"):
         STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": ["other"], "sensor_digest": "0" * 64}}})
 
@@ -109,7 +109,7 @@ def test_sensors_follow_the_grasps_and_may_differ_between_fingers(tmp_path: Path
     assert [path.name for path in STAGE.assets(settings)] == ["gel_16mm.yaml", "thin.yaml"]
 
 
-def test_a_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
+def test_sensor_file_that_changed_since_the_grasps_is_refused() -> None:
     digest = assets_digest(STAGE.assets(TouchSettings(sensors=WORN)))
     STAGE.check_inputs(TouchSettings(sensors=WORN), {"grasps": {"hand": {"sensor_files": list(WORN), "sensor_digest": digest}}})
     moved = [f"/home/a/{name}.yaml" for name in WORN]  # the same content, elsewhere
@@ -124,7 +124,7 @@ def elastic(folder: Path, modulus: float) -> str:
     return str(path)
 
 
-def test_an_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
+def test_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
     soft = elastic(tmp_path, 1e5)
     settings = TouchSettings(sensors=(soft, soft, elastic(tmp_path, 2e5)))
     row, rigid = run(settings, six_poses()), run(TouchSettings(sensors=WORN), six_poses())
@@ -143,7 +143,7 @@ def test_an_elastic_gel_stores_pressure_and_force(tmp_path: Path) -> None:
     assert (alike["tactile_image"] == row["tactile_image"]).all()  # how stiff it is changes no shape
 
 
-def test_fingers_of_which_some_have_an_elastic_gel_are_refused(tmp_path: Path) -> None:
+def test_mix_of_elastic_and_other_gels_is_refused(tmp_path: Path) -> None:
     worn = ("gel_16mm", "gel_16mm", elastic(tmp_path, 1e5))
     with pytest.raises(InvalidInput, match=r"which .*soft_100000.yaml would have and gel_16mm not; give all sensors of the hand a `gel`"):
         STAGE.check_inputs(TouchSettings(sensors=worn), {"grasps": {"hand": {"sensor_files": list(worn), "sensor_digest": "0" * 64}}})
