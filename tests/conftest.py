@@ -7,6 +7,7 @@ follow from the test alone, and no clock decides.
 from __future__ import annotations
 
 import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ import trimesh
 from hypothesis import HealthCheck, settings
 
 from pipeline.kernels.geometry.mesh import Mesh
+
+HERE = Path(__file__).parent
 
 settings.register_profile("quick", max_examples=15, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", settings.get_profile("quick"), max_examples=500)
@@ -27,8 +30,8 @@ def pytest_configure() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run the longest file first, so that parallel processes do not wait for it at the end."""
-    items.sort(key=lambda item: item.path.name != "test_pipeline.py")
+    """Run the longest file, then those of whole runs first: where processes share files, the last one does not keep the others waiting."""
+    items.sort(key=lambda item: (item.path.name != "test_pipeline.py", item.path.parent != HERE))
 
 
 def mesh_of(*parts: trimesh.Trimesh) -> Mesh:
