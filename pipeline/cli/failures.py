@@ -101,7 +101,7 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
 
 
 def _is_interrupting(error: BaseException | None) -> bool:
-    """Tell whether Ctrl-C, or an error that it caused, is being handled: then resources are being closed."""
+    """Check whether Ctrl-C, or an error that it caused, is being handled: then resources are being closed."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__
     return error is not None

@@ -29,7 +29,7 @@ from schemas.surfaces import SURFACES
 
 @dataclass(frozen=True, eq=False)
 class GraspedObject:
-    """An object with its grasps; `held` tells which of them hold, None if they were not tested.
+    """An object with its grasps; `held` says which of them hold, None if they were not tested.
 
     `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a shift.
     """

@@ -193,7 +193,7 @@ class RobotObservation(Entries):
 
     @property
     def is_felt(self) -> bool:
-        """Tell whether there is input for networks with touch: touches, or visible points in their place."""
+        """Check whether there is input for networks with touch: touches, or visible points in their place."""
         return bool(self.touches) or (self.camera is not None and self.camera.depth_as_touch)
 
     def name_of(self, number: int) -> str:

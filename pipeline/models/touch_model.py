@@ -250,7 +250,7 @@ class LocalTouchModel(TouchModel):
         self.check_sides(images.shape[1], images.shape[2])
 
     def check_sides(self, rows: int, cols: int) -> None:
-        """Raise an `InvalidInput` if the aspect ratio of images with so many pixels is not the sensor's."""
+        """Raise an `InvalidInput` if the aspect ratio of images of this shape is not the sensor's."""
         aspect, expected = cols / rows, self.sensor.width / self.sensor.height
         if abs(aspect / expected - 1) > SIDES_TOLERANCE:
             raise InvalidInput(

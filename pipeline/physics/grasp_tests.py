@@ -46,11 +46,11 @@ class GraspTest:
     penetration: float = np.inf
 
     def holds(self, test: HoldTest, grasp: StoredGrasp) -> bool:
-        """Tell whether a grasp of the object that `test` has loaded holds in every direction; the first in which it does not ends it."""
+        """Check whether a grasp of the object that `test` has loaded holds in every direction; the first in which it does not ends it."""
         return all(self.holds_against(test, grasp, direction) for direction in self.directions)
 
     def holds_against(self, test: HoldTest, grasp: StoredGrasp, direction: Sequence[float]) -> bool:
-        """Tell whether a grasp holds while the acceleration acts along a unit vector."""
+        """Check whether a grasp holds while the acceleration acts along a unit vector."""
         motion = test.hold(
             grasp,
             closes=self.closes,

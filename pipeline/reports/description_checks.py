@@ -79,7 +79,7 @@ def check_file(name: str, picture: Path | None, model: ModelInputs | None = None
 
 
 def is_observation(name: str) -> bool:
-    """Tell whether a description file, given as `check_file` takes it, is an observation; errors as there."""
+    """Check whether a description file, given as `check_file` takes it, is an observation; errors as there."""
     return _kind_of(_path_of(name)) == "observation"
 
 

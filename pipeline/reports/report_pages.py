@@ -30,7 +30,7 @@ class WrittenFiles(Stored):
     files: dict[RelativePath, Sha256]
 
     def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
-        """Tell whether the files were written under this key, and none of them changed since."""
+        """Check whether the files were written under this key, and none of them changed since."""
         return self.key == key and not any(name in changed for name in self.files)
 
 

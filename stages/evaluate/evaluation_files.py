@@ -96,7 +96,7 @@ class Figures:
         return self._values.get((metric, grasps), ([], []))
 
     def per_object(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
-        """Compute the mean over the choices of grasps: (object,); (0,) if the network was not measured with so many."""
+        """Compute the mean over the choices of grasps: (object,); (0,) if the network was not measured with this number."""
         if not self._lookup(metric, grasps)[1]:
             return np.zeros(0)
         return np.asarray(self.per_case(metric, grasps).mean(axis=1))

@@ -129,10 +129,7 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
         row_label = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
         rows.append(Row([row_label, *cells], dim=name.startswith(BASELINE_PREFIX)))
     best = [
-        (
-            1e3 * sampling_distance(area, points),
-            *(100 * sampling_share(area, points, threshold) for threshold in (NEAR, NEAR_SHARE * diagonal)),
-        )
+        (1e3 * sampling_distance(area, points), *(100 * sampling_share(area, points, limit) for limit in (NEAR, NEAR_SHARE * diagonal)))
         for area, diagonal in zip(objects["area"].tolist(), objects["diagonal"].tolist(), strict=True)
     ]
     floor = TABLE_3_FACTOR * float(objects["floor"].mean())
@@ -280,9 +277,8 @@ def _quality(networks: Networks) -> list[Row]:
     rows = []
     for name, figures in networks.items():
         values = [(factor, figures.available(measure)) for measure, (_, factor) in QUALITY_UNITS.items()]
-        rows.append(
-            Row([name, *((factor * figure.mean(), factor * np.median(figure)) if len(figure) else None for factor, figure in values)])
-        )
+        cells = ((factor * figure.mean(), factor * np.median(figure)) if len(figure) else None for factor, figure in values)
+        rows.append(Row([name, *cells]))
     return rows
 
 

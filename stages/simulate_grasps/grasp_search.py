@@ -28,7 +28,7 @@ class Grasp:
     """A grasp as simulated; `fault` is why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object.
 
     `find_contacts` gives the contacts of the sensors that touch, None for the others, and `find_closure` their margin; each is computed
-    at its first use. The fingers closed from `pregrasp_angles`; `holds` tells that the grasp passed the hold test of a hold search.
+    at its first use. The fingers closed from `pregrasp_angles`; `holds` says that the grasp passed the hold test of a hold search.
     """
 
     hand_pose: NDArray[np.float64]

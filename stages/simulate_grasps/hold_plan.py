@@ -164,5 +164,5 @@ class HoldPlanner:
         return number, best
 
     def _is_perfect(self, load: Load) -> bool:
-        """Tell whether no plan can surpass a load."""
+        """Check whether no plan can surpass a load."""
         return load == (0, len(self.prepared_hand.sensors))

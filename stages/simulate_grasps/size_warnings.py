@@ -14,7 +14,7 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.rng import numpy_rng
 
 POSTURES = 512
-"""Random postures, of which the widest tells how far a hand opens."""
+"""Random postures, of which the widest gives how far a hand opens."""
 
 
 def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest: float, hand: str) -> Iterator[str]:

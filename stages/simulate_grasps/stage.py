@@ -197,7 +197,7 @@ class _Grasping:
         return kept, touched, faults
 
     def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Tell whether no attempt can improve on these grasps."""
+        """Check whether no attempt can improve on these grasps."""
         if self.settings.exhaustive:
             return False
         if self.settings.search == "hold":

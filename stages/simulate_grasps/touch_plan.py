@@ -51,7 +51,7 @@ class TouchPlanner:
         return tangent_palm_pose(self.prepared_hand.hand, point, normal, distance=distance, angle=rng.uniform(0, 2 * np.pi))
 
     def _has_room(self, pose: NDArray[np.float64]) -> bool:
-        """Tell whether the palm stays clear of the object, and every finger can."""
+        """Check whether the palm stays clear of the object, and every finger can."""
         hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
         gaps = near_gaps(field, palm, forward_kinematics(hand, pose, hand.lower), self.settings.clearance)
         return bool((gaps >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)

@@ -35,7 +35,7 @@ class ChartState:
     cloud
         (n, 3) float64, n at least 1.
     cloud_points
-        Steps cycle through the cloud, so many points at a time (None: all), in an order that is shuffled once.
+        Steps cycle through the cloud, this number of points at a time (None: all), in an order that is shuffled once.
     generator
         Shuffles the cloud and draws the chart's samples.
     """

@@ -147,7 +147,7 @@ def _pierces(triangle: Points, other: Points) -> bool:
 
 @compiled
 def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
-    """Compute six times the volume of a tetrahedron; its sign tells the side of the plane abc on which the corner d is."""
+    """Compute six times the volume of a tetrahedron; its sign gives the side of the plane abc on which the corner d is."""
     p, q, r = a[0] - d[0], a[1] - d[1], a[2] - d[2]
     s, t, u = b[0] - d[0], b[1] - d[1], b[2] - d[2]
     x, y, z = c[0] - d[0], c[1] - d[1], c[2] - d[2]
