@@ -69,7 +69,6 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         ([*RUN, "--set", "simulate-touch.sensors=[nope.yaml]"], "there is no sensor 'nope.yaml'; built in are"),
         ([*RUN, "--set", "scene=suplement"], "there is no scene 'suplement', did you mean supplement?"),
         ([*RUN, "--set", "resolution=9"], "settings of render-vision: resolution: Input should be greater than or equal to 16"),
-        ([*RUN, "--set", "fit-charts.device=gpu"], "settings of fit-charts: device: String should match pattern"),
         ([*RUN, "--set", "evaluate.accelerator=gpu"], "settings of evaluate: accelerator: Input should be 'auto', 'cpu' or 'cuda'"),
         ([*RUN, "--data", "pyproject.toml/d"], "pyproject.toml is a file; name a folder"),
         ([*RUN, "--set", "evaluate.grasps=[2]"], "every number once, and 1 among them"),

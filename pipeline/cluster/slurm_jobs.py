@@ -172,6 +172,5 @@ def command_of(job: Job, submission: Submission, cores: int) -> str:
 
 def allocation_of(job: Job, profile: ClusterProfile) -> Allocation:
     """Select the resources of a task: with GPUs if its settings use one and the cluster has any."""
-    settings = dict(job.settings)
-    uses_gpu = settings.get("accelerator", settings.get("device", "cpu")) != "cpu"
+    uses_gpu = dict(job.settings).get("accelerator", "cpu") != "cpu"
     return profile.gpu if uses_gpu and profile.gpu else profile.cpu

@@ -44,15 +44,7 @@ class ChartSettings(ObjectSettings):
     learning_rate: float = setting(
         1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0
     )
-    edge_weight: float = setting(
-        0.0, "of the mean squared edge length beside the Chamfer distance in a step: smoother charts; the authors' release has 0.0078", ge=0
-    )
     side: int = setting(SIDE, "vertices along a side: the supplement's 81 vertices and 128 faces")
-    device: str = setting(
-        "cpu",
-        "where charts are fitted: cpu, cuda or cuda:NUMBER; a GPU's charts differ in the last digits, and in their consequences",
-        pattern="^(cpu|cuda(:[0-9]{1,3})?)$",
-    )
 
     @field_validator("cloud", mode="before")
     @classmethod
@@ -70,6 +62,6 @@ class ChartSettings(ObjectSettings):
         halt, residual = self.halt, self.residual_limit
         if self.tight:
             halt, residual = min(halt, TIGHT_HALT), min(residual or TIGHT_RESIDUAL, TIGHT_RESIDUAL)
-        shared = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "edge_weight", "side"}
+        shared = {"max_iterations", "samples", "step_samples", "cloud_points", "check_every", "learning_rate", "side"}
         limit = None if residual is None else residual / width
         return FitOptions(halt=halt, residual_limit=limit, **self.model_dump(include=shared))

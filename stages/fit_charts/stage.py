@@ -20,7 +20,7 @@ from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sen
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row
-from pipeline.training.device import device_of, torch_threads
+from pipeline.training.device import torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS
@@ -61,10 +61,9 @@ class FitCharts(ObjectStage):
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Load the network that the settings use; compute on one thread per worker, for results that do not depend on their number."""
-        device_of(settings.device)  # an unusable device is reported before the first object
         with torch_threads(1):
             folder = models[NETWORKS[settings.cloud]] if settings.cloud in NETWORKS else None
-            model = load_touch_model(folder, settings.device) if folder else None
+            model = load_touch_model(folder, "cpu") if folder else None
             yield lambda unit, inputs: _process(unit, inputs, settings, model)
 
 
@@ -74,7 +73,7 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
     clouds = _clouds(inputs, touched, sensor, model)
     generators = [torch_generator(unit.seed, unit.name, "fit-charts", *at) for at in np.argwhere(touched).tolist()]
     options = settings.fit_options(sensor.width)
-    fits = fit_charts(clouds, sensor.width, generators, aspect=sensor.aspect, options=options, device=settings.device)
+    fits = fit_charts(clouds, sensor.width, generators, aspect=sensor.aspect, options=options)
     charts = np.tile(chart_square(settings.side, sensor.aspect)[0].numpy() * sensor.width, (*touched.shape, 1, 1))
     charts[touched] = fits.vertices
     vertices = [sensor_to_world(check_pose(poses[at]), *charts[at].T) for at in np.ndindex(touched.shape)]

@@ -83,7 +83,7 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
             "stages.train_touch.stage",
         ],
         "pipeline/kernels/networks/touch_losses.py": ["stages.train_unet.stage"],
-        "pipeline/kernels/charts/chart_optimizer.py": ["stages.fit_charts.stage"],
+        "pipeline/kernels/charts/chart_steps.py": ["stages.fit_charts.stage"],
         "pipeline/kernels/metrics/touch_site_rings.py": ["stages.evaluate.stage"],
     }
     for package in ("pipeline", "stages", "schemas"):

@@ -9,7 +9,7 @@ import torch
 from pydantic import ValidationError
 
 from pipeline.engine.unit import Unit
-from pipeline.errors import InvalidInput, StageError
+from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
@@ -193,11 +193,3 @@ def test_session_restores_the_number_of_threads() -> None:
     with STAGE.session(TRUE, {}):
         assert torch.get_num_threads() == 1
     assert torch.get_num_threads() == threads
-
-
-def test_unavailable_device_is_named_before_the_first_object() -> None:
-    wanted = f"cuda:{torch.cuda.device_count()}"
-    with pytest.raises(StageError, match=f"{wanted} cannot be used .* cpu"), STAGE.session(TRUE.model_copy(update={"device": wanted}), {}):
-        pass
-    with pytest.raises(ValidationError, match="device"):
-        ChartSettings(device="mps")  # charts are float64

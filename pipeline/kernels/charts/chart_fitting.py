@@ -9,12 +9,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pipeline.kernels.charts.chart_optimizer import ChartOptimizer, ChartState
+from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, descend, take_steps
 from pipeline.kernels.charts.fit_options import FitOptions, StopRule
+from pipeline.kernels.charts.planar_grid import planar_grid
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.geometry.mesh import check_coordinates
+from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
+from pipeline.kernels.metrics.cloud_distances import sampling_floor
 
-CHARTS_AT_ONCE = 32
-"""Charts fitted together: a CPU's overhead per step is then a tenth of the work, and memory some 30 MB."""
+CHECK_MARGIN = 2.0
+"""The exact loss is checked once its estimate is below this multiple of the halt: in 10 steps it falls by less than that."""
+NEAR_FLOORS = 10.0
+"""A chart is near its cloud once its loss is below this multiple of the sampling floor of `cloud_points`. Until then those points represent
+the whole cloud: from afar many points are about equally near, and a search among all of them is ten times slower."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,6 @@ def fit_charts(
     *,
     aspect: float = 1.0,
     options: FitOptions | None = None,
-    device: torch.device | str = "cpu",
 ) -> ChartFits:
     """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples.
 
@@ -60,14 +66,11 @@ def fit_charts(
     width
         Of the sensor, m: losses are in its square.
     generators
-        N CPU generators, one per chart. A chart follows from its cloud, its generator and the options, to the bit on a CPU with one
-        thread; not from the charts beside it.
+        N CPU generators, one per chart. A chart follows from its cloud, its generator and the options, to the bit.
     aspect
         The sensor's height over its width.
     options
         `FitOptions()` if None.
-    device
-        Where charts are fitted.
 
     Returns
     -------
@@ -85,21 +88,120 @@ def fit_charts(
     if not 0 < width < np.inf:
         raise ValueError(f"sensor width {width} m: it must be positive and finite")
     options = options or FitOptions()
-    square, faces = chart_square(options.side, aspect)
+    square, faces = (tensor.numpy() for tensor in chart_square(options.side, aspect))
     fits = ChartFits(
-        vertices=np.repeat(square.numpy()[None] * width, len(clouds), axis=0),
+        vertices=np.repeat(square[None] * width, len(clouds), axis=0),
         residual=np.zeros(len(clouds)),
         loss=np.zeros(len(clouds)),
         iterations=np.zeros(len(clouds), np.int64),
         stop_rule=np.full(len(clouds), StopRule.too_few_points, np.int64),
     )
-    nonempty = [i for i, cloud in enumerate(clouds) if len(cloud)]
-    for first in range(0, len(nonempty), CHARTS_AT_ONCE):
-        batch = nonempty[first : first + CHARTS_AT_ONCE]
-        scaled = [torch.as_tensor(np.asarray(clouds[i], np.float64), device=device) / width for i in batch]
-        charts = [ChartState(cloud, options.cloud_points, generators[i]) for i, cloud in zip(batch, scaled, strict=True)]
-        ChartOptimizer(charts, square.to(device), faces.to(device), options).run()
-        for i, chart in zip(batch, charts, strict=True):
-            fits.vertices[i], fits.residual[i] = chart.vertices * width, chart.residual * width
-            fits.loss[i], fits.iterations[i], fits.stop_rule[i] = chart.loss, chart.steps, chart.stop_rule
+    for i, (cloud, generator) in enumerate(zip(clouds, generators, strict=True)):
+        if len(cloud):
+            fit = _Fit(np.asarray(cloud, np.float64) / width, square, faces, options, generator)
+            fits.stop_rule[i] = fit.run()
+            fits.vertices[i], fits.residual[i] = fit.chart.vertices * width, fit.residual * width
+            fits.loss[i], fits.iterations[i] = fit.loss, fit.steps
     return fits
+
+
+class _Fit:
+    """The fit of one chart; lengths are sensor widths.
+
+    Parameters
+    ----------
+    cloud
+        (n, 3), n at least 1.
+    square, faces
+        Vertices (V, 3) and faces (F, 3) of the undeformed chart.
+    options
+        How the chart is fitted.
+    generator
+        Shuffles the cloud and draws the chart's samples.
+    """
+
+    def __init__(
+        self,
+        cloud: NDArray[np.float64],
+        square: NDArray[np.float64],
+        faces: NDArray[np.int64],
+        options: FitOptions,
+        generator: torch.Generator,
+    ) -> None:
+        _check(cloud)
+        self.options, self.generator, self.cloud = options, generator, np.ascontiguousarray(cloud)
+        count = len(cloud)
+        size = min(options.cloud_points or count, count)
+        order = torch.randperm(count, generator=generator).numpy() if size < count else np.arange(count)
+        self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is left out
+        self.targets = planar_grid(self.parts[0]), planar_grid(self.cloud)
+        self.chart = ChartState(square.copy(), np.zeros_like(square), np.zeros_like(square), faces)
+        limit = np.inf if options.cloud_points is None else NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
+        self.near = float(limit)
+        self.steps, self.loss, self.residual = 0, np.inf, np.inf
+        self.recent: list[float] = []
+
+    def run(self) -> StopRule:
+        """Take steps until a rule ends the fit."""
+        options = self.options
+        while (area := chart_area(self.chart)) > 0:
+            if self._is_check(area):
+                loss, gradient = chamfer_and_gradient(self.chart, self._draw(1, options.samples)[0], self.cloud, self.targets[1])
+                if (rule := self._stop_rule(loss)) is not None:
+                    return rule
+                self.steps += 1
+                descend(self.chart, gradient, self.steps, options.learning_rate)
+            else:
+                count = min(options.check_every - self.steps % options.check_every, options.max_iterations - self.steps)
+                self._step(count)
+        self._measure()
+        return StopRule.collapsed
+
+    def _is_check(self, area: float) -> bool:
+        """Whether the exact loss is due: at the cap, and each `check_every` steps once its estimate comes near the halt."""
+        options = self.options
+        if options.always_exact or self.steps >= options.max_iterations:
+            return True
+        if not self.recent or self.steps % options.check_every:
+            return False
+        coarser = (sampling_floor(area, options.step_samples) - sampling_floor(area, options.samples)) / 2
+        return float(np.mean(self.recent)) - coarser < CHECK_MARGIN * options.halt
+
+    def _stop_rule(self, loss: float) -> StopRule | None:
+        """Record the exact loss; return the rule that ends the fit, or None."""
+        options, at_cap = self.options, self.steps >= self.options.max_iterations
+        self._record([loss])
+        self.loss, self.recent = loss, []
+        if loss < options.halt or at_cap:
+            self._measure()
+        if loss < options.halt and (options.residual_limit is None or self.residual <= options.residual_limit):
+            return StopRule.threshold
+        return StopRule.cap if at_cap else None
+
+    def _measure(self) -> None:
+        """Compute the RMS distance from the cloud to the chart's surface."""
+        self.residual = rms_distance_to_surface(self.cloud, self.chart.vertices, self.chart.faces)
+
+    def _step(self, count: int) -> None:
+        """Take this many steps, or fewer if no area is left."""
+        uniform = self._draw(count, self.options.step_samples)
+        losses = take_steps(self.chart, uniform, self.parts, self.targets, self.near, self.steps, self.options.learning_rate)
+        self.steps += len(losses)
+        self._record(losses.tolist())
+
+    def _record(self, losses: list[float]) -> None:
+        """Remember the last losses, and whether the chart has come near its cloud."""
+        self.recent = (self.recent + losses)[-self.options.check_every :]
+        if min(losses, default=np.inf) < self.near:
+            self.near = np.inf
+
+    def _draw(self, steps: int, samples: int) -> NDArray[np.float64]:
+        """Draw (steps, samples, 3) numbers in [0, 1]."""
+        drawn: NDArray[np.float64] = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
+        return drawn
+
+
+def _check(cloud: NDArray[np.float64]) -> None:
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise ValueError(f"a cloud has shape {cloud.shape}; it must be (n, 3)")
+    check_coordinates(cloud, "points of a cloud")

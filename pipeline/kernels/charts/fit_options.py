@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-from pydantic import ConfigDict, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import ConfigDict, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
 from pipeline.kernels.charts.touch_chart import SIDE
@@ -43,9 +43,6 @@ class FitOptions:
         is a check.
     learning_rate
         Adam's, sensor widths per step.
-    edge_weight
-        Of the mean squared edge length, sensor widths², that steps reduce beside the Chamfer distance: vertices that many samples do
-        not hold lie between their neighbours. The halt is of the Chamfer distance alone.
     side
         Vertices along a side of the chart, odd.
     """
@@ -58,7 +55,6 @@ class FitOptions:
     cloud_points: PositiveInt | None = 500
     check_every: PositiveInt = 10
     learning_rate: PositiveFloat = 1e-2
-    edge_weight: NonNegativeFloat = 0.0
     side: int = SIDE
 
     @property
