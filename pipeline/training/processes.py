@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import signal
@@ -64,10 +65,12 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
     from lightning_fabric.plugins.environments.lightning import LightningEnvironment
     from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
     from lightning_fabric.strategies.ddp import DDPStrategy
+    from lightning_fabric.utilities import rank_zero
     from lightning_fabric.utilities.exceptions import MisconfigurationException
 
     group = process_group()
     _check_count(settings, name)
+    logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # it advises, on each GPU, a call that is no setting
     try:
         device = device_of(settings.accelerator).type
         precision: Any = settings.precision

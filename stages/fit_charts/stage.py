@@ -55,8 +55,8 @@ class FitCharts(ObjectStage):
 
     def cost(self, settings: ChartSettings) -> Cost:
         """Estimate the touches of an object, as measured on one core."""
-        steps = (7.0 if settings.tight else 1.0) * 0.01 / settings.learning_rate
-        return Cost(seconds=TOUCHES * 0.1 * steps * settings.step_samples / 500, kilobytes=20)
+        steps = (5.0 if settings.tight else 1.0) * 0.01 / settings.learning_rate
+        return Cost(seconds=TOUCHES * 0.04 * steps * settings.step_samples / 500, kilobytes=20)
 
     @contextmanager
     def session(self, settings: ChartSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
