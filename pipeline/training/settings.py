@@ -38,7 +38,9 @@ class TrainingSettings(Settings):
     threads: int = setting(
         1, "of torch on a CPU: trainings side by side use cores better than threads; sums differ in their last bit", ge=1
     )
-    accelerator: Literal["auto", "cpu", "cuda"] = setting("auto", "a GPU where there is one; it rounds otherwise, as another processor does", changes="speed")
+    accelerator: Literal["auto", "cpu", "cuda"] = setting(
+        "auto", "a GPU where there is one; it rounds otherwise, as another processor does", changes="speed"
+    )
     cache_megabytes: float = setting(
         256.0,
         "of decoded data that each split keeps in memory; where all of it fits, a GPU need not wait for what is read again in each epoch",
