@@ -64,10 +64,9 @@ def chamfer_and_gradient(
     """
     count, vertices, faces = len(uniform), chart.vertices, chart.faces
     areas = _cumulative_areas(chart)
-    below = np.nextafter(areas[-1], 0.0)  # rounding may reach the whole itself
     chosen, weights, samples = np.empty(count, np.int64), np.empty((count, 3)), np.empty((count, 3))
     for i in range(count):
-        chosen[i] = np.searchsorted(areas, min(uniform[i, 0] * areas[-1], below), side="right")
+        chosen[i] = _first_above(areas, uniform[i, 0] * areas[-1])
         root, along = np.sqrt(uniform[i, 1]), uniform[i, 2]
         weights[i, 0], weights[i, 1], weights[i, 2] = 1 - root, root * (1 - along), root * along
         a, b, c = faces[chosen[i], 0], faces[chosen[i], 1], faces[chosen[i], 2]
@@ -164,3 +163,16 @@ def _cumulative_areas(chart: ChartState) -> NDArray[np.float64]:
         total += np.sqrt((y * w - z * v) ** 2 + (z * u - x * w) ** 2 + (x * v - y * u) ** 2)
         areas[i] = total
     return areas
+
+
+@compiled
+def _first_above(cumulative: NDArray[np.float64], value: float) -> int:
+    """Find the first of increasing numbers that exceeds a value; if rounding makes it reach the largest, the first that equals that."""
+    low, high = 0, len(cumulative) - 1
+    while low < high:
+        middle = (low + high) // 2
+        if cumulative[middle] > value or cumulative[middle] == cumulative[-1]:
+            high = middle
+        else:
+            low = middle + 1
+    return low
