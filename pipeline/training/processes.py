@@ -70,7 +70,7 @@ def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
 
     group = process_group()
     _check_count(settings, name)
-    logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # it advises, on each GPU, a call that is no setting
+    logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # its advice names calls that no setting makes
     try:
         device = device_of(settings.accelerator).type
         precision: Any = settings.precision

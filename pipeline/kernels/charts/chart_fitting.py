@@ -13,9 +13,8 @@ from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient
 from pipeline.kernels.charts.fit_options import FitOptions, StopRule
 from pipeline.kernels.charts.planar_grid import planar_grid
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.geometry.mesh import check_coordinates
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
-from pipeline.kernels.metrics.cloud_distances import sampling_floor
+from pipeline.kernels.metrics.cloud_distances import checked_cloud, sampling_floor
 
 CHECK_MARGIN = 2.0
 """The exact loss is checked once its estimate is below this multiple of the halt: in 10 steps it falls by less than that."""
@@ -106,7 +105,7 @@ def fit_charts(
 
 
 class _Fit:
-    """The fit of one chart; lengths are sensor widths.
+    """Fit one chart; lengths are sensor widths.
 
     Parameters
     ----------
@@ -128,16 +127,14 @@ class _Fit:
         options: FitOptions,
         generator: torch.Generator,
     ) -> None:
-        _check(cloud)
-        self.options, self.generator, self.cloud = options, generator, np.ascontiguousarray(cloud)
+        self.options, self.generator, self.cloud = options, generator, np.ascontiguousarray(checked_cloud("the touch", cloud))
         count = len(cloud)
         size = min(options.cloud_points or count, count)
         order = torch.randperm(count, generator=generator).numpy() if size < count else np.arange(count)
         self.parts = self.cloud[order][: count // size * size].reshape(-1, size, 3)  # a smaller last part is left out
         self.targets = planar_grid(self.parts[0]), planar_grid(self.cloud)
         self.chart = ChartState(square.copy(), np.zeros_like(square), np.zeros_like(square), faces)
-        limit = np.inf if options.cloud_points is None else NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
-        self.near = float(limit)
+        self.near_loss = np.inf if options.cloud_points is None else NEAR_FLOORS * sampling_floor(1.0, options.cloud_points) / 2
         self.steps, self.loss, self.residual = 0, np.inf, np.inf
         self.recent: list[float] = []
 
@@ -158,7 +155,7 @@ class _Fit:
         return StopRule.collapsed
 
     def _is_check(self, area: float) -> bool:
-        """Whether the exact loss is due: at the cap, and each `check_every` steps once its estimate comes near the halt."""
+        """Check whether the exact loss is due: at the cap, and each `check_every` steps once its estimate comes near the halt."""
         options = self.options
         if options.always_exact or self.steps >= options.max_iterations:
             return True
@@ -185,23 +182,17 @@ class _Fit:
     def _step(self, count: int) -> None:
         """Take this many steps, or fewer if no area is left."""
         uniform = self._draw(count, self.options.step_samples)
-        losses = take_steps(self.chart, uniform, self.parts, self.targets, self.near, self.steps, self.options.learning_rate)
+        losses = take_steps(self.chart, uniform, self.parts, self.targets, self.near_loss, self.steps, self.options.learning_rate)
         self.steps += len(losses)
         self._record(losses.tolist())
 
     def _record(self, losses: list[float]) -> None:
         """Remember the last losses, and whether the chart has come near its cloud."""
         self.recent = (self.recent + losses)[-self.options.check_every :]
-        if min(losses, default=np.inf) < self.near:
-            self.near = np.inf
+        if min(losses, default=np.inf) < self.near_loss:
+            self.near_loss = np.inf  # it is near from now on
 
     def _draw(self, steps: int, samples: int) -> NDArray[np.float64]:
         """Draw (steps, samples, 3) numbers in [0, 1]."""
         drawn: NDArray[np.float64] = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
         return drawn
-
-
-def _check(cloud: NDArray[np.float64]) -> None:
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        raise ValueError(f"a cloud has shape {cloud.shape}; it must be (n, 3)")
-    check_coordinates(cloud, "points of a cloud")

@@ -1,4 +1,4 @@
-"""The loss of a touch chart, its gradient, and steps of Adam down it, compiled. Lengths are sensor widths, in float64."""
+"""Compiled steps of a touch chart: its loss, the gradient, Adam. Lengths are sensor widths, in float64."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def take_steps(
     uniform: NDArray[np.float64],
     parts: NDArray[np.float64],
     targets: tuple[PlanarGrid, PlanarGrid],
-    near: float,
+    near_loss: float,
     steps: int,
     rate: float,
 ) -> NDArray[np.float64]:
@@ -130,8 +130,8 @@ def take_steps(
     parts
         (P, m, 3) parts of the cloud, which steps take in turn.
     targets
-        The first part and the whole cloud. Samples find their nearest in the first part until a loss is below `near`, then in all.
-    near
+        The first part and the whole cloud. Samples find their nearest in the first part until a loss is below `near_loss`, then in all.
+    near_loss
         +inf for a chart that is near already.
     steps
         Taken before.
@@ -142,20 +142,20 @@ def take_steps(
     -------
     (k,) losses of the steps, or of fewer.
     """
-    losses, is_near = np.empty(len(uniform)), near == np.inf
+    losses, is_near = np.empty(len(uniform)), near_loss == np.inf
     for i in range(len(uniform)):
         if not chart_area(chart) > 0:
             return losses[:i]
         target = targets[1] if is_near else targets[0]
         losses[i], gradient = chamfer_and_gradient(chart, uniform[i], parts[(steps + i) % len(parts)], target)
-        is_near = is_near or losses[i] < near
+        is_near = is_near or losses[i] < near_loss
         descend(chart, gradient, steps + i + 1, rate)
     return losses
 
 
 @compiled
 def _cumulative_areas(chart: ChartState) -> NDArray[np.float64]:
-    """(F,) twice the areas of the first face, the first two, and so on; by components, as `doubled_areas`."""
+    """Sum up twice the areas of the faces, face after face: (F,); by components, as `doubled_areas`."""
     vertices, faces, areas, total = chart.vertices, chart.faces, np.empty(len(chart.faces)), 0.0
     for i in range(len(faces)):
         a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
@@ -167,7 +167,7 @@ def _cumulative_areas(chart: ChartState) -> NDArray[np.float64]:
 
 @compiled
 def _first_above(cumulative: NDArray[np.float64], value: float) -> int:
-    """Find the first of increasing numbers that exceeds a value; if rounding makes it reach the largest, the first that equals that."""
+    """Find the first of increasing numbers that exceeds a value; if none does, by rounding, the first that equals the last one."""
     low, high = 0, len(cumulative) - 1
     while low < high:
         middle = (low + high) // 2

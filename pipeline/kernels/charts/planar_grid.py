@@ -75,7 +75,7 @@ def planar_grid(points: NDArray[np.float64]) -> PlanarGrid:
 
 @compiled
 def nearest_in(grid: PlanarGrid, queries: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Find the nearest point to each of `queries` (m, 3): (m,) rows of `grid.points`; of points equally near, within rounding, any.
+    """Find the nearest point to each of `queries` (m, 3): (m,) places in `grid.points`; of points equally near, within rounding, any.
 
     The nearest in the nine cells around the query bounds how far away the nearest of all may be; then all cells up to there are searched.
     """
@@ -118,7 +118,7 @@ def _nearer(
     place: int,
     least: float,
 ) -> tuple[int, float]:
-    """Search a block of cells for a point nearer than `place`; return the nearest one's row and its squared distance.
+    """Search a block of cells for a point nearer than that at `place`; return the nearest one's place and its squared distance.
 
     A function of plain arrays: written out twice, or given the grid, it is compiled to half the speed.
     """

@@ -39,7 +39,7 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
     ValueError
         A cloud is not (N, 3).
     """
-    query, points = _cloud("query", query), _cloud("points", points)
+    query, points = checked_cloud("query", query), checked_cloud("points", points)
     nearest = cKDTree(points).query(query)[1]
     return np.asarray(np.square(query - points[nearest]).sum(axis=1))
 
@@ -197,7 +197,7 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     ValueError
         There are fewer than two points, or they are no cloud.
     """
-    points = _cloud("points", points)
+    points = checked_cloud("points", points)
     if len(points) < 2:
         raise ValueError(f"{len(points)} points are too few to estimate an area; give at least 2")
     distances, neighbours = cKDTree(points).query(points, k=2 if normals is None else [*range(2, 2 + min(MAX_NEIGHBOURS, len(points) - 1))])
@@ -210,7 +210,16 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 
 
-def _cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
+def checked_cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Convert a cloud (N, 3) to float64; `name` it in messages.
+
+    Raises
+    ------
+    InvalidInput
+        It is empty, or a point is NaN or too far away (`check_coordinates`).
+    ValueError
+        It is not (N, 3).
+    """
     cloud: NDArray[np.float64] = np.asarray(points, np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
