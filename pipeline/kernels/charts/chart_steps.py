@@ -52,7 +52,7 @@ def chamfer_and_gradient(
     chart
         With an area above 0.
     uniform
-        (n, 3) in [0, 1], which `map_to_surfaces` maps to the chart.
+        (n, 3) in [0, 1], which `map_to_surface` maps to the chart.
     cloud
         (m, 3) points whose nearest samples are found.
     target

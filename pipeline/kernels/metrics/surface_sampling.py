@@ -7,6 +7,8 @@ slivers, segments or points, and those without area are never chosen.
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -44,26 +46,25 @@ def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch
     """
     if count < 1:
         raise ValueError(f"{count} points asked for; at least 1 is drawn")
-    uniform = torch.rand(1, count, 3, generator=generator, dtype=torch.float64)
-    return map_to_surfaces(vertices[None], faces, uniform)[0]
+    return map_to_surface(vertices, faces, torch.rand(count, 3, generator=generator, dtype=torch.float64))
 
 
-def map_to_surfaces(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
-    """Map the unit cube to surfaces that share their faces, volume to area.
+def map_to_surface(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
+    """Map the unit cube to a surface, volume to area.
 
     Parameters
     ----------
     vertices
-        (B, V, 3) float32 or float64.
+        (V, 3) float32 or float64.
     faces
         (F, 3) int64.
     uniform
-        (B, n, 3) float64 in [0, 1]. The first coordinate chooses the face by its share of the area; the others, u and v, the point
+        (n, 3) float64 in [0, 1]. The first coordinate chooses the face by its share of the area; the others, u and v, the point
         (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002).
 
     Returns
     -------
-    (B, n, 3), the vertices' unit and type; no surface depends on another.
+    (n, 3), the vertices' unit and type.
 
     Raises
     ------
@@ -72,15 +73,12 @@ def map_to_surfaces(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
     """
     _check(vertices, faces, uniform)
     with torch.no_grad():
-        areas = doubled_areas(vertices.double(), faces.to(vertices.device))
-        face = _choose(areas.cumsum(dim=-1), uniform[..., 0].to(vertices.device))  # (B, n)
-        root, along = uniform[..., 1].sqrt(), uniform[..., 2]
-        weights = torch.stack([1 - root, root * (1 - along), root * along], dim=-1).to(vertices)  # (B, n, 3)
-        first = torch.arange(len(vertices), device=vertices.device)[:, None, None] * vertices.shape[1]
-        corners = faces.to(vertices.device)[face] + first  # (B, n, 3) into all vertices
-    placed = vertices.reshape(-1, 3).index_select(0, corners.reshape(-1)).reshape(*corners.shape, 3)
-    mixed = weights[..., 0, None] * placed[..., 0, :] + weights[..., 1, None] * placed[..., 1, :]
-    return mixed + weights[..., 2, None] * placed[..., 2, :]
+        faces, uniform = faces.to(vertices.device), uniform.to(vertices.device)
+        face = _choose(doubled_areas(vertices.double(), faces).cumsum(dim=0), uniform[:, 0])  # (n,)
+        root, along = uniform[:, 1].sqrt(), uniform[:, 2]
+        u, v, w = (weight[:, None].to(vertices) for weight in (1 - root, root * (1 - along), root * along))
+    a, b, c = vertices.index_select(0, faces[face].reshape(-1)).reshape(-1, 3, 3).unbind(dim=1)
+    return u * a + v * b + w * c
 
 
 def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
@@ -89,41 +87,40 @@ def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
     Parameters
     ----------
     vertices
-        (B, V, 3) floating, any unit.
+        (V, 3) floating, any unit.
     faces
-        (F, 3) integers, the same of each item.
+        (F, 3) integers.
 
     Returns
     -------
-    (B, F) of the vertices' type, the unit squared; exactly 0 where two corners are one.
+    (F,) of the vertices' type, the unit squared; exactly 0 where two corners are one.
 
     Notes
     -----
     By components: torch's cross product fuses multiplications and additions, which leaves such faces a rounding error for an area.
     """
-    a, b, c = vertices[:, faces].unbind(dim=2)  # (B, F, 3) each
-    (x, y, z), (u, v, w) = (b - a).unbind(dim=-1), (c - a).unbind(dim=-1)
+    a, b, c = vertices[faces].unbind(dim=1)  # (F, 3) each
+    (x, y, z), (u, v, w) = (b - a).unbind(dim=1), (c - a).unbind(dim=1)
     return ((y * w - z * v).square() + (z * u - x * w).square() + (x * v - y * u).square()).sqrt()
 
 
 def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
-    """(B, n) the first face whose cumulative area exceeds `uniform` of the whole: one with an area of its own."""
-    total = cumulative[:, -1:]
-    usable = (total > 0) & torch.isfinite(total)
-    if not bool(usable.all()):
-        flat = torch.nonzero(~usable[:, 0])[:, 0].tolist()
-        raise InvalidInput(f"no face of surface {flat[:5]} (of {len(total)}) has a finite area above 0 to draw points from")
+    """(n,) the first face whose cumulative area (F,) exceeds `uniform` of the whole: one with an area of its own."""
+    total = cumulative[-1]
+    if not 0 < float(total) < math.inf:
+        raise InvalidInput(f"the surface's area is {float(total) / 2:g}: no face has a finite area above 0 to draw points from")
     below = torch.nextafter(total, torch.zeros_like(total))  # rounding may reach the whole itself
     return torch.searchsorted(cumulative, torch.minimum(uniform * total, below), right=True)
 
 
 def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
-    if vertices.ndim != 3 or vertices.shape[2] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
-        raise ValueError(f"vertices have shape {tuple(vertices.shape)}, faces {tuple(faces.shape)}; they must be (B, V, 3) and (F, 3)")
-    if uniform.ndim != 3 or uniform.shape[::2] != (len(vertices), 3):
-        raise ValueError(f"uniform has shape {tuple(uniform.shape)}, vertices {tuple(vertices.shape)}; uniform must be (B, n, 3)")
+    for name, array in {"vertices": vertices, "faces": faces, "uniform": uniform}.items():
+        if array.ndim != 2 or array.shape[1] != 3:
+            raise ValueError(f"{name} have shape {tuple(array.shape)}; they must be (n, 3)")
+    if not len(faces):
+        raise ValueError("there are no faces to draw points from")
     check_full_precision("vertices", vertices)
-    if not bool(((faces >= 0) & (faces < vertices.shape[1])).all()):
-        raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {vertices.shape[1] - 1}")
+    if not bool(((faces >= 0) & (faces < len(vertices))).all()):
+        raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {len(vertices) - 1}")
     if not bool(torch.isfinite(vertices).all()):
         raise InvalidInput(f"vertices hold NaN or infinity in {int((~torch.isfinite(vertices)).sum())} of {vertices.numel()} coordinates")

@@ -12,7 +12,7 @@ from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
 from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
-from pipeline.kernels.metrics.surface_sampling import map_to_surfaces
+from pipeline.kernels.metrics.surface_sampling import map_to_surface
 
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100
 HALT = FitOptions(residual_limit=2.5e-4 / WIDTH)
@@ -139,10 +139,8 @@ def test_chart_fits_one_touch_to_50_micrometres() -> None:
 def test_final_loss_is_the_chamfer_distance_to_all_points() -> None:
     fits = alone(CLOUDS["edge"], FitOptions())
     vertices, faces = torch.from_numpy(fits.vertices[0] / WIDTH), chart_square()[1].numpy()
-    drawn = map_to_surfaces(
-        vertices[None], torch.from_numpy(faces), torch.rand(1, 4000, 3, generator=generators(1, 9)[0], dtype=torch.float64)
-    )
-    pairs = torch.cdist(drawn[0], torch.from_numpy(CLOUDS["edge"] / WIDTH)) ** 2
+    drawn = map_to_surface(vertices, torch.from_numpy(faces), torch.rand(4000, 3, generator=generators(1, 9)[0], dtype=torch.float64))
+    pairs = torch.cdist(drawn, torch.from_numpy(CLOUDS["edge"] / WIDTH)) ** 2
     loss = float(pairs.min(dim=0).values.mean() + pairs.min(dim=1).values.mean())
     assert abs(loss - fits.loss[0]) <= 0.05 * loss  # another draw
     assert loss < 1.05 * 6e-4

@@ -9,7 +9,7 @@ import torch
 from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, take_steps
 from pipeline.kernels.charts.planar_grid import planar_grid
 from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.metrics.surface_sampling import map_to_surfaces
+from pipeline.kernels.metrics.surface_sampling import map_to_surface
 
 RNG = np.random.default_rng(0)
 SQUARE, FACES = chart_square()
@@ -24,7 +24,7 @@ def chart(vertices: np.ndarray) -> ChartState:
 
 def loss_of(vertices: torch.Tensor, uniform: np.ndarray, cloud: np.ndarray, target: np.ndarray) -> torch.Tensor:
     """Compute the mean squared distances from samples to the target and from the cloud to samples, by all pairs."""
-    drawn = map_to_surfaces(vertices[None], FACES, torch.from_numpy(uniform)[None])[0]
+    drawn = map_to_surface(vertices, FACES, torch.from_numpy(uniform))
     to_target, to_samples = (
         torch.cdist(a, b).min(dim=1).indices for a, b in ((drawn, torch.from_numpy(target)), (torch.from_numpy(cloud), drawn))
     )

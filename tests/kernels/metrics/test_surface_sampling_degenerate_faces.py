@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from torch import Tensor
 
-from pipeline.kernels.metrics.surface_sampling import map_to_surfaces, sample_surface
+from pipeline.kernels.metrics.surface_sampling import map_to_surface, sample_surface
 from tests.kernels.degenerate_clouds import OFFSETS, soup
 from tests.references import exact_distances as exact
 from tests.strategies import scales, seeds
@@ -20,20 +20,20 @@ STEPS = 500
 
 
 def evenly(count: int = STEPS) -> Tensor:
-    """(1, count, 3): faces chosen at even steps along the areas, and of each the centroid, u = 4/9 and v = 1/2."""
+    """(count, 3): faces chosen at even steps along the areas, and of each the centroid, u = 4/9 and v = 1/2."""
     along = (torch.arange(count, dtype=torch.float64) + 0.5) / count
-    return torch.stack([along, torch.full_like(along, 4 / 9), torch.full_like(along, 0.5)], dim=1)[None]
+    return torch.stack([along, torch.full_like(along, 4 / 9), torch.full_like(along, 0.5)], dim=1)
 
 
 def random_places(seed: int, count: int = 60) -> Tensor:
-    return torch.rand(1, count, 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
+    return torch.rand(count, 3, generator=torch.Generator().manual_seed(seed % 2**31), dtype=torch.float64)
 
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
 def test_faces_are_chosen_by_their_exact_areas(seed: int, scale: float, offset: np.ndarray) -> None:
     vertices, faces = soup(seed)
     vertices = vertices * scale + offset
-    points = map_to_surfaces(torch.from_numpy(vertices)[None], torch.from_numpy(faces), evenly())[0].numpy()
+    points = map_to_surface(torch.from_numpy(vertices), torch.from_numpy(faces), evenly()).numpy()
     areas, total = exact.areas(vertices, faces), math.fsum(exact.areas(vertices, faces))
     centroids = vertices[faces].mean(axis=1)
     chosen = np.abs(points[:, None] - centroids[None]).max(axis=2) <= 1e-14 * np.abs(vertices).max()  # (n, F)
@@ -48,12 +48,12 @@ def test_faces_are_chosen_by_their_exact_areas(seed: int, scale: float, offset: 
 def test_float32_is_within_four_units_in_the_last_place(seed: int, scale: float, offset: np.ndarray) -> None:
     """0.3 µm at 0.6 m; against the same vertices in float64, and against the surface itself."""
     vertices, faces = soup(seed)
-    stored = torch.from_numpy(vertices * scale + offset).float()[None]
+    stored = torch.from_numpy(vertices * scale + offset).float()
     uniform = random_places(seed)
-    single, double = (map_to_surfaces(given, torch.from_numpy(faces), uniform)[0] for given in (stored, stored.double()))
+    single, double = (map_to_surface(given, torch.from_numpy(faces), uniform) for given in (stored, stored.double()))
     unit = float(torch.nextafter(stored.abs().max(), torch.tensor(math.inf)) - stored.abs().max())
     assert float((single - double).abs().max()) <= 4 * unit
-    away = [math.sqrt(squared) for squared in exact.squared_to_surface(double[:8].numpy(), stored[0].numpy(), faces)]
+    away = [math.sqrt(squared) for squared in exact.squared_to_surface(double[:8].numpy(), stored.numpy(), faces)]
     assert max(away) <= 1e-15 * 4 * float(stored.abs().max())
 
 
@@ -62,11 +62,11 @@ def test_float32_is_within_four_units_in_the_last_place(seed: int, scale: float,
 def test_gradient_of_a_point_is_shared_by_the_corners(dtype: torch.dtype, seed: int, scale: float, offset: np.ndarray) -> None:
     """Weights sum to one, also on slivers: the gradients of all corners together are those of the points."""
     vertices, faces = soup(seed)
-    given = torch.from_numpy(vertices * scale + offset).to(dtype)[None].requires_grad_()
-    (gradient,) = torch.autograd.grad(map_to_surfaces(given, torch.from_numpy(faces), random_places(seed)).sum(), given)
-    np.testing.assert_allclose(gradient[0].sum(dim=0).numpy(), 60.0, rtol=1e-5 if dtype == torch.float32 else 1e-13)
+    given = torch.from_numpy(vertices * scale + offset).to(dtype).requires_grad_()
+    (gradient,) = torch.autograd.grad(map_to_surface(given, torch.from_numpy(faces), random_places(seed)).sum(), given)
+    np.testing.assert_allclose(gradient.sum(dim=0).numpy(), 60.0, rtol=1e-5 if dtype == torch.float32 else 1e-13)
     assert bool((gradient >= 0).all())
-    assert bool((gradient[0, 3:9] == 0).all())  # a segment and a point are never chosen
+    assert bool((gradient[3:9] == 0).all())  # a segment and a point are never chosen
 
 
 @given(seed=seeds, scale=scales)
@@ -83,8 +83,8 @@ def test_ends_of_the_cumulative_area_choose_faces_with_area(seed: int, scale: fl
     """Includes 1, the end of the last face: segments and points before and after are never chosen."""
     vertices, faces = soup(seed)
     order = faces[[1, 2, 0, 3, 2, 1]]
-    ends = torch.tensor([[[0.0, 4 / 9, 0.5], [np.nextafter(1, 0), 4 / 9, 0.5], [1.0, 4 / 9, 0.5]]], dtype=torch.float64)
-    points = map_to_surfaces(torch.from_numpy(vertices * scale)[None], torch.from_numpy(order), ends)[0].numpy()
+    ends = torch.tensor([[0.0, 4 / 9, 0.5], [np.nextafter(1, 0), 4 / 9, 0.5], [1.0, 4 / 9, 0.5]], dtype=torch.float64)
+    points = map_to_surface(torch.from_numpy(vertices * scale), torch.from_numpy(order), ends).numpy()
     first, last = (vertices[face].mean(axis=0) * scale for face in order[[2, 3]])
     np.testing.assert_allclose(points, [first, last, last], rtol=0, atol=1e-13 * scale)
 
@@ -92,7 +92,7 @@ def test_ends_of_the_cumulative_area_choose_faces_with_area(seed: int, scale: fl
 def test_samples_ignore_the_winding_of_faces() -> None:
     vertices, faces = soup(0)
     turned = faces[:, ::-1].copy()
-    there, back = (map_to_surfaces(torch.from_numpy(vertices)[None], torch.from_numpy(given), evenly())[0] for given in (faces, turned))
+    there, back = (map_to_surface(torch.from_numpy(vertices), torch.from_numpy(given), evenly()) for given in (faces, turned))
     torch.testing.assert_close(there, back, rtol=0, atol=1e-15)
 
 
@@ -112,9 +112,8 @@ DEGENERATE = {
 @pytest.mark.parametrize("kind", sorted(DEGENERATE))
 def test_sampling_rejects_surfaces_without_area(kind: str) -> None:
     faces = torch.tensor([[0, 1, 2], [2, 1, 0]])
-    several = torch.stack([torch.eye(3).double(), torch.from_numpy(DEGENERATE[kind])])
-    with pytest.raises(ValueError, match=r"no face of surface \[1\] \(of 2\) has a finite area"):
-        map_to_surfaces(several, faces, torch.rand(2, 5, 3, dtype=torch.float64))
+    with pytest.raises(ValueError, match="area is 0: no face has a finite area"):
+        sample_surface(torch.from_numpy(DEGENERATE[kind]), faces, 5, torch.Generator())
 
 
 @given(seed=seeds, scale=scales, offset=OFFSETS)
@@ -140,9 +139,9 @@ def test_segment_with_area_from_rounding_is_sampled_as_a_segment(seed: int, scal
         (torch.eye(3, dtype=torch.bfloat16), [[0, 1, 2]], "vertices of type torch.bfloat16.*float32"),
         (torch.eye(3), [[0, 1, 3]], r"faces reach from 0 to 3; there are vertices 0 to 2"),
         (torch.eye(3), [[0, 1, -1]], "faces reach from -1 to 1"),
-        (torch.tensor([[0.0, 0, 0], [np.inf, 0, 0], [0, 1, 0]]), [[0, 1, 2]], "NaN or infinity in 2 of 18"),
+        (torch.tensor([[0.0, 0, 0], [np.inf, 0, 0], [0, 1, 0]]), [[0, 1, 2]], "NaN or infinity in 1 of 9"),
     ],
 )
 def test_sampling_rejects_invalid_surfaces(vertices: Tensor, faces: list[list[int]], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        map_to_surfaces(torch.stack([vertices, vertices]), torch.tensor(faces), torch.rand(2, 3, 3, dtype=torch.float64))
+        sample_surface(vertices, torch.tensor(faces), 3, torch.Generator())
