@@ -1,4 +1,4 @@
-"""Object stages: skipped, resumed, failing, split into shards, run by workers."""
+"""Object stages: skipped, resumed, split into shards, run by workers."""
 
 import os
 import shutil
@@ -13,8 +13,8 @@ from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
-from pipeline.engine.shard import failures, pending_units
-from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
+from pipeline.engine.shard import pending_units
+from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import exclusive_lock
@@ -22,7 +22,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -141,22 +141,6 @@ def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):
     assert run(request(tmp_path, items=[*objects(1), x])) == 1, "a manifest that changes keeps the rows that it still names"
 
 
-def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
-    run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
-    shard = published(tmp_path).first
-    assert not shard.read("ok").any()
-    assert not shard.read("values").any()
-
-
-def test_repaired_object_is_published_at_once_and_other_failures_stay(tmp_path):
-    mended = tmp_path / "mended"
-    items = objects(4, b=f"until {mended}", c="bad")
-    run(request(tmp_path, items=items))
-    mended.touch()
-    assert run(request(tmp_path, items=items, retry=True, only="b")) == 1
-    assert [published(tmp_path).failure(name) is None for name in "abcd"] == [True, True, False, True]
-
-
 def test_missing_description_file_ends_a_dry_run(tmp_path):
     with (
         patch.object(MakeNoise, "assets", lambda *_: [description_path("sensor", "nope.yaml")]),
@@ -171,32 +155,6 @@ def test_dry_run_forecasts_the_chosen_shard(tmp_path):
     assert [foreseen.missing for _, foreseen in forecast(mean_request, 0)] == [3]
     with pytest.raises(StoreError, match="there is no shard 9 of 5"):
         list(forecast(mean_request, 9))
-
-
-def test_failures_are_tried_again_with_retry_only(tmp_path):
-    flag = tmp_path / "mended"
-    items = objects(3, b=f"until {flag}")
-    run(request(tmp_path, items=items))
-    assert run(request(tmp_path, items=items)) == 0
-    flag.touch()
-    assert run(request(tmp_path, items=items)) == 0
-    assert run(request(tmp_path, items=items, retry=True)) == 1
-    assert published(tmp_path).failure("b") is None
-
-
-def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
-    items = objects(3, b="bad")
-    for name in "ab":
-        leave_row(request(tmp_path, items=items), name)
-    missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
-    assert missing == [[1], [2]]
-    assert run(request(tmp_path, items=items, retry=True)) == 2
-
-
-def test_strict_refuses_objects_that_failed_before(tmp_path):
-    run(request(tmp_path, items=objects(3, b="bad"), only="b"))
-    with pytest.raises(InvalidInput, match="b: it is bad"):
-        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
 
 
 def test_a_shard_without_objects_needs_no_inputs(tmp_path):
@@ -229,16 +187,6 @@ def test_objects_of_another_manifest_are_not_dropped(tmp_path):
         run(request(tmp_path, items=objects(3), manifest="other"))
     assert list(published(tmp_path)) == list("abcde")
     assert run(request(tmp_path, items=objects(7), manifest="other")) == 2, "one that has more takes over"
-
-
-def test_failure_under_other_settings_is_ignored(tmp_path):
-    mended = tmp_path / "mended"
-    items = objects(3, b=f"until {mended}")
-    run(request(tmp_path, items=items))
-    mended.touch()
-    with_more = request(tmp_path, items=items, settings={"samples": 60}, only="b")
-    assert run(with_more) == 1
-    assert failures(plan_of(with_more)) == {}
 
 
 def test_added_object_is_made_alone(tmp_path):
@@ -278,66 +226,6 @@ def test_inputs_with_different_splits_are_refused(tmp_path):
         plan_of(request(tmp_path, stage=Compare()))
     assert run(request(tmp_path, stage=TakeMean(), items=objects(5, split="test"))) == 0
     assert run(request(tmp_path, stage=Compare(), items=objects(5, split="test"))) == 5
-
-
-def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_path):
-    items = objects(6, b="bad", c="crash")
-    run(request(tmp_path, items=items, executor=Dask(2)))
-    noise = published(tmp_path)
-    reasons = {name: failure.reason for name in noise if (failure := noise.failure(name))}
-    assert set(reasons) == set("bc")
-    assert reasons["b"] == "it is bad; make it good"
-    assert "its process died each time" in reasons["c"]
-    alone = tmp_path / "alone"
-    run(request(alone, items=[item for item in items if item.object_id in "af"]))
-    for name in "af":
-        assert noise.row(name).digest == published(alone).row(name).digest
-    assert not noise.first.read("ok")[1]
-    assert (noise.first.read("values")[1:3] == 0).all()
-
-
-@pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "pipe"])
-def test_unreadable_file_fails_its_object_and_the_others_are_processed(tmp_path, content):
-    file = tmp_path / "b.gltf"
-    os.mkfifo(file) if content is None else file.write_bytes(content)
-    items = [Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train"), *objects(1)]
-    run(request(tmp_path / "data", items=items))
-    noise = published(tmp_path / "data")
-    assert noise.failure("b").reason.startswith("its file cannot be read: b.gltf ")
-    assert noise.failure("a") is None
-
-
-@pytest.mark.parametrize(
-    ("trouble", "message"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")]
-)
-def test_bug_is_reported_with_its_traceback_and_the_others_are_processed(tmp_path, trouble, message):
-    with pytest.raises(BugFound, match="processing d met a bug in vt-pipeline") as caught:
-        run(request(tmp_path, items=objects(5, d=trouble)))
-    assert "Traceback" in str(caught.value)
-    assert message in str(caught.value)
-    assert not len(published(tmp_path))
-    assert run(request(tmp_path)) == 1, "the rows of the others are kept"
-
-
-def test_failure_is_passed_on_with_the_name_of_the_failed_stage(tmp_path):
-    items = objects(3, b="bad")
-    run(request(tmp_path, items=items))
-    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
-    failure = published(tmp_path, MEAN).failure("b")
-    assert (failure.stage, failure.reason) == ("make-noise", "it is bad; make it good")
-
-
-def test_shard_of_failed_objects_is_valid(tmp_path):
-    items = objects(2, a="bad", b="bad")
-    run(request(tmp_path, items=items))
-    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
-    assert list(published(tmp_path, MEAN).first.read("ok")) == [False, False]
-
-
-def test_strict_stops_at_the_first_failure(tmp_path):
-    with pytest.raises(InvalidInput, match="b: it is bad"):
-        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
-    assert not len(published(tmp_path))
 
 
 def test_missing_input_is_named(tmp_path):

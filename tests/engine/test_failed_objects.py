@@ -1,0 +1,124 @@
+"""Objects that fail: recorded with reasons, tried again on request, and no others with them."""
+
+import os
+
+import pytest
+
+from pipeline.config.manifest import Object
+from pipeline.engine.dask_executor import Dask
+from pipeline.engine.run import forecast
+from pipeline.engine.shard import failures
+from pipeline.errors import BugFound, InvalidInput
+from tests.engine.tiny_stages import MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
+
+
+def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
+    run(request(tmp_path, items=objects(3, a="bad", b="bad", c="bad")))
+    shard = published(tmp_path).first
+    assert not shard.read("ok").any()
+    assert not shard.read("values").any()
+
+
+def test_repaired_object_is_published_at_once_and_other_failures_stay(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(4, b=f"until {mended}", c="bad")
+    run(request(tmp_path, items=items))
+    mended.touch()
+    assert run(request(tmp_path, items=items, retry=True, only="b")) == 1
+    assert [published(tmp_path).failure(name) is None for name in "abcd"] == [True, True, False, True]
+
+
+def test_failures_are_tried_again_with_retry_only(tmp_path):
+    flag = tmp_path / "mended"
+    items = objects(3, b=f"until {flag}")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, items=items)) == 0
+    flag.touch()
+    assert run(request(tmp_path, items=items)) == 0
+    assert run(request(tmp_path, items=items, retry=True)) == 1
+    assert published(tmp_path).failure("b") is None
+
+
+def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
+    items = objects(3, b="bad")
+    for name in "ab":
+        leave_row(request(tmp_path, items=items), name)
+    missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
+    assert missing == [[1], [2]]
+    assert run(request(tmp_path, items=items, retry=True)) == 2
+
+
+def test_strict_refuses_objects_that_failed_before(tmp_path):
+    run(request(tmp_path, items=objects(3, b="bad"), only="b"))
+    with pytest.raises(InvalidInput, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+
+
+def test_failure_under_other_settings_is_ignored(tmp_path):
+    mended = tmp_path / "mended"
+    items = objects(3, b=f"until {mended}")
+    run(request(tmp_path, items=items))
+    mended.touch()
+    with_more = request(tmp_path, items=items, settings={"samples": 60}, only="b")
+    assert run(with_more) == 1
+    assert failures(plan_of(with_more)) == {}
+
+
+def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_path):
+    items = objects(6, b="bad", c="crash")
+    run(request(tmp_path, items=items, executor=Dask(2)))
+    noise = published(tmp_path)
+    reasons = {name: failure.reason for name in noise if (failure := noise.failure(name))}
+    assert set(reasons) == set("bc")
+    assert reasons["b"] == "it is bad; make it good"
+    assert "its process died each time" in reasons["c"]
+    alone = tmp_path / "alone"
+    run(request(alone, items=[item for item in items if item.object_id in "af"]))
+    for name in "af":
+        assert noise.row(name).digest == published(alone).row(name).digest
+    assert not noise.first.read("ok")[1]
+    assert (noise.first.read("values")[1:3] == 0).all()
+
+
+@pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "pipe"])
+def test_unreadable_file_fails_its_object_and_the_others_are_processed(tmp_path, content):
+    file = tmp_path / "b.gltf"
+    os.mkfifo(file) if content is None else file.write_bytes(content)
+    items = [Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train"), *objects(1)]
+    run(request(tmp_path / "data", items=items))
+    noise = published(tmp_path / "data")
+    assert noise.failure("b").reason.startswith("its file cannot be read: b.gltf ")
+    assert noise.failure("a") is None
+
+
+@pytest.mark.parametrize(
+    ("trouble", "message"), [("bug", "ZeroDivisionError: a fault of ours"), ("nan", "holds a value that is not finite")]
+)
+def test_bug_is_reported_with_its_traceback_and_the_others_are_processed(tmp_path, trouble, message):
+    with pytest.raises(BugFound, match="processing d met a bug in vt-pipeline") as caught:
+        run(request(tmp_path, items=objects(5, d=trouble)))
+    assert "Traceback" in str(caught.value)
+    assert message in str(caught.value)
+    assert not len(published(tmp_path))
+    assert run(request(tmp_path)) == 1, "the rows of the others are kept"
+
+
+def test_failure_is_passed_on_with_the_name_of_the_failed_stage(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 2
+    failure = published(tmp_path, MEAN).failure("b")
+    assert (failure.stage, failure.reason) == ("make-noise", "it is bad; make it good")
+
+
+def test_shard_of_failed_objects_is_valid(tmp_path):
+    items = objects(2, a="bad", b="bad")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, stage=TakeMean(), items=items)) == 0
+    assert list(published(tmp_path, MEAN).first.read("ok")) == [False, False]
+
+
+def test_strict_stops_at_the_first_failure(tmp_path):
+    with pytest.raises(InvalidInput, match="b: it is bad"):
+        run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+    assert not len(published(tmp_path))
