@@ -18,7 +18,7 @@ from pipeline.formats.file_units import stated_units
 MAX_OBJECTS = 200_000
 """Most objects of a source: listing them takes a second, and memory, before anything else is done."""
 
-Category = Literal["bottle", "cellphone", "knife", "rifle"]
+Category = Literal["bottle", "cellphone", "knife", "rifle", "bowl", "box", "brush", "bulb", "can", "hammer", "mug", "screwdriver", "toy"]
 
 
 class Source(BaseModel):

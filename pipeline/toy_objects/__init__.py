@@ -1,14 +1,17 @@
-"""Procedural objects: parametric bottles, cellphones, knives and rifles for manifests that need no download."""
+"""Procedural objects: the paper's four classes and nine others, parametric, for manifests that need no download."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.toy_objects import bottle, cellphone, knife, rifle
+from pipeline.toy_objects import bottle, bowl, box, brush, bulb, can, cellphone, hammer, knife, mug, rifle, screwdriver, toy
 from pipeline.toy_objects.model import Model
 
-MAKERS = {"bottle": bottle, "cellphone": cellphone, "knife": knife, "rifle": rifle}
+MAKERS = {
+    maker.__name__.rpartition(".")[2]: maker
+    for maker in (bottle, cellphone, knife, rifle, bowl, box, brush, bulb, can, hammer, mug, screwdriver, toy)
+}
 """The module of each class: its `KINDS` each draw an object (model, rng), which its `PROPORTIONS` then stretch: axes, start and end
 of what is stretched, see `Model.stretch`, and the range of the factor."""
 
@@ -45,9 +48,9 @@ def generate(category: str, rng: np.random.Generator, kind: int | None = None) -
     Returns
     -------
     Mesh
-        Metres, z up, of roughly real size. Bottles and cellphones stand along z, knives and rifles lie along y, tip or
-        muzzle at +y: the front of each faces +x, where the supplement's camera stands. A union of closed, outward-wound
-        parts that may overlap.
+        Metres, z up, of roughly real size. Knives, rifles, hammers, screwdrivers and brushes lie along y, what works at +y; the others
+        stand along z: the front of each faces +x, where the supplement's camera stands. A union of closed, outward-wound parts that may
+        overlap.
 
     Raises
     ------

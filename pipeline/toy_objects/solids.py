@@ -126,6 +126,32 @@ def block(x: tuple[float, float], z: tuple[float, float], width: float) -> Solid
     return column([(at, width / 2.0, (z[1] - z[0]) / 2.0, 9) for at in x], "x", 16, centre=sum(z) / 2.0)
 
 
+def vessel(
+    rows: Rows, wall: float, floor: float, inside: Material | None = None, bands: Sequence[tuple[float, float, Material]] = ()
+) -> Solid:
+    """Loft a vessel that is open at the top.
+
+    Parameters
+    ----------
+    rows
+        Its outside, from the foot to the rim, as `column` takes them; refined smoothly.
+    wall, floor
+        Thickness of the wall, and the height above which the vessel is hollow.
+    inside
+        The material of its inside, if that is another one.
+    bands
+        Other materials around its outside: lowest z, highest z, material.
+    """
+    count, outer = 40, smooth(rows, at=[floor, *np.ravel([band[:2] for band in bands])])
+    hollow = outer[outer[:, 0] > floor - 1e-6][::-1].copy()
+    hollow[:, 1:3] -= wall  # half u, and half v where there is one: exponents are further right
+    solid = column(np.concatenate([outer, hollow]), count=count)
+    within, z = solid.faces.min(axis=1) >= len(outer) * count, solid.vertices[solid.faces, 2].mean(axis=1)
+    for low, high, material in bands:
+        solid = solid.painted(material, ~within & (z > low) & (z < high))
+    return solid if inside is None else solid.painted(inside, within)
+
+
 def rod(start: float, end: float, radius: float, axis: str = "x") -> Solid:
     """Make a round bar along an axis."""
     return column([(start, radius), (end, radius)], axis, 20)
@@ -138,7 +164,7 @@ def ball(radii: Sequence[float]) -> Solid:
     return replace(solid, vertices=solid.vertices * radii)
 
 
-def box(size: Sequence[float], exponent: float = 8.0, bevel: float = 1.0, axis: str = "y", count: int = 24) -> Solid:
+def box(size: Sequence[float] | Array, exponent: float = 8.0, bevel: float = 1.0, axis: str = "y", count: int = 24) -> Solid:
     """Make a box of `size` (x, y, z) about the origin: outline across `axis` a superellipse, the edges of its two ends rounded."""
     u, v, along = np.roll(size, 2 - "xyz".index(axis)) / 2.0
     edge = [(along - bevel * down, bevel * inset) for down, inset in ((1.0, 0.0), (0.3, 0.3), (0.0, 1.0))]
@@ -156,6 +182,20 @@ def sweep(points: Rows, width: float, height: float, exponent: float = 3.0) -> S
     up /= np.sqrt((up * up).sum(axis=1, keepdims=True))
     flat = superellipse(width / 2.0, height / 2.0, exponent, 16)
     return loft(line[:, None] + flat[..., :1] * lateral + flat[..., 1:] * up[:, None])
+
+
+def coil(rows: Rows, turns: float, axis: str = "z") -> Solid:
+    """Wind a wire around an axis, rising evenly: rows (position, radius of the turn, radius of the wire)."""
+    table, share = np.asarray(rows, float), np.linspace(0.0, 1.0, int(32 * turns))
+    position, radius, thick = (np.interp(share, np.linspace(0.0, 1.0, len(table)), column) for column in table.T)
+    angle = 2.0 * np.pi * turns * share
+    outward = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    line = radius[:, None] * outward + position[:, None] * [0.0, 0.0, 1.0]
+    across = np.cross(np.gradient(line, axis=0), outward)
+    across /= np.sqrt((across * across).sum(axis=1, keepdims=True))
+    flat = superellipse(thick, thick, 2.0, 12)
+    rings = line[:, None] - flat[..., :1] * across[:, None] + flat[..., 1:] * outward[:, None]
+    return loft(np.roll(rings, "xyz".index(axis) + 1, axis=-1))
 
 
 def smooth(rows: Rows, between: int = 4, at: ArrayLike = ()) -> Array:
