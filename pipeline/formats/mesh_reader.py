@@ -121,6 +121,8 @@ def _answer(read: Callable[[], Mesh], answers: IO[bytes], limits: dict[int, int]
         os._exit(0)
     except MemoryError:
         os._exit(errno.ENOMEM)
+    except BrokenPipeError:  # the process that asked was ended
+        pass
     except BaseException:
         traceback.print_exc()
     finally:

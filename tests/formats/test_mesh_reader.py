@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import errno
 import json
 import os
 import re
@@ -113,6 +114,18 @@ def test_file_that_crashes_its_reader_is_refused(tmp_path: Path, monkeypatch: py
             load_mesh(tmp_path / "box.ply")
     finally:
         mesh_reader.end_reader()
+
+
+def test_reader_prints_nothing_when_the_process_that_asked_ends(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    trimesh.creation.icosphere(subdivisions=6).export(tmp_path / "ball.ply")  # more than a pipe holds
+    reader = mesh_reader._start()
+    assert reader.stdin
+    assert reader.stdout
+    reader.stdin.write(json.dumps([str(tmp_path / "ball.ply"), str(tmp_path), mesh_reader.BYTES, mesh_reader.SECONDS]).encode() + b"\n")
+    reader.stdin.close()
+    reader.stdout.close()
+    assert reader.wait() == errno.EIO
+    assert capfd.readouterr().err == ""
 
 
 def test_forked_process_starts_its_own_reader(tmp_path: Path) -> None:
