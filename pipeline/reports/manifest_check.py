@@ -89,6 +89,11 @@ class CheckedObject:
         return " × ".join(f"{side:.3g}" for side in self.sides)
 
     @property
+    def caption(self) -> str:
+        """Write its name and its rounded sides, in a line each as wide as a small picture."""
+        return f"{self.name}\n" + " × ".join(f"{side:.2g}" for side in self.sides) + " m"
+
+    @property
     def row(self) -> Row:
         """Give the row of a table with `COLUMNS`."""
         textures = f"{self.textures}, {len(self.missing)} missing" if self.missing else str(self.textures)
@@ -138,7 +143,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
             meter.advance()
     checked.sort(key=lambda item: (item.diagonal, item.in_file, item.name))
     sources = {item.object_id: item.source for item in objects}
-    _draw(objects, {f"{item.name}\n{item.size} m": sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
+    _draw(objects, {item.caption: sources[item.name] for item in spread_evenly(checked, DRAWN)}, picture)
     verdict = f"{len(faults)} of them cannot be used" if faults else "no faults"
     return [
         f"{path}: manifest {manifest.name}, {pluralise(len(objects))}, {verdict}",
@@ -242,15 +247,15 @@ def _draw(objects: Sequence[Object], drawn_sources: Mapping[str, Mapping[str, An
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))
     bars, rows = 1 + 0.3 * len(categories), ceil(len(drawn_sources) / PER_ROW)
-    figure = Figure((8, bars + 1.9 * rows), layout="constrained")
-    grid = figure.add_gridspec(1 + rows, PER_ROW, height_ratios=[bars, *[1.9] * rows])
+    figure = Figure((8, bars + 1.6 * rows), layout="constrained")
+    grid = figure.add_gridspec(1 + rows, PER_ROW, height_ratios=[bars, *[1.6] * rows])
     axes, left, places = figure.add_subplot(grid[0, :]), np.zeros(len(categories)), np.arange(len(categories))
     for split in SPLITS:
         width = np.array([counts[category, split] for category in categories])
         axes.barh(places, width, left=left, label=split)
         left += width
     axes.set(xlabel="objects", yticks=places, yticklabels=categories)
-    axes.legend()
+    axes.legend(ncols=len(SPLITS), loc="lower left", bbox_to_anchor=(0, 1), frameon=False)
     scene = load_scene("supplement")
     with Renderer(scene, PIXELS) as renderer:
         for number, (caption, source) in enumerate(drawn_sources.items()):
@@ -258,5 +263,5 @@ def _draw(objects: Sequence[Object], drawn_sources: Mapping[str, Mapping[str, An
             small = figure.add_subplot(grid[1 + number // PER_ROW, number % PER_ROW])
             small.imshow(render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))
             small.axis("off")
-            small.set_title(caption, fontsize=7)
+            small.set_title(caption, fontsize=6)
     save_figure(figure, picture)
