@@ -1,0 +1,36 @@
+"""Picture three procedural objects of each class: `python -m tools.class_picture docs/pictures/classes.webp`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.normalise import normalise_mesh
+from pipeline.reports.reconstruction_gallery import render_mesh
+from pipeline.reports.second_view import fitted_camera
+from pipeline.rng import numpy_rng
+from pipeline.toy_objects import CATEGORIES, generate
+from stages.render_vision.renderer import Renderer
+from tools.picture_row import Panel, draw_row
+
+PIXELS, EACH = 128, 3
+"""Of each object's picture; objects of each class."""
+
+
+def picture_classes(path: Path) -> None:
+    """Draw a column per class, as the supplement's camera sees its objects, cut to fill the picture."""
+    scene = load_scene("supplement")
+    panels: list[tuple[str, Panel]] = []
+    with Renderer(scene, PIXELS) as renderer:
+        for number in range(EACH):
+            for category in CATEGORIES:
+                mesh = normalise_mesh(generate(category, numpy_rng(number, category), 4 * number), up="z", diagonal=0.5)
+                panels.append(
+                    ("" if number else category, render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))
+                )
+    draw_row(panels, path, len(CATEGORIES), inches=0.9)
+
+
+if __name__ == "__main__":
+    picture_classes(Path(sys.argv[1]))
