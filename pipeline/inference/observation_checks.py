@@ -23,6 +23,8 @@ SIZE_TOLERANCE = 0.02
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph"
 )
+SIZE_KEPT = 1.25
+"""Ratio to the sizes that a network has learned up to which an object is not scaled: estimates from depth err by as much."""
 NEAREST_SHARE = 2.0
 """Percentile of the depths that is the object's front: some depths are wrong."""
 
@@ -39,6 +41,8 @@ class ModelInputs:
         (3, 4) projection matrix, rows and columns, and background's sRGB of its images; None without images, or if not known.
     sensor
         Of its tactile images; None without touch.
+    diagonals
+        Of the smallest and the largest object that it learned from, m; None if not known.
     """
 
     configuration: str
@@ -47,6 +51,7 @@ class ModelInputs:
     resolution: tuple[int, int] | None
     background: tuple[int, int, int] | None
     sensor: Sensor | None
+    diagonals: tuple[float, float] | None = None
 
 
 def used_inputs(config: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
@@ -91,6 +96,14 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
     if len(felt) < 2:
         return None
     return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
+
+
+def size_factor(box: ObjectBox, model: ModelInputs) -> float:
+    """Compute the factor that scales an object to the nearest size that a model has learned; 1 within `SIZE_KEPT`, or if not known."""
+    if box.diagonal is None or model.diagonals is None:
+        return 1.0
+    factor = float(np.clip(box.diagonal, *model.diagonals)) / box.diagonal
+    return factor if max(factor, 1 / factor) > SIZE_KEPT else 1.0
 
 
 def _why_not_located(observation: RobotObservation) -> str:
@@ -181,10 +194,11 @@ def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Itera
 def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
     """Yield cameras and touches that do not fit the object's place."""
     is_stated = observation.object.diagonal is not None
-    if model is not None and is_stated and box.diagonal is not None and box.diagonal > 2 * model.config.radius * (1 + SIZE_TOLERANCE):
+    radius = np.inf if model is None else model.config.radius / size_factor(box, model)
+    if model is not None and is_stated and box.diagonal is not None and box.diagonal > 2 * radius * (1 + SIZE_TOLERANCE):
         yield (
             f"the object's diagonal is {box.diagonal:.3g} m ({box.source}), model {model.configuration} knows objects of at most "
-            f"{2 * model.config.radius:.3g} m: train one on objects of this size"
+            f"{2 * radius:.3g} m: train one on objects of this size"
         )
     if observation.camera is not None and observation.projection is not None:
         if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
@@ -196,7 +210,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
     reach = np.inf if box.diagonal is None else box.diagonal / 2
     limits = [(reach, f"the object's diagonal is {2 * reach:.3g} m")]
     if model is not None:
-        limits.append((model.config.radius, f"model {model.configuration} knows objects within {model.config.radius:.3g} m of it"))
+        limits.append((radius, f"model {model.configuration} knows objects within {radius:.3g} m of it"))
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, place in enumerate(gel_centres(observation)):
         distance = float(np.linalg.norm(place - box.centre))

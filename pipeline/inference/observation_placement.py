@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres, used_inputs
+from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres, size_factor, used_inputs
 from pipeline.inference.observation_file import ObservedCamera, RobotObservation
 from pipeline.kernels.charts.visible_charts import visible_charts
-from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
+from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
@@ -33,12 +33,12 @@ class Placement:
     observation, box
         What the robot saw and felt, and where the object is, in its own frame.
     to_network
-        (4, 4) rigid motion from the observation's frame, m, to the network's world.
+        (4, 4) motion and scale from the observation's frame, m, to the network's world.
     image, camera
         The photograph as the network's camera would have taken it from the same place, (rows, cols, 3) uint8, and the (3, 4) projection
         matrix of that; None for a network without images.
     sensor_poses
-        (T, 4, 4) in the network's world, m.
+        (T, 4, 4) in the network's world, m, scaled as the object is.
     remarks
         What was assumed, and what differs from the training.
     """
@@ -62,7 +62,7 @@ class Placement:
 
     def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (V, 3) of the network's world, m, to the observation's frame and unit."""
-        return transform_points(invert_pose(self.to_network), points) / self.observation.metres_per_unit
+        return transform_points(invert_similarity(self.to_network), points) / self.observation.metres_per_unit
 
 
 def place_observation(observation: RobotObservation, model: ModelInputs) -> Placement:
@@ -71,7 +71,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     Notes
     -----
     The object's centre is moved to the network's, the observation's up to +z. About +z, the observation is turned until its camera has the
-    azimuth of the training's; without a camera it keeps its own axes. Nothing is scaled: touches are as large as sensors are.
+    azimuth of the training's; without a camera it keeps its own axes. An object of a size that the network has not learned is scaled, with
+    its camera and its touches, to the nearest size that it has.
     """
     box = find_object(observation)
     if box is None:
@@ -79,7 +80,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     model = replace(model, config=used_inputs(model.config, observation))
     centre = np.array(model.config.centre)
     to_network = np.eye(4)
-    to_network[:3, :3] = turn_to_z(np.array(observation.up))
+    to_network[:3, :3] = size_factor(box, model) * turn_to_z(np.array(observation.up))
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
     training, image, camera = model.camera, None, None
     remarks = list(_size_remarks(box, model))
@@ -132,8 +133,9 @@ def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the projection matrix of a camera that moved with its frame."""
-    return compose(projection, invert_pose(motion))
+    """Compute the projection matrix of a camera that moved with its frame, which may be scaled; depth stays in m."""
+    moved = compose(projection, invert_similarity(motion))
+    return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
 def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
@@ -175,7 +177,13 @@ def degrees(angle: float) -> str:
 
 
 def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
-    size = 2 * model.config.radius
+    size, factor = 2 * model.config.radius, size_factor(box, model)
+    if box.diagonal is not None and factor != 1:
+        yield (
+            f"the object is given {factor:.3g} times as large, with a diagonal of {factor * box.diagonal:.3g} m as the nearest that the "
+            "network has learned; touches seem as much larger"
+        )
+        return
     if box.diagonal is not None and box.diagonal < SMALL_OBJECT * size:
         yield (
             f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "

@@ -110,7 +110,7 @@ class ObservationReader:
         """Inputs that the model was trained with."""
         model = self.model
         sensor = self.unet.sensor if model.touch else None
-        return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor)
+        return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor, model.diagonals)
 
     @cached_property
     def unet(self) -> TouchModel:

@@ -68,6 +68,7 @@ class Description(BaseModel):
     resolution: tuple[int, int] | None
     background: tuple[Level, Level, Level] | None = None
     charts: dict[str, Any] | None
+    diagonals: tuple[float, float] | None = None
 
     @model_validator(mode="after")
     def _of_its_inputs(self) -> Description:
@@ -105,6 +106,8 @@ class Reconstructor(ABC):
         Rows and columns of its images, and the sRGB of their background; None without an image, or if not known.
     chart_settings
         The settings of `fit-charts` that its touch charts were fitted with; None without touch.
+    diagonals
+        Of the smallest and the largest object that it learned from, m; None if not known.
     """
 
     configurations: ClassVar[Mapping[str, NetworkInputs]]
@@ -119,7 +122,7 @@ class Reconstructor(ABC):
         self.image, self.touch = self.config.image, self.config.touch
         self.camera = None if description.camera is None else np.array(description.camera)
         self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
-        self.resolution, self.background = description.resolution, description.background
+        self.resolution, self.background, self.diagonals = description.resolution, description.background, description.diagonals
 
     def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Make a reconstructor with the same network, which takes any inputs, and these inputs."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isqrt
 from typing import Any
 
@@ -163,8 +164,8 @@ class Items:
             return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
-    def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
-        """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
+    def description(self, configuration: str, config: BaseModel, diagonals: Sequence[float]) -> dict[str, Any]:
+        """Describe a network that was trained on these items of these sizes, m, in the form that `Reconstructor` reads from its folder."""
         return {
             "configuration": configuration,
             "network": config.model_dump(mode="json"),
@@ -172,6 +173,7 @@ class Items:
             "resolution": self.resolution,
             "background": self.background,
             "charts": self.rows.attributes("charts")["settings"] if self.config.touch else None,
+            "diagonals": [min(diagonals), max(diagonals)],
         }
 
     def name(self, item: int) -> str:

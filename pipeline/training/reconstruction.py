@@ -182,7 +182,7 @@ class ReconstructionTraining(DatasetStage):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
-        save_model(job.folder, network, learning.description(settings.configuration, network.config))
+        save_model(job.folder, network, learning.description(settings.configuration, network.config, list(diagonals.values())))
         return facts
 
 

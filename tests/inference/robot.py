@@ -10,7 +10,11 @@ import yaml
 from PIL import Image
 
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.observation_checks import ModelInputs
+from pipeline.inference.observed_pose import Pose
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.kernels.vision.camera import Camera, projection_matrix
 
 CENTRE, RADIUS = np.array([0.4, -0.1, 0.2]), 0.06
 EYE = CENTRE + np.array([-0.5, 0.0, 0.0])
@@ -18,6 +22,7 @@ FOCAL, COLS, ROWS = 300.0, 160, 120
 SENSOR = load_sensor("gel_16mm")
 CAMERA_AXES = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """Columns: right is -y, down is -z, forward is +x, OpenCV's convention."""
+TRAINING = projection_matrix(Camera(position=(1.1, 0.3, 0.9), rotation=(75, 0, 105), focal=(200, 200), centre=(64, 64), resolution=128))
 
 
 def camera_pose() -> np.ndarray:
@@ -71,6 +76,20 @@ def write_files(folder: Path) -> dict[str, Any]:
             for name, direction in (("index", (0, 1, 0)), ("thumb", (0, -1, 0)))
         ],
     }
+
+
+def scaled_pose(pose: Pose, scale: float) -> np.ndarray:
+    """Write a pose in a unit that makes lengths larger by a factor."""
+    scaled = pose.array.copy()
+    scaled[:3, 3] *= scale
+    return scaled
+
+
+def model(name: str = "occluded-touch", **changes: object) -> ModelInputs:
+    config = CONFIGURATIONS[name].model_copy(update=changes)
+    image = config.image is not None
+    fit = (TRAINING, (128, 128), (230, 232, 235)) if image else (None, None, None)
+    return ModelInputs(name, config, *fit, SENSOR if config.touch else None)
 
 
 class _Plain(yaml.SafeDumper):

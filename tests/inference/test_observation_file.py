@@ -15,17 +15,19 @@ from pipeline.inference.observation_file import RobotObservation, load_observati
 from pipeline.inference.observation_placement import network_tactile_images, place_observation, turn_to_z
 from pipeline.inference.observed_pose import Pose
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
-from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
-from tests.inference.robot import CENTRE, RADIUS, SENSOR, camera_pose, touch_pose, write_files, write_observation
-
-TRAINING = projection_matrix(Camera(position=(1.1, 0.3, 0.9), rotation=(75, 0, 105), focal=(200, 200), centre=(64, 64), resolution=128))
-
-
-def model(name: str = "occluded-touch", **changes: object) -> ModelInputs:
-    config = CONFIGURATIONS[name].model_copy(update=changes)
-    image = config.image is not None
-    fit = (TRAINING, (128, 128), (230, 232, 235)) if image else (None, None, None)
-    return ModelInputs(name, config, *fit, SENSOR if config.touch else None)
+from pipeline.kernels.vision.camera import project_points
+from tests.inference.robot import (
+    CENTRE,
+    RADIUS,
+    SENSOR,
+    TRAINING,
+    camera_pose,
+    model,
+    scaled_pose,
+    touch_pose,
+    write_files,
+    write_observation,
+)
 
 
 def error_of(path: Path, inputs: ModelInputs | None = None) -> str:
@@ -224,12 +226,12 @@ def test_missing_and_unsuitable_inputs_of_a_model_are_named(tmp_path: Path) -> N
 def test_observation_is_moved_to_the_frame_of_the_network_and_back(tmp_path: Path, unit: float) -> None:
     entries = write_files(tmp_path)
     read = load_observation(write_observation(tmp_path, entries))
-    scaled = [touch.changed(pose=_scaled(touch.pose, 1 / unit)) for touch in read.touches]
+    scaled = [touch.changed(pose=scaled_pose(touch.pose, 1 / unit)) for touch in read.touches]
     assert read.camera is not None
     observation = RobotObservation(
         unit="m" if unit == 1 else "mm",
         object={"centre": tuple(CENTRE / unit)},
-        camera=read.camera.changed(pose=_scaled(read.camera.pose, 1 / unit)),
+        camera=read.camera.changed(pose=scaled_pose(read.camera.pose, 1 / unit)),
         sensor=SENSOR,
         touches=tuple(scaled),
     )
@@ -244,12 +246,6 @@ def test_observation_is_moved_to_the_frame_of_the_network_and_back(tmp_path: Pat
     middle = project_points(TRAINING, np.array([0.1, 0.2, 0.7]))
     np.testing.assert_allclose([col.mean() + 0.5, row.mean() + 0.5], middle, atol=1)
     assert any("above its horizon" in line for line in placed.remarks)
-
-
-def _scaled(pose: Pose, scale: float) -> np.ndarray:
-    scaled = pose.array.copy()
-    scaled[:3, 3] *= scale
-    return scaled
 
 
 def test_pixels_outside_the_mask_become_the_training_background(tmp_path: Path) -> None:

@@ -71,6 +71,24 @@ def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
+def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert a rigid transform with a uniform scale.
+
+    Parameters
+    ----------
+    similarity
+        (4, 4) float64, frame a to frame b; the axes are orthogonal and of one length, the scale.
+
+    Returns
+    -------
+    (4, 4) float64, frame b to frame a.
+    """
+    squared = float((similarity[:3, 0] ** 2).sum())
+    inverse = invert_pose(similarity)
+    inverse[:3] /= squared
+    return inverse
+
+
 def solve_3x3(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve the linear equations `matrix` x = `target`.
 

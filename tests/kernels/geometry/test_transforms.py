@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.kernels.geometry.transforms import compose, invert_pose, length, rotation_from_euler, sin_cos, solve_3x3, transform_points
+from pipeline.kernels.geometry.transforms import (
+    compose,
+    invert_pose,
+    invert_similarity,
+    length,
+    rotation_from_euler,
+    sin_cos,
+    solve_3x3,
+    transform_points,
+)
 
 
 @pytest.fixture
@@ -33,6 +42,15 @@ def test_inverted_pose_undoes_the_transform(poses: np.ndarray, rng: np.random.Ge
     moved = transform_points(poses, points)
     np.testing.assert_allclose(moved[2, 3], poses[2, :3, :3] @ points[2, 3] + poses[2, :3, 3], atol=1e-14)
     np.testing.assert_allclose(transform_points(invert_pose(poses), moved), points, atol=1e-14)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 7.0])
+def test_inverted_similarity_undoes_motion_and_scale(poses: np.ndarray, rng: np.random.Generator, scale: float) -> None:
+    similarity, points = poses[0].copy(), rng.normal(size=(5, 3))
+    similarity[:3, :3] *= scale
+    np.testing.assert_allclose(
+        transform_points(invert_similarity(similarity), transform_points(similarity, points)), points, atol=1e-12 / scale
+    )
 
 
 def test_rotation_from_euler_turns_about_fixed_axes(rng: np.random.Generator) -> None:
