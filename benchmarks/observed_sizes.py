@@ -1,0 +1,64 @@
+"""Measure the network that ships on objects of other sizes, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
+
+The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, and from
+photograph and touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from benchmarks.timing import Table
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.inference.predict import reconstruct
+from pipeline.kernels.geometry.mesh import sample_triangles
+from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
+from pipeline.models.shipped_weights import DEFAULT, shipped_models
+from tools.robot_grasp import BASE, write_grasp
+
+POINTS, DIAGONAL = 10_000, 0.5
+"""Points drawn from a reconstruction; m, to which objects are scaled for the error."""
+
+
+def observations(folder: Path) -> dict[str, Path]:
+    """List the files of one grasp, in the folder of a robot's observation, by what they give."""
+    entries = yaml.safe_load((folder / "grasp.yaml").read_text())
+    (folder / "seen.yaml").write_text(yaml.safe_dump({name: entries[name] for name in ("unit", "object", "camera")}))
+    return {
+        "photograph": folder / "seen.yaml",
+        "photograph and depth as touch": folder / "rgbd.yaml",
+        "photograph and touches": folder / "grasp.yaml",
+    }
+
+
+def measure(data: Path) -> Table:
+    """Reconstruct each object of a dataset from its first grasp; give the errors by what was given."""
+    rows, errors = ObjectRows(data, ["points"], None), defaultdict[str, list[float]](list)
+    rng = np.random.default_rng(0)
+    with tempfile.TemporaryDirectory() as folder:
+        for object_id in rows.object_ids:
+            points = rows.read("points", object_id).astype(np.float64)
+            scale, truth = DIAGONAL / bounding_diagonal(points), transform_points(BASE, points)
+            write_grasp(data, object_id, 0, Path(folder))
+            for given, path in observations(Path(folder)).items():
+                mesh = reconstruct(path, shipped_models(), DEFAULT).closed
+                assert mesh is not None
+                drawn, _ = sample_triangles(mesh.vertices[mesh.faces], POINTS, rng)
+                errors[given].append(TABLE_3_FACTOR * scale**2 * cloud_distances(drawn, truth).chamfer)
+            print(object_id, *(f"{given} {values[-1]:.3g}" for given, values in errors.items()), sep=", ", flush=True)
+    table = Table(f"Chamfer distance × 9000 at {DIAGONAL} m of {len(rows)} objects", ("mean", "median"))
+    for given, values in errors.items():
+        table.add(given, f"{np.mean(values):.3g}", f"{np.median(values):.3g}")
+    return table
+
+
+if __name__ == "__main__":
+    print(measure(Path(sys.argv[1])).markdown("The network that ships, one grasp of each object."))
