@@ -1,7 +1,7 @@
 """Measure the network that ships on objects of other sizes, as a robot records them: `python -m benchmarks.observed_sizes DATA`.
 
-The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, and from
-photograph and touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
+The first grasp of each object is written as a robot's observation, and reconstructed by `predict` from the photograph alone, with its
+depth as touch, and with touches. Errors are Chamfer distances × 9000 of objects scaled to the size that the network has learned.
 """
 
 from __future__ import annotations

@@ -26,9 +26,8 @@ def picture_classes(path: Path) -> None:
         for number in range(EACH):
             for category in CATEGORIES:
                 mesh = normalise_mesh(generate(category, numpy_rng(number, category), 4 * number), up="z", diagonal=0.5)
-                panels.append(
-                    ("" if number else category, render_mesh(renderer, mesh, fitted_camera(scene.square_camera(PIXELS), mesh.vertices)))
-                )
+                camera = fitted_camera(scene.square_camera(PIXELS), mesh.vertices)
+                panels.append(("" if number else category, render_mesh(renderer, mesh, camera)))
     draw_row(panels, path, len(CATEGORIES), inches=0.9)
 
 

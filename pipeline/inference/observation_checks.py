@@ -99,7 +99,7 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
 
 
 def size_factor(box: ObjectBox, model: ModelInputs) -> float:
-    """Compute the factor that scales an object to the nearest size that a model has learned; 1 within `SIZE_KEPT`, or if not known."""
+    """Compute the factor that scales an object to the nearest size that a model has learned; 1 within `SIZE_KEPT`, or if unknown."""
     if box.diagonal is None or model.diagonals is None:
         return 1.0
     factor = float(np.clip(box.diagonal, *model.diagonals)) / box.diagonal

@@ -18,7 +18,7 @@ CARDBOARD: Palette = ((176, 136, 92), (198, 160, 112), (226, 222, 210), *PLASTIC
 
 
 def standing(rng: Rng, size: Sequence[float] | Array, exponent: float = 14.0, bevel: float = 1.0, *, printed: bool = True) -> Solid:
-    """Make a box of a size (x, y, z) that stands on z = 0, with a printed front."""
+    """Make a box that stands on z = 0, with sides (x, y, z); a label covers its front if it is printed."""
     solid = box(size, exponent, bevel, "z", 40).moved(z=size[2] / 2)
     if not printed:
         return solid
@@ -39,7 +39,7 @@ def carton(model: Model, rng: Rng) -> None:
 
 
 def milk(model: Model, rng: Rng) -> None:
-    """Drink carton: gable with a fold on top, or flat with a screw cap."""
+    """Drink carton with a screw cap: a gable with a fold on top, or flat."""
     side, high, deep = rng.uniform((32, 95, 0.7), (48, 200, 1.0))
     model.add(pick(rng, WHITE, *PLASTICS), standing(rng, (2 * side, 2 * deep * side, high)))
     if chance(rng, 0.6):
@@ -50,7 +50,7 @@ def milk(model: Model, rng: Rng) -> None:
 
 
 def shoe_box(model: Model, rng: Rng) -> None:
-    """Box with a lid over it; the lid askew in some."""
+    """Box with a lid over it, which is askew in some."""
     size = rng.uniform((140, 90, 60), (320, 200, 130))
     lid = box((size[0] + 6, size[1] + 6, 0.28 * size[2]), 16, 1.5, "z", 40).moved(z=size[2])
     model.add(pick(rng, *CARDBOARD), standing(rng, size))

@@ -14,7 +14,7 @@ from pipeline.toy_objects.solids import Solid, ball, bar, coil, column, rod, smo
 
 
 def grip(model: Model, rng: Rng, length: float, radius: float) -> None:
-    """Add a handle from x = -length to 0: fluted plastic, a soft grip with a collar, or turned wood with a ferrule."""
+    """Add a handle from x = -length to 0: fluted plastic with a cap and a collar, or turned, with a ferrule."""
     trim, lobes = pick(rng, *PLASTICS, BLACK, *STEELS, GOLD), int(rng.integers(5, 9))
     fluted = [
         (-length, 0.7 * radius),
@@ -62,13 +62,13 @@ def slotted(model: Model, rng: Rng) -> None:
 
 
 def stubby(model: Model, rng: Rng) -> None:
-    """Short thick one."""
+    """Screwdriver with a short thick handle and a short shank."""
     grip(model, rng, rng.uniform(52, 66), rng.uniform(16, 21))
     model.add(pick(rng, *STEELS), *shank(rng.uniform(20, 38), rng.uniform(3.5, 5.0), "crossed" if chance(rng, 0.5) else "slotted"))
 
 
 def precision(model: Model, rng: Rng) -> None:
-    """Watchmaker's: slim metal rod with knurls and a turning cap."""
+    """Watchmaker's screwdriver: a slim rod with knurls and a turning cap."""
     radius, length = rng.uniform((4.5, 80), (6.5, 110))
     rings = np.linspace(-0.9, -0.1, 2 * int(rng.integers(6, 12))) * length
     rows = [(-length, 0.9 * radius), *zip(rings, np.resize([radius, 0.86 * radius], len(rings)), strict=True), (0, 0.5 * radius)]
@@ -103,7 +103,7 @@ def chisel(model: Model, rng: Rng) -> None:
 
 
 def file(model: Model, rng: Rng) -> None:
-    """File or rasp: flat, half round, round or three-cornered, on a handle."""
+    """File or rasp, flat to nearly round, on a handle."""
     grip(model, rng, rng.uniform(95, 125), rng.uniform(13, 17))
     long, u, v, square = rng.uniform((150, 3, 8, 2.0), (230, 9, 16, 9.0))
     table = [(-3, 3, 4, 3), (14, 0.9 * u, 0.9 * v, square), (0.6 * long, u, v, square), (long, 0.6 * u, rng.uniform(0.3, 0.9) * v, square)]
@@ -120,7 +120,7 @@ def gimlet(model: Model, rng: Rng) -> None:
 
 
 def spanner(model: Model, rng: Rng) -> None:
-    """Spanner: open jaws at one end or both, a ring at the other in some."""
+    """Spanner: jaws at one end or both, a thicker end opposite."""
     length, size, thick = rng.uniform((110, 11, 7), (200, 19, 11))
     metal = pick(rng, *STEELS, (70, 74, 80))
     waist = [

@@ -116,11 +116,10 @@ def wheels(model: Model, rng: Rng, at: list[float], radius: float, wide: float) 
 
 
 def car(model: Model, rng: Rng) -> None:
-    """Car, van, lorry or digger: chassis, cabin, wheels."""
+    """Car or van: body, cabin, wheels; a digger's arm on some."""
     half, wide, tall, r = rng.uniform((48, 20, 22, 10), (78, 30, 34, 17))
-    paint = pick(rng, *COLOURS)
     model.add(
-        paint,
+        pick(rng, *COLOURS),
         bar(
             [
                 (-half, 0.7 * r, r + 0.7 * tall, 2 * wide - 6),
@@ -150,7 +149,7 @@ def car(model: Model, rng: Rng) -> None:
 
 
 def train(model: Model, rng: Rng) -> None:
-    """Steam engine: boiler, cabin, chimney, domes; three pairs of wheels."""
+    """Steam engine: boiler, cabin, chimney, dome; three pairs of wheels."""
     half, r, wide = rng.uniform((48, 15, 17), (70, 22, 24))
     floor = 14.0
     model.add(pick(rng, BLACK, *COLOURS), block((-half, half), (floor - 6, floor + 8), 2 * wide))
@@ -192,12 +191,12 @@ def boat(model: Model, rng: Rng) -> None:
         sail = [(deep + 10, 0.55 * half, 2.2, 4), (deep + 0.5 * mast, 0.34 * half, 2.2, 4), (deep + 0.95 * mast, 2.5, 2.2, 3)]
         model.add(
             pick(rng, WHITE, *COLOURS),
-            column(sail, count=28, centre=0.0).moved(rng.uniform(-0.2, 0.2) * half).turned("z", rng.uniform(-0.4, 0.4)),
+            column(sail, count=28).moved(rng.uniform(-0.2, 0.2) * half).turned("z", rng.uniform(-0.4, 0.4)),
         )
 
 
 def plane(model: Model, rng: Rng) -> None:
-    """Aeroplane: fuselage, wings, tail, propellers or jets; on wheels."""
+    """Aeroplane: fuselage, wings, tail, a propeller or two jets; on wheels."""
     half, r, span, sweep_back = rng.uniform((60, 10, 50, 0), (90, 17, 85, 36))
     z = r + 16
     body = smooth([(-half, 0.25 * r), (-0.6 * half, 0.65 * r), (0.1 * half, r), (0.7 * half, 0.9 * r), (half, 0.25 * r)])
@@ -214,8 +213,7 @@ def plane(model: Model, rng: Rng) -> None:
     )
     high = rng.choice((-0.3, 0.6)) * r
     model.add(shade, wing.moved(0.1 * half, z=z + high), tail.moved(-0.85 * half, z=z + 2))
-    fin = column([(0, 0.6 * chord, 2, 2.4), (r + 20, 0.35 * chord, 1.5, 2.4)], "z", 24).moved(-0.85 * half, z=z)
-    model.add(shade, fin)
+    model.add(shade, column([(0, 0.6 * chord, 2, 2.4), (r + 20, 0.35 * chord, 1.5, 2.4)], "z", 24).moved(-0.85 * half, z=z))
     engine, at = rod(-12, 14, 0.5 * r), 0.45 * span
     if chance(rng, 0.5):
         model.add(pick(rng, *STEELS, BLACK), *(engine.moved(0.1 * half - 0.45 * sweep_back + 6, s * at, z + high - 5) for s in (-1, 1)))
@@ -228,7 +226,7 @@ def plane(model: Model, rng: Rng) -> None:
 
 
 def rocket(model: Model, rng: Rng) -> None:
-    """Rocket: pointed body, fins, a window, boosters on some."""
+    """Rocket: pointed body, fins, a window, a nozzle."""
     r, high, fins = *rng.uniform((14, 110), (26, 170)), int(rng.integers(3, 5))
     rows = [(10, 0.75 * r), (18, 0.9 * r), (0.4 * high, r), (0.72 * high, 0.85 * r), (0.93 * high, 0.3 * r), (high, 0.06 * r)]
     model.add(pick(rng, *COLOURS, WHITE, *STEELS), column(smooth(rows), count=36))
