@@ -1,13 +1,17 @@
-"""Random variation of training items, against overfitting to the training set's colours and sensors."""
+"""Random variation of training items: of colours and sensors, against overfitting; of the object's place, which a robot estimates."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
+from pipeline.kernels.vision.view_transfer import carried_camera, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
@@ -51,6 +55,62 @@ def vary_observation(observation: Observation, settings: ReconstructionSettings,
         kept = (torch.rand(len(observation.touched), generator=generator, dtype=torch.float32) >= settings.touch_dropout).numpy()
         observation = replace(observation, touch_vertices=observation.touch_vertices[kept], touched=observation.touched[kept])
     return observation
+
+
+@dataclass(frozen=True)
+class Misplacement:
+    """Where a wrong estimate puts an object: points x of the world, m, are at `scale` x + `shift` (3,), m, float64."""
+
+    scale: float
+    shift: NDArray[np.float64]
+
+    def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Move points (..., 3), m."""
+        return (self.scale * points.astype(np.float64) + self.shift).astype(np.float32)
+
+
+def draw_misplacement(deviation: float, centre: Sequence[float], radius: float, generator: torch.Generator) -> Misplacement:
+    """Draw the error of an object's estimated place and size.
+
+    Parameters
+    ----------
+    deviation
+        Standard deviation of the shift along each axis, m, and of the logarithm of the scale in radii.
+    centre, radius
+        (3,) world and m: the ball that objects lie in. They are scaled about its centre.
+    generator
+        Draws it.
+    """
+    *shift, scale = (deviation * torch.randn(4, generator=generator, dtype=torch.float64)).tolist()
+    factor = math.exp(scale / radius)
+    return Misplacement(factor, (1 - factor) * np.array(centre) + shift)
+
+
+def misplace(
+    observation: Observation, place: Misplacement, camera: NDArray[np.float64], centre: NDArray[np.float64], background: Sequence[int]
+) -> Observation:
+    """Change an observation to what `predict` would make of it with a wrong estimate of the object's place.
+
+    Parameters
+    ----------
+    observation
+        With an image.
+    place
+        The wrong place.
+    camera
+        (3, 4) projection matrix of the image, in the right place.
+    centre
+        (3,) world, m, where the object is taken to be: the image shows this point where it showed the object's centre.
+    background
+        sRGB of what the image does not show.
+    """
+    assert observation.image is not None
+    real = np.column_stack([camera[:, :3], place.scale * camera[:, 3] - camera[:, :3] @ place.shift])
+    turned = carried_camera(camera, real, centre)
+    rows, cols = observation.image.shape[:2]
+    red, green, blue = background
+    image, _ = transfer_view(observation.image, real, turned, (rows, cols), (red, green, blue))
+    return replace(observation, image=image, touch_vertices=place.moved(observation.touch_vertices), camera=turned)
 
 
 def _within_one(count: int, generator: torch.Generator) -> Tensor:

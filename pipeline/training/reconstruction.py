@@ -197,6 +197,7 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
     inputs, fields = settings.named, type(settings).model_fields
     uses = {"image_": inputs.image, "touch_reach": inputs.touch, "dropped_touches": inputs.touch}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
+    uses |= {"placement_error": inputs.image and inputs.touch}
     for name, field in fields.items():
         if any(name.startswith(start) and not used for start, used in uses.items()) and getattr(settings, name) != field.default:
             yield f"{name}={getattr(settings, name)} has no effect: this network is not given what it changes"

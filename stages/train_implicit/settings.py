@@ -69,6 +69,13 @@ class ImplicitSettings(ReconstructionSettings):
         ge=0,
         lt=1,
     )
+    placement_error: float = setting(
+        0.0,
+        "m, at 0.5 m objects: standard deviation of a shift along each axis, and of a scale by as much of the radius, that half of the "
+        "items with image and touches are given: as if the object's place had been estimated, from a depth image for example",
+        ge=0,
+        le=0.1,
+    )
 
     @model_validator(mode="after")
     def _norm_of_any(self) -> ImplicitSettings:

@@ -10,11 +10,17 @@ import torch
 from torch import Tensor
 
 from pipeline.engine.stage import Cost
+from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.models.implicit_reconstruction import MARGIN, ImplicitReconstructor
+from pipeline.training.augmentation import draw_misplacement, misplace
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
 from schemas.distances import DISTANCES
 from stages.train_implicit.settings import ImplicitSettings
+
+MISPLACED = 0.5
+"""Share of the items with image and touches that are at a wrong place, if `placement_error` is not 0."""
+WHITE = (255, 255, 255)
 
 
 class ImplicitLearner(ReconstructionLearner):
@@ -34,6 +40,22 @@ class ImplicitLearner(ReconstructionLearner):
             queries.append(points[rows])
             distances.append(point_distances[rows])
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
+
+    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
+        """Read items as every family does, some of them at a wrong place if the settings ask for it."""
+        batch, deviation = super().read(items, generators), self.settings.placement_error
+        if not deviation or self._camera is None:
+            return batch
+        config, camera, background = self._config, self._camera.numpy(), self._train.background or WHITE
+        observations, (queries, distances) = list(batch.observations), batch.targets
+        for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
+            place = draw_misplacement(deviation * config.radius / RADIUS, config.centre, config.radius, generator)
+            is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
+            if is_chosen and observation.image is not None and observation.touched.any():
+                observations[number] = misplace(observation, place, camera, np.array(config.centre), background)
+                queries[number] = torch.from_numpy(place.moved(queries[number].numpy()))
+                distances[number] *= place.scale
+        return Batch(observations, (queries, distances), generators)
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
         """Compute the mean absolute error of the distances within the band, as a share of the band."""

@@ -82,6 +82,34 @@ def test_networks_with_fixed_inputs_draw_no_input_choices(data):
     assert torch.equal(torch.rand(3, generator=first), torch.rand(3, generator=second))
 
 
+def test_half_of_the_items_with_image_and_touches_are_at_a_wrong_place_and_their_targets_with_them(data):
+    """The balls' signed distances are still those of a ball, moved and scaled; items without an image or a touch stay where they are."""
+    settings = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.placement_error=0.03"))
+    items = Items(data, "train", settings.named, 6, learned=ImplicitLearner.arrays)
+    network = TrainImplicit.family.network_type(settings.network(items.side, 0.25), torch_generator(0, "weights"))
+    learner, plain = (
+        ImplicitLearner(network, items, items, chosen, 0) for chosen in (settings, settings.model_copy(update={"placement_error": 0.0}))
+    )
+    batch, as_stored = (one.read([0] * 100, [torch_generator(0, n) for n in range(100)]) for one in (learner, plain))
+    moved = [observation.camera is not None for observation in batch.observations]
+    can_move = [seen.image is not None and bool(seen.touched.any()) for seen in as_stored.observations]
+    assert 0.3 < sum(moved) / sum(can_move) < 0.7
+    for observation, is_moved, may_move, queries, distances in zip(batch.observations, moved, can_move, *batch.targets, strict=True):
+        centre, radius = ball_of(queries.numpy().astype(np.float64), distances.numpy().astype(np.float64))
+        assert may_move or not is_moved
+        assert (np.abs(centre - spheres.CENTRE).max() > 1e-4) == is_moved
+        reach = np.linalg.norm(observation.touch_vertices[observation.touched] - centre, axis=2)
+        np.testing.assert_allclose(reach, radius, atol=1e-4)
+
+
+def ball_of(points: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, float]:
+    """Fit a ball to signed distances (N,) of points (N, 3): |p|² - d² = 2 p·c + 2 d r + r² - |c|² is linear in c, r and the rest."""
+    columns = np.column_stack([2 * points, 2 * distances, np.ones(len(points))])
+    (*centre, radius, _), *_ = np.linalg.lstsq(columns, (points**2).sum(axis=1) - distances**2)
+    np.testing.assert_allclose(np.linalg.norm(points - centre, axis=1) - radius, distances, atol=1e-5)
+    return np.array(centre), float(radius)
+
+
 def test_network_is_evaluated_in_every_row_of_the_tables(data):
     folder = DataDirectory(data).verified_folder("evaluation")
     rows = [f"{NAME}-{way}" for way in INPUT_CHOICES]

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
-from pipeline.training.augmentation import vary_image, vary_observation
+from pipeline.training.augmentation import draw_misplacement, misplace, vary_image, vary_observation
 from stages.train_gcn.settings import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
@@ -60,3 +62,32 @@ def test_set_share_of_touch_charts_is_dropped():
     kept = fewer.touch_vertices[:, 0, 0].astype(int)
     assert len(kept) == pytest.approx(700, abs=60)
     assert (fewer.touched == (kept % 2 == 0)).all()
+
+
+CENTRE, RADIUS = np.array([0.0, 0.0, 0.6]), 0.25
+
+
+def test_errors_of_the_place_have_the_set_deviation():
+    places = [draw_misplacement(0.03, CENTRE, RADIUS, chance(seed)) for seed in range(1000)]
+    shifts = np.array([place.moved(CENTRE) - CENTRE for place in places])
+    np.testing.assert_allclose(shifts.mean(axis=0), 0, atol=4e-3)
+    np.testing.assert_allclose(shifts.std(axis=0), 0.03, rtol=0.1)
+    assert np.std(np.log([place.scale for place in places])) == pytest.approx(0.03 / RADIUS, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
+    """A blob at a point's pixel is, in the new image, at the pixel of the moved point; touches move with it, and the centre stays."""
+    camera, place = projection_matrix(load_scene("supplement").camera), draw_misplacement(0.03, CENTRE, RADIUS, chance(seed))
+    point = CENTRE + np.random.default_rng(seed).uniform(-0.1, 0.1, 3)
+    col, row = np.meshgrid(np.arange(256) + 0.5, np.arange(256) + 0.5)
+    at = project_points(camera, point)
+    blob = (255 * np.exp(-((col - at[0]) ** 2 + (row - at[1]) ** 2) / 2 / 4**2)).astype(np.uint8)
+    seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool))
+    wrong = misplace(seen, place, camera, CENTRE, (0, 0, 0))
+    assert wrong.camera is not None
+    np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(place.scale * point + place.shift, (9, 1)), atol=1e-6)
+    weight = wrong.image[..., 0].astype(float)
+    mean = np.array([(weight * col).sum(), (weight * row).sum()]) / weight.sum()
+    np.testing.assert_allclose(mean, project_points(wrong.camera, wrong.touch_vertices[0, 0].astype(float)), atol=0.3)
+    np.testing.assert_allclose(project_points(wrong.camera, CENTRE), project_points(camera, CENTRE), atol=1e-6)

@@ -97,7 +97,7 @@ def test_image_of_the_same_camera_is_kept_and_missing_pixels_are_filled(rng: np.
     shift = np.array([[1, 0, 100.0], [0, 1, 0], [0, 0, 1]])
     moved, shown = transfer_view(image, TRAINING, shift @ TRAINING, (256, 256), (9, 8, 7))
     assert (moved[:, :99] == (9, 8, 7)).all()
-    np.testing.assert_array_equal(moved[:, 101:], image[:, 1:156])
+    np.testing.assert_allclose(moved[:, 101:].astype(int), image[:, 1:156], atol=1)
     assert shown == pytest.approx(156 / 256, abs=0.01)
 
 
