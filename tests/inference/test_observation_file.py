@@ -144,8 +144,8 @@ def test_object_is_located_from_depth_and_mask(tmp_path: Path, file: str, scale:
     box = find_object(load_observation(write_observation(tmp_path, entries), faults))
     assert box is not None
     assert box.source == "estimated from depth and mask"
-    assert np.linalg.norm(box.centre - CENTRE) < 0.1 * RADIUS
-    assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.05)
+    assert np.linalg.norm(box.centre - CENTRE) < 0.25 * RADIUS
+    assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.15)
 
 
 @pytest.mark.parametrize(
