@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -19,7 +20,7 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
-from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import ImplicitConfig, ImplicitNetwork
 from pipeline.models.families import inputs_of, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
@@ -71,10 +72,11 @@ class Experiment:
         learning.rows.object_ids = self.spread(learning.rows, count)
         validation.rows.object_ids = self.spread(validation.rows)
         name, seed = folder.name, settings.training_seed
-        network = ImplicitNetwork(settings.network(learning.side), torch_generator(seed, name, "weights"))
+        config = cast(ImplicitConfig, settings.network(learning.side))
+        network = ImplicitNetwork(config, torch_generator(seed, name, "weights"))
         folder.mkdir(parents=True, exist_ok=True)
         train(ImplicitLearner(network, learning, validation, settings, seed), settings, folder=folder, seed=seed, name=name)
-        save_model(folder, network, learning.description(settings.configuration, network.config, [2 * network.config.radius]))
+        save_model(folder, network, learning.description(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
         """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""

@@ -27,7 +27,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, place
 from schemas.surfaces import SURFACES
 
-ARRAYS = ("sensor", "occluded", "segmentation", "projection", "tactile_image", "untouched", "sensor_pose", "touch_success", "points")
+ARRAYS = ("sensor", "occluded", "segmentation", "projection", "tactile_image", "untouched", "sensor_pose", "touch_success")
 BASE = np.array([[-0.5, -(0.75**0.5), 0, 0.62], [0.75**0.5, -0.5, 0, -0.17], [0, 0, 1, -0.35], [0, 0, 0, 1]])
 """From the world to the robot's base: a third of a turn about the vertical, and a motion."""
 
@@ -85,7 +85,6 @@ def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: s
     photograph, labels = rows.read("occluded", object_id, grasp, camera=0), rows.read("segmentation", object_id, camera=0)[1 + grasp]
     drawn = (photograph != photograph[0, 0]).any(axis=2)  # at smooth edges, beyond the labels too
     hand = drawn & (labels != Label.OBJECT) & binary_dilation(labels == Label.HAND)
-    points = rows.read("points", object_id)
     _save(folder / "seen.png", photograph)
     _save(folder / "hand.png", 255 * hand.astype(np.uint8))
     _save(folder / "mask.png", 255 * (drawn & ~hand).astype(np.uint8))
@@ -100,7 +99,7 @@ def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: s
     k = {"fx": intrinsic[0, 0], "fy": intrinsic[1, 1], "cx": intrinsic[0, 2], "cy": intrinsic[1, 2]}
     facts = {
         "centre": _listed((BASE @ [*POSITION, 1.0])[:3], 4),
-        "diagonal": f"{np.linalg.norm(np.ptp(points, axis=0)):.3f}",
+        "diagonal": f"{rows.diagonal(object_id):.7g}",
         **{name: f"{value:.6g}" for name, value in k.items()},
         **{"position": position, "quaternion": quaternion, "sensor": sensor},
     }

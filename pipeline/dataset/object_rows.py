@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
+from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
@@ -21,6 +22,7 @@ from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
+from schemas.surfaces import SURFACES
 
 CACHE_MEGABYTES = 256.0
 """Size of the cache of decoded arrays: a small dataset is read once, a large one streams through."""
@@ -80,7 +82,7 @@ class ObjectRows:
         for collection in self._collections.values():
             self._refuse_unmade(collection)
         check_origins(directory, self._collections)
-        self._cache = _Cache(int(cache_megabytes * 1e6))
+        self._cache, self._diagonals = _Cache(int(cache_megabytes * 1e6)), dict[str, float]()
         first = next(iter(self._collections.values()))
         members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
         artifacts = self._collections.values()
@@ -134,6 +136,13 @@ class ObjectRows:
         """Return the size of an array along one of its dimensions, the same in every object."""
         position = self._artifact_of[array].arrays[array].dims.index(dim)
         return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
+
+    def diagonal(self, object_id: str) -> float:
+        """Compute the diagonal of an object's bounding box, m, of the mesh in `surfaces`."""
+        if object_id not in self._diagonals:
+            view = DataDirectory(self.data).collection(SURFACES).view(object_id)
+            self._diagonals[object_id] = bounding_diagonal(view["meshes/vertices"])
+        return self._diagonals[object_id]
 
     def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:
         """Read an object's part of an array; the array itself if it has no object dimension.

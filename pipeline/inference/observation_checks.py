@@ -23,8 +23,6 @@ SIZE_TOLERANCE = 0.02
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph"
 )
-SIZE_KEPT = 1.25
-"""Ratio to the sizes that a network has learned up to which an object is not scaled: estimates from depth err by as much."""
 OUTLIERS = 1.0
 """Percentage of the points at each side of a box around them that are left out: some depths are wrong."""
 
@@ -100,11 +98,9 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
 
 
 def size_factor(box: ObjectBox, model: ModelInputs) -> float:
-    """Compute the factor that scales an object to the nearest size that a model has learned; 1 within `SIZE_KEPT`, or if unknown."""
-    if box.diagonal is None or model.diagonals is None:
-        return 1.0
-    factor = float(np.clip(box.diagonal, *model.diagonals)) / box.diagonal
-    return factor if max(factor, 1 / factor) > SIZE_KEPT else 1.0
+    """Compute the factor that makes an object as large as those that a model sees; its size, if unknown, is taken to be as in training."""
+    diagonal = box.diagonal or float(np.sqrt(np.prod(model.diagonals or 2 * [2 * model.config.radius])))
+    return 2 * model.config.radius / diagonal
 
 
 def _why_not_located(observation: RobotObservation) -> str:
@@ -195,13 +191,6 @@ def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Itera
 
 def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
     """Yield cameras and touches that do not fit the object's place."""
-    is_stated = observation.object.diagonal is not None
-    radius = np.inf if model is None else model.config.radius / size_factor(box, model)
-    if model is not None and is_stated and box.diagonal is not None and box.diagonal > 2 * radius * (1 + SIZE_TOLERANCE):
-        yield (
-            f"the object's diagonal is {box.diagonal:.3g} m ({box.source}), model {model.configuration} knows objects of at most "
-            f"{2 * radius:.3g} m: train one on objects of this size"
-        )
     if observation.camera is not None and observation.projection is not None:
         if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
             yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check camera.pose and object.centre"
@@ -212,7 +201,8 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
     reach = np.inf if box.diagonal is None else box.diagonal / 2
     limits = [(reach, f"the object's diagonal is {2 * reach:.3g} m")]
     if model is not None:
-        limits.append((radius, f"model {model.configuration} knows objects within {radius:.3g} m of it"))
+        radius = model.config.radius / size_factor(box, model)
+        limits.append((radius, f"model {model.configuration} looks for the object within {radius:.3g} m of it"))
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, place in enumerate(gel_centres(observation)):
         distance = float(np.linalg.norm(place - box.centre))

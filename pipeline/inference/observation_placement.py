@@ -19,9 +19,9 @@ from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
 
-SMALL_OBJECT, LARGE_OBJECT, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 0.5, 1.2, 10.0, 0.9, 0.5
-"""Limits for warnings: shares of the network's size below which an object is small, and above which it is large; degrees between views;
-share of the training camera's image that the photograph shows; and share of the border that a mask covers."""
+UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 1.25, 10.0, 0.9, 0.5
+"""Limits for warnings: ratio to the sizes of the training's objects; degrees between views; share of the training camera's image that the
+photograph shows; and share of the border that a mask covers."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     Notes
     -----
     The object's centre is moved to the network's, the observation's up to +z. About +z, the observation is turned until its camera has the
-    azimuth of the training's; without a camera it keeps its own axes. An object of a size that the network has not learned is scaled, with
-    its camera and its touches, to the nearest size that it has.
+    azimuth of the training's; without a camera it keeps its own axes. It is scaled, with its camera and its touches, to the size at which
+    networks see all objects.
     """
     box = find_object(observation)
     if box is None:
@@ -177,22 +177,14 @@ def degrees(angle: float) -> str:
 
 
 def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
-    size, factor = 2 * model.config.radius, size_factor(box, model)
-    if box.diagonal is not None and factor != 1:
+    learned = model.diagonals or 2 * (2 * model.config.radius,)
+    if box.diagonal is None:
+        yield f"the object's size is not known, and taken to be {2 * model.config.radius / size_factor(box, model):.3g} m, as in training"
+    elif not learned[0] / UNLIKE <= box.diagonal <= learned[1] * UNLIKE:
+        sizes = " to ".join(dict.fromkeys(f"{size:.3g}" for size in learned))
         yield (
-            f"the object is given {factor:.3g} times as large, with a diagonal of {factor * box.diagonal:.3g} m as the nearest that the "
-            "network has learned; touches seem as much larger"
-        )
-        return
-    if box.diagonal is not None and box.diagonal < SMALL_OBJECT * size:
-        yield (
-            f"warning: the object's diagonal is {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: train on objects "
-            "of this size, if there were none"
-        )
-    if box.diagonal is not None and box.diagonal > LARGE_OBJECT * size:
-        yield (
-            f"warning: the object's diagonal seems to be {box.diagonal:.3g} m, the network knows objects of up to {size:.3g} m: what is "
-            "beyond is cut off; state object.diagonal and object.centre if you know them"
+            f"warning: the object's diagonal is {box.diagonal:.3g} m, and the network has learned from objects of {sizes} m: beside this "
+            "one, which it sees as large as those, hand and touches are larger or smaller than any that it knows"
         )
 
 

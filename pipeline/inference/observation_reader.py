@@ -81,11 +81,12 @@ class ObservationReader:
                     f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
                 )
             return stored_observation(rows, object_id, grasps, config)
-        rows = open_object(data, [*([config.image] if config.image else []), *TOUCHES], object_id, grasps)
-        image = rows.read(config.image, object_id, grasps[0], camera=0) if config.image else None
+        rows = open_object(data, [*([config.image, "projection"] if config.image else []), *TOUCHES], object_id, grasps)
+        seen = stored_observation(rows, object_id, grasps, config.model_copy(update={"touch": False}))
         tactile_images, poses, touched = (np.concatenate([rows.read(name, object_id, grasp) for grasp in grasps]) for name in TOUCHES)
         self.unet.check_sensor(rows.sensor())
-        return Observation(image, *self._charts(tactile_images, poses, touched))
+        vertices, touched = self._charts(tactile_images, poses, touched)
+        return replace(seen, touch_vertices=vertices, touched=touched)
 
     def of_robot(self, placed: Placement) -> Observation:
         """Fit charts to a robot's touches, and to the depth that it gives as touched; its image is placed already."""

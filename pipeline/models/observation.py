@@ -30,17 +30,31 @@ class Observation:
         (T,) bool: whether the chart is that of a successful touch.
     camera
         (3, 4) projection matrix of world points, m, to pixels of the image, if it is not the training's.
+    scale
+        Factor about the centre of the network's ball that makes the object as large as those that it learned from.
     """
 
     image: np.ndarray | None
     touch_vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
     touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     camera: np.ndarray | None = None
+    scale: float = 1.0
+
+    def scaled(self, centre: Sequence[float]) -> Observation:
+        """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
+        if self.scale == 1:
+            return self
+        camera, middle = self.camera, np.array(centre)
+        if camera is not None:
+            offset = self.scale * camera[:, 3] + (self.scale - 1) * (camera[:, :3] * middle).sum(axis=1)
+            camera = np.column_stack([camera[:, :3], offset])
+        vertices = (middle + self.scale * (self.touch_vertices - middle)).astype(np.float32)
+        return replace(self, touch_vertices=vertices, camera=camera, scale=1.0)
 
 
 def observed_arrays(config: NetworkInputs) -> tuple[str, ...]:
     """Name the arrays of a dataset that a network is given."""
-    camera = ["rendering_camera"] if config.image == "rendering" else []
+    camera = [] if config.image is None else ["rendering_camera" if config.image == "rendering" else "projection"]
     return (*stored_images(config), *camera, *(("vertices", "stop_rule") if config.touch else ()))
 
 
@@ -65,12 +79,26 @@ def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], 
     config
         The network's inputs; for a network that takes any, those of this observation.
     """
-    image = None if config.image is None else rows.read(config.image, object_id, grasps[0], camera=0)
+    image, camera, scale = None, None, scale_of(rows, object_id, config)
+    if config.image is not None:
+        image = rows.read(config.image, object_id, grasps[0], camera=0)
+        is_rendering = config.image == "rendering"
+        camera = rows.read("rendering_camera", object_id, grasps[0]) if is_rendering else rows.read("projection", object_id)[0]
     if not config.touch:
-        camera = rows.read("rendering_camera", object_id, grasps[0]) if config.image == "rendering" else None
-        return Observation(image, camera=camera)
+        return Observation(image, camera=camera, scale=scale)
     vertices, stop_rule = (rows.read(name, object_id)[list(grasps)] for name in ("vertices", "stop_rule"))  # (grasp, sensor, …)
-    return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1))
+    return Observation(image, vertices.reshape(-1, *vertices.shape[2:]), is_surface(stop_rule).reshape(-1), camera, scale)
+
+
+def stored_camera(rows: ObjectRows, object_id: str, config: NetworkInputs) -> np.ndarray:
+    """Read the (3, 4) projection matrix of an object's image, scaled with the object to the size that networks learn."""
+    seen = Observation(None, camera=rows.read("projection", object_id)[0], scale=scale_of(rows, object_id, config))
+    return np.asarray(seen.scaled(config.centre).camera)
+
+
+def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:
+    """Compute the factor that makes an object as large as those that networks learn, 1 for objects that were scaled to 0.5 m."""
+    return 2 * config.radius / rows.diagonal(object_id)
 
 
 @dataclass(frozen=True)
@@ -96,7 +124,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     Parameters
     ----------
     observations
-        One per item.
+        One per item; they are scaled to the size that the network learned.
     config
         The network's inputs. If it takes any image, items may have none: these get black ones, and zeros for a camera.
     camera
@@ -113,7 +141,7 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
     """
     if not observations:
         raise ValueError("observations is empty; give at least one")
-    images = None
+    observations, images = [observation.scaled(config.centre) for observation in observations], None
     pictures = [observation.image for observation in observations if observation.image is not None]
     if config.image == "any" and 0 < len(pictures) < len(observations):
         blank, nowhere = np.zeros_like(pictures[0]), np.zeros((3, 4))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
@@ -142,11 +142,15 @@ class Reconstructor(ABC):
         ValueError
             `observations` is empty, or an array has another shape or type than the network takes.
         """
-        return self._surfaces(observations)
+        centre, surfaces = np.array(self.config.centre), self._surfaces(observations)
+        return [
+            surface if observation.scale == 1 else replace(surface, vertices=centre + (surface.vertices - centre) / observation.scale)
+            for observation, surface in zip(observations, surfaces, strict=True)
+        ]
 
     @abstractmethod
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:
-        """Compute the reconstructions of a batch."""
+        """Compute the reconstructions of a batch, of objects as large as those that the network learned from."""
 
     def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
         """Stack observations, whose images must be as large as those of the training."""

@@ -86,25 +86,23 @@ def draw_misplacement(deviation: float, centre: Sequence[float], radius: float, 
     return Misplacement(factor, (1 - factor) * np.array(centre) + shift)
 
 
-def misplace(
-    observation: Observation, place: Misplacement, camera: NDArray[np.float64], centre: NDArray[np.float64], background: Sequence[int]
-) -> Observation:
+def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.float64], background: Sequence[int]) -> Observation:
     """Change an observation to what `predict` would make of it with a wrong estimate of the object's place.
 
     Parameters
     ----------
     observation
-        With an image.
+        With an image and its camera.
     place
         The wrong place.
-    camera
-        (3, 4) projection matrix of the image, in the right place.
     centre
         (3,) world, m, where the object is taken to be: the image shows this point where it showed the object's centre.
     background
         sRGB of what the image does not show.
     """
     assert observation.image is not None
+    assert observation.camera is not None
+    camera = observation.camera
     real = np.column_stack([camera[:, :3], place.scale * camera[:, 3] - camera[:, :3] @ place.shift])
     turned = carried_camera(camera, real, centre)
     rows, cols = observation.image.shape[:2]

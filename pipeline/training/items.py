@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import isqrt
 from typing import Any
 
@@ -14,7 +13,7 @@ from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
-from pipeline.models.observation import Observation, observed_arrays, stored_images, stored_observation
+from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_camera, stored_images, stored_observation
 from pipeline.store.storage import Place
 
 TARGETS = 128
@@ -62,8 +61,20 @@ class Items:
 
     @property
     def camera(self) -> torch.Tensor | None:
-        """Read the (3, 4) projection matrix of the first camera; None without images, or if each has its own camera."""
-        return None if self.config.image in (None, "rendering") else torch.tensor(self.rows.read("projection", self.rows.object_ids[0])[0])
+        """Read the (3, 4) projection matrix of the first object's image, scaled with it; None without images, or if each has its own."""
+        if self.config.image in (None, "rendering"):
+            return None
+        return torch.tensor(stored_camera(self.rows, self.rows.object_ids[0], self.config))
+
+    def scale(self, object_id: str) -> float:
+        """Compute the factor that makes an object as large as networks learn them."""
+        return scale_of(self.rows, object_id, self.config)
+
+    def scaled(self, points: np.ndarray, object_id: str) -> np.ndarray:
+        """Scale points (N, 3) of an object, world, m, as its observations are."""
+        if (scale := self.scale(object_id)) == 1:
+            return points
+        return np.asarray(self.config.centre + scale * (points - np.array(self.config.centre)), np.float32)
 
     @property
     def resolution(self) -> list[int] | None:
@@ -79,12 +90,12 @@ class Items:
         return [int(255 * level + 0.5) for level in scene["background"]]
 
     def target(self, item: int) -> SearchCloud:
-        """Read the object's points, (N, 3) float32, m, world."""
+        """Read the object's points, (N, 3) float32, world, m, scaled as its observations are."""
         object_id = self.object_of(item)
         if object_id not in self._targets:
             if len(self._targets) == TARGETS:
                 del self._targets[next(iter(self._targets))]  # the oldest
-            self._targets[object_id] = SearchCloud(torch.tensor(self.rows.read("points", object_id)))
+            self._targets[object_id] = SearchCloud(torch.tensor(self.scaled(self.rows.read("points", object_id), object_id)))
         return self._targets[object_id]
 
     def object_of(self, item: int) -> str:
@@ -164,8 +175,9 @@ class Items:
             return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
-    def description(self, configuration: str, config: BaseModel, diagonals: Sequence[float]) -> dict[str, Any]:
-        """Describe a network that was trained on these items of these sizes, m, in the form that `Reconstructor` reads from its folder."""
+    def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
+        """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
+        diagonals = [self.rows.diagonal(object_id) for object_id in self.rows.object_ids]
         return {
             "configuration": configuration,
             "network": config.model_dump(mode="json"),
@@ -184,4 +196,4 @@ class Items:
 
 def arrays_of(config: NetworkInputs, learned: tuple[str, ...] = ("points",)) -> tuple[str, ...]:
     """Name the arrays that a network of this configuration is trained on, including those `learned` that its loss needs."""
-    return (*learned, *observed_arrays(config), *(["projection"] if config.image not in (None, "rendering") else []))
+    return (*learned, *observed_arrays(config))

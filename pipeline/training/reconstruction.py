@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -12,15 +12,12 @@ from torch import Tensor
 
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
-from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.rng import torch_generator
-from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
@@ -34,10 +31,6 @@ from schemas.vision import VISION
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
-
-
-ALIKE = 4.0
-"""Largest ratio between the sizes of objects that one network learns well."""
 
 
 @dataclass(frozen=True)
@@ -175,21 +168,14 @@ class ReconstructionTraining(DatasetStage):
             for split, items_per_object in splits
         )
         name = f"{self.name} {settings.configuration}{settings.label}"
-        diagonals = {**_diagonals(job.data, learning), **_diagonals(job.data, validation)}
-        config = settings.network(learning.side, max(diagonals.values()) / 2)
+        config = settings.network(learning.side)
         network: Any = self.family.network_type(config, torch_generator(job.seed, name, "weights"))
-        for line in (*setting_remarks(settings, learning), *size_remarks(diagonals, config.radius), *self.remarks(network, learning)):
+        for line in (*setting_remarks(settings, learning), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
-        save_model(job.folder, network, learning.description(settings.configuration, network.config, list(diagonals.values())))
+        save_model(job.folder, network, learning.description(settings.configuration, network.config))
         return facts
-
-
-def _diagonals(data: Place, items: Items) -> dict[str, float]:
-    """Read the diagonal of each item's object, m."""
-    surfaces = DataDirectory(data).collection(SURFACES)
-    return {name: bounding_diagonal(surfaces.view(name)["meshes/vertices"]) for name in items.rows.object_ids}
 
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
@@ -205,29 +191,4 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
         yield (
             f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
             f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
-        )
-
-
-def size_remarks(diagonals: Mapping[str, float], radius: float) -> Iterator[str]:
-    """Warn of objects of very different sizes, which one network learns badly.
-
-    Parameters
-    ----------
-    diagonals
-        Of each object, m, by name.
-    radius
-        Of the ball in whose units the network learns, m.
-    """
-    small, large = min(diagonals, key=diagonals.__getitem__), max(diagonals, key=diagonals.__getitem__)
-    if not diagonals[large] / ALIKE <= 2 * radius <= diagonals[large] * ALIKE:
-        yield (
-            f"the network learns in units of {2 * radius:.3g} m (radius {radius:g}), and the largest object has {diagonals[large]:.3g} m "
-            f"({large}): leave radius out"
-        )
-    if diagonals[large] > ALIKE * diagonals[small]:
-        too_small = sorted(name for name, diagonal in diagonals.items() if 2 * radius > ALIKE * diagonal)
-        yield (
-            f"objects are between {diagonals[small]:.3g} m ({small}) and {diagonals[large]:.3g} m ({large}) large, and the network "
-            f"learns in units of {2 * radius:.3g} m: the shape of {pluralise(len(too_small))} below {2 * radius / ALIKE:.3g} m hardly "
-            "counts; is a unit wrong? Else make a dataset of each size, or leave the units out, which scales all objects to one size"
         )

@@ -9,7 +9,7 @@ from pydantic import model_validator
 
 from pipeline.config.settings import Settings, setting
 from pipeline.errors import unknown_name
-from pipeline.kernels.networks.network_configurations import RADIUS, NetworkInputs
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.training.schedule import Schedule
 
 
@@ -72,13 +72,6 @@ class ReconstructionSettings(TrainingSettings):
     )
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
-    radius: float | None = setting(
-        None,
-        "m, of the ball that objects lie in, the unit of what networks see and learn; null takes half the diagonal of the largest training "
-        "or validation object: 0.25 where all were scaled to 0.5 m",
-        ge=1e-3,
-        le=100,
-    )
     dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)
     samples_per_object: int = setting(
         5, "items per object and epoch, each beginning with another grasp (a drawn one, if fewer), with or without touch as input", ge=1
@@ -102,10 +95,10 @@ class ReconstructionSettings(TrainingSettings):
         """Look up the configuration: the inputs of its network."""
         return self.configurations[self.configuration]
 
-    def network(self, side: int, radius: float = RADIUS) -> NetworkInputs:
-        """Describe the network of these settings, for touch charts of side x side vertices and objects in a ball of a radius, m."""
+    def network(self, side: int) -> NetworkInputs:
+        """Describe the network of these settings, for touch charts of side x side vertices."""
         sizes = self.model_dump(include=set(type(self.named).model_fields), exclude_none=True)
-        return self.named.model_copy(update={"radius": radius} | sizes | {"side": side})
+        return self.named.model_copy(update=sizes | {"side": side})
 
     @property
     def touch_dropout(self) -> float:

@@ -240,6 +240,7 @@ def arrays_of(models: Sequence[Any], *, charts: bool = True) -> list[str]:
         Whether those with touch take it as touch charts.
     """
     images = sorted({model.image for model in models if model.image is not None})
+    images += ["projection"] if images else []
     if not any(model.touch for model in models):
         return ["points", "normals", "sensor_pose", "touch_success", *images]
     fitted = ["vertices", "residual", "iterations", "stop_rule"] if charts else []

@@ -11,8 +11,10 @@ import numpy as np
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.families import ROWS, load_reconstructor, model_name
+from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
@@ -24,8 +26,8 @@ from stages.evaluate.measure import Case
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
 from stages.evaluate.stage import Evaluate
 
-TOLERANCE = 1.02
-"""Largest ratio of the size of objects to that of the network's training objects."""
+DEGREES, SHARE = 1.0, 0.01
+"""Largest differences of a camera from the network's that count as none: of its direction, and of pixels as a share of the image."""
 
 
 class FirstGraspProtocol(GraspProtocol):
@@ -81,10 +83,6 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
     Rows of `ROWS`, and why the others are left out.
     """
     model = load_reconstructor(DEFAULT, shipped_folder())
-    points = ObjectRows(directory.root, ["points"], "test")
-    sizes = [bounding_diagonal(points.read("points", name)) for name in points.object_ids]
-    if max(sizes) > 2 * TOLERANCE * model.config.radius:
-        return [], [f"objects measure up to {1e3 * max(sizes):.0f} mm, it knows {2e3 * model.config.radius:.0f} mm at most"]
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}
     rows = []
@@ -101,9 +99,22 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
     for kind in ("occluded", "unoccluded"):
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             yield kind, "render-vision has not made it"
-        elif model.camera is None or not np.allclose(images.first.read("projection")[0], model.camera):
+        elif not _is_seen_as_learned(directory, model):
             yield kind, "another camera took it than the one that it knows"
     if not charts.shards:
         yield "touch", "fit-charts has not been run"
     elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
         yield "touch", f"charts have {vertices} vertices, it takes {model.config.side**2}"
+
+
+def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
+    """Check whether a test object is seen from the side from which the network saw its own, and as large."""
+    if model.camera is None or model.resolution is None:
+        return False
+    rows, centre, radius = ObjectRows(directory.root, ["projection"], "test"), np.array(model.config.centre), model.config.radius
+    own = stored_camera(rows, rows.object_ids[0], model.config)
+    directions = np.degrees([camera_direction(matrix, centre)[:2] for matrix in (own, model.camera)])
+    corners = centre + radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
+    pixels = [project_points(matrix, corners) for matrix in (own, carried_camera(model.camera, own, centre))]
+    is_alike = np.abs(pixels[0] - pixels[1]).max() <= SHARE * max(model.resolution)
+    return bool(np.ptp(directions, axis=0).max() <= DEGREES and is_alike)

@@ -16,10 +16,9 @@ class VisionSettings(ObjectSettings):
     hand: Annotated[str, described_by("hand")] | None = setting(
         None, "null follows the grasps: the hand that made them", changes="definition"
     )
-    zoom: float = setting(
-        1.0,
-        "factor of the focal lengths of the scene's cameras, which suit objects of 0.5 m: 5 shows objects of 0.1 m as large; where more "
-        "fits, the run says how much",
+    zoom: float | None = setting(
+        None,
+        "factor of the focal lengths of the scene's cameras; null shows each object as large as one of 0.5 m: 5 for an object of 0.1 m",
         ge=0.01,
         le=10_000,
         changes="definition",

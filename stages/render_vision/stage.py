@@ -18,21 +18,24 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.vision.camera import Camera, projection_matrix
+from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import NamedCamera, Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.render_vision.image_warnings import FILLED, SPECK, WORTHWHILE, is_speck, largest_zoom, leaves_image
+from stages.render_vision.image_warnings import SPECK, is_speck, leaves_image
 from stages.render_vision.opengl_context import shader_paths
 from stages.render_vision.renderer import MeshHandle, PosedMesh, RenderedImage, Renderer
 from stages.render_vision.settings import VisionSettings
 
+SEEN = 0.5
+"""m, diagonal of an object that a scene's cameras show as they are; others are zoomed to as large."""
 HandMeshes = list[tuple[int, MeshHandle]]
 """The hand's visual meshes, each with the number of its link."""
 
@@ -69,37 +72,27 @@ class RenderVision(ObjectStage):
         raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def warnings(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name objects that leave an image or are too small in it, and the largest zoom with which all fit."""
-        cameras = _scene(settings).cameras
-        largest = np.inf
+        """Name objects that leave an image, or are too small in it."""
+        scene = _scene(settings)
         outside: dict[tuple[str, ...], list[str]] = {}
         specks: dict[tuple[str, ...], list[str]] = {}
         for name, inputs in objects:
             points = inputs["surfaces"]["points"]
-            largest = min([largest, *(largest_zoom(camera, points) for camera in cameras)])
+            cameras = _cameras(scene, settings, points)
             for has_fault, names_by_views in ((leaves_image, outside), (is_speck, specks)):
                 if faulty := [camera.name for camera in cameras if has_fault(camera, points)]:
                     names_by_views.setdefault((*faulty,), []).append(name)
+        zoomed = "" if settings.zoom is None else f"leave render-vision.zoom ({settings.zoom:g}) out, or "
         for views, names in outside.items():
-            remedy = f"move it in a scene file ({settings.scene}), lower render-vision.zoom ({settings.zoom:g}), or scale the objects"
+            remedy = f"{zoomed}move it in a scene file ({settings.scene})"
             yield f"{pluralise(len(names))} not whole in the image of camera {', '.join(views)} ({abbreviate(names)}): {remedy}"
-        fitting = float(f"{FILLED * largest * settings.zoom:.2g}") if np.isfinite(largest) else 0.0
-        if fitting >= WORTHWHILE * settings.zoom:
-            yield (
-                f"the largest object fills {100 * FILLED * settings.zoom / fitting:.0f} % of an image; with --set "
-                f"render-vision.zoom={fitting:g} (make: render-vision.zoom={fitting:g} in SET) objects are seen as large as others of 0.5 m"
-            )
-            return
         for views, names in specks.items():
-            remedy = "larger objects leave no room for a zoom; make a dataset of each size, or scale all objects to one"
             share = f"smaller than {100 * SPECK:.0f} % of the image of camera {', '.join(views)}"
-            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {remedy}"
+            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {zoomed}move it nearer in a scene file ({settings.scene})"
 
     def constants(self, settings: VisionSettings) -> Row:
-        """Name the cameras, and compute their projection matrices."""
-        scene = _scene(settings)
-        matrices = [projection_matrix(camera) for camera in _cameras(scene, settings)]
-        return {"camera": np.array([camera.name for camera in scene.cameras]), "projection": np.stack(matrices)}
+        """Name the cameras."""
+        return {"camera": np.array([camera.name for camera in _scene(settings).cameras])}
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
         """Describe the scene: its lamp, constant light and background are the project's choice, so they are stored with the data."""
@@ -116,17 +109,18 @@ class RenderVision(ObjectStage):
         """Open one renderer per worker, with the hand's meshes in it."""
         hand = _hand(settings)
         scene = _scene(settings)
-        cameras = _cameras(scene, settings)
         with Renderer(scene, settings.resolution) as renderer:
             meshes = [(link, renderer.add(mesh, Label.HAND)) for link, mesh in hand.visual_meshes]
 
             def process(unit: Unit, inputs: Inputs) -> Row:
                 grasps = inputs["grasps"]
                 frames = forward_kinematics(hand, grasps["hand_pose"], grasps["joint_angles"])  # (grasp, link, 4, 4)
-                with renderer.added(read_mesh(inputs["surfaces"]), Label.OBJECT) as handle:
+                mesh = read_mesh(inputs["surfaces"])
+                cameras = _cameras(scene, settings, mesh.vertices)
+                with renderer.added(mesh, Label.OBJECT) as handle:
                     views = _views((handle, np.eye(4)), meshes, frames if settings.occluded else frames[:0])
                     images = [[renderer.render(view, camera) for camera in cameras] for view in views]
-                return _image_row(images, depth=scene.depth)
+                return _image_row(images, depth=scene.depth) | {"projection": np.stack([projection_matrix(camera) for camera in cameras])}
 
             yield process
 
@@ -137,13 +131,17 @@ def _hand(settings: VisionSettings) -> Hand:
 
 
 def _scene(settings: VisionSettings) -> Scene:
-    """Load the scene, its cameras zoomed."""
-    scene = load_scene(settings.scene)
-    return scene.model_copy(update={"cameras": tuple(camera.zoomed(settings.zoom) for camera in scene.cameras)})
+    """Load the scene, its cameras zoomed if the settings say how much."""
+    scene, zoom = load_scene(settings.scene), settings.zoom or 1.0
+    return scene.model_copy(update={"cameras": tuple(camera.zoomed(zoom) for camera in scene.cameras)})
 
 
-def _cameras(scene: Scene, settings: VisionSettings) -> list[Camera]:
-    return [camera.with_resolution(settings.resolution) for camera in scene.cameras]
+def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> list[NamedCamera]:
+    """Zoom a scene's cameras to an object with these vertices (V, 3), world, m, if the settings do not say how much."""
+    zoom = SEEN / bounding_diagonal(vertices) if settings.zoom is None else 1.0
+    pixels = [project_points(projection_matrix(camera), POSITION) for camera in scene.cameras]
+    cameras = [camera.zoomed(zoom, at) for camera, at in zip(scene.cameras, pixels, strict=True)]
+    return [camera.with_resolution(settings.resolution) for camera in cameras]
 
 
 def _views(posed_object: PosedMesh, hand: HandMeshes, frames: np.ndarray) -> list[list[PosedMesh]]:

@@ -14,7 +14,7 @@ from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
 from pipeline.kernels.metrics.surface_sampling import sample_surface
-from pipeline.kernels.networks.network_configurations import RADIUS, NetworkConfig
+from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
 from pipeline.models.families import model_name
 from pipeline.models.observation import NetworkBatch
@@ -33,7 +33,6 @@ class GcnLearner(ReconstructionLearner):
         super().__init__(network, train, valid, settings, seed)
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
         self._edges = neighbouring_vertices(faces)
-        self._unit: float = TABLE_3_FACTOR * (RADIUS / network.config.radius) ** 2  # of m²: objects of any size are learned alike
 
     def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""
@@ -44,7 +43,7 @@ class GcnLearner(ReconstructionLearner):
         inputs = self.stack(network, batch)
         deformed = network(**vars(inputs))
         total: Tensor = self._chamfer(deformed, inputs, batch).mean()
-        if weight := self._unit * self.settings.edge_weight:
+        if weight := TABLE_3_FACTOR * self.settings.edge_weight:
             total = total + weight * edge_length(self.network.merge_coinciding(deformed), self._edges).mean()
         return total
 
@@ -54,7 +53,7 @@ class GcnLearner(ReconstructionLearner):
         return self._chamfer(network(**vars(inputs)), inputs, batch)
 
     def _chamfer(self, deformed: Tensor, inputs: NetworkBatch, batch: Batch) -> Tensor:
-        """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit at 0.5 m."""
+        """Compute (B,) Chamfer distances of `loss_points` points each way to all the object's, in Table 3's unit."""
         distances, count = [], self.settings.loss_points
         surfaces = assemble_surfaces(self.network, deformed, inputs)
         for (vertices, faces), target, generator in zip(surfaces, batch.targets, batch.generators, strict=True):
@@ -63,7 +62,7 @@ class GcnLearner(ReconstructionLearner):
             true = target.points[rows].to(predicted)
             surface = target.points.to(predicted) if predicted.is_cuda else target
             distances.append(squared_distances(predicted, surface).mean() + squared_distances(true, predicted).mean())
-        return self._unit * torch.stack(distances)
+        return TABLE_3_FACTOR * torch.stack(distances)
 
 
 class TrainGcn(ReconstructionTraining):

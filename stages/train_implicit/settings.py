@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from typing import Literal
 
 from pydantic import model_validator
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitConfig
-from pipeline.kernels.networks.network_configurations import RADIUS
+from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import ReconstructionSettings
 
 
 class ImplicitSettings(ReconstructionSettings):
-    """How signed distances are learned from images and touches.
-
-    Lengths are for objects of 0.5 m, and in proportion for others; but `touch_reach` is the sensor's.
-    """
+    """How signed distances are learned from images and touches; lengths are those of objects that are scaled to 0.5 m."""
 
     configurations = IMPLICIT_CONFIGURATIONS
 
@@ -27,13 +23,11 @@ class ImplicitSettings(ReconstructionSettings):
     blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0, le=100)
     band: float = setting(
         0.03,
-        "m, at 0.5 m objects, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
+        "m, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
         gt=0,
         le=1,
     )
-    spacing: float = setting(
-        0.004, "of the grid of a reconstruction's mesh, m, at 0.5 m objects; half of it takes four times as long", ge=1.25e-3, le=0.05
-    )
+    spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1.25e-3, le=0.05)
     touch_reach: float = setting(
         0.01,
         "m, largest distance to which a reconstruction follows touches where the network errs; 0 uses the network alone",
@@ -71,7 +65,7 @@ class ImplicitSettings(ReconstructionSettings):
     )
     placement_error: float = setting(
         0.0,
-        "m, at 0.5 m objects: standard deviation of a shift along each axis, and of a scale by as much of the radius, that half of the "
+        "m, standard deviation of a shift along each axis, and of a scale by as much of the radius, that half of the "
         "items with image and touches are given: as if the object's place had been estimated, from a depth image for example",
         ge=0,
         le=0.1,
@@ -92,9 +86,3 @@ class ImplicitSettings(ReconstructionSettings):
     def touch_dropout(self) -> float:
         """The share of touch charts that is left out."""
         return (0.1 if self.named.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
-
-    def network(self, side: int, radius: float = RADIUS) -> ImplicitConfig:
-        """Describe the network of these settings, with lengths in proportion to the radius; parameters as of any family's."""
-        config = cast(ImplicitConfig, super().network(side, radius))
-        scale = config.radius / RADIUS
-        return config.model_copy(update={"band": scale * self.band, "spacing": scale * self.spacing})

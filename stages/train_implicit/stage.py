@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,7 @@ import torch
 from torch import Tensor
 
 from pipeline.engine.stage import Cost
-from pipeline.kernels.networks.network_configurations import RADIUS
-from pipeline.models.implicit_reconstruction import MARGIN, ImplicitReconstructor
+from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.training.augmentation import draw_misplacement, misplace
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
@@ -31,28 +30,29 @@ class ImplicitLearner(ReconstructionLearner):
     def targets(
         self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
     ) -> tuple[Tensor, Tensor]:
-        """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m."""
+        """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m, scaled as its observation is."""
         count = self.settings.validation_queries if validates else self.settings.queries
         queries, distances = [], []
         for item, generator in zip(numbers, generators, strict=True):
-            points, point_distances = (items.rows.read(name, items.object_of(item)) for name in self.arrays)
+            object_id = items.object_of(item)
+            points, point_distances = (items.rows.read(name, object_id) for name in self.arrays)
             rows = torch.randint(len(points), (count,), generator=generator).numpy()
-            queries.append(points[rows])
-            distances.append(point_distances[rows])
+            queries.append(items.scaled(points[rows], object_id))
+            distances.append(np.float32(items.scale(object_id)) * point_distances[rows])
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items as every family does, some of them at a wrong place if the settings ask for it."""
         batch, deviation = super().read(items, generators), self.settings.placement_error
-        if not deviation or self._camera is None:
+        if not deviation:
             return batch
-        config, camera, background = self._config, self._camera.numpy(), self._train.background or WHITE
+        config, background = self._config, self._train.background or WHITE
         observations, (queries, distances) = list(batch.observations), batch.targets
         for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
-            place = draw_misplacement(deviation * config.radius / RADIUS, config.centre, config.radius, generator)
+            place = draw_misplacement(deviation, config.centre, config.radius, generator)
             is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
             if is_chosen and observation.image is not None and observation.touched.any():
-                observations[number] = misplace(observation, place, camera, np.array(config.centre), background)
+                observations[number] = misplace(observation.scaled(config.centre), place, np.array(config.centre), background)
                 queries[number] = torch.from_numpy(place.moved(queries[number].numpy()))
                 distances[number] *= place.scale
         return Batch(observations, (queries, distances), generators)
@@ -83,19 +83,3 @@ class TrainImplicit(ReconstructionTraining):
         """Estimate the time per item on one core, in proportion to its points and the squared features."""
         item_seconds = 0.01 + 0.02 * settings.queries / 500 * (settings.features / 128) ** 2
         return Cost(seconds=objects * settings.samples_per_object * settings.epochs * item_seconds, kilobytes=3000)
-
-    def remarks(self, network: Any, items: Items) -> Iterator[str]:
-        """Warn of objects that are larger than the meshed cube, and name the largest."""
-        yield from super().remarks(network, items)
-        config, oversized = network.config, []
-        for object_id in items.rows.object_ids:
-            points, distances = (items.rows.read(array, object_id) for array in self.learner.arrays)
-            if (reach := np.abs(points[distances <= 0] - config.centre).max(initial=0.0)) > MARGIN * config.radius:
-                oversized.append((float(reach), object_id))
-        if oversized:
-            reach, farthest = max(oversized)
-            yield (
-                f"{len(oversized)} of {len(items.rows)} training objects are larger than the cube in which surfaces are sought; their "
-                f"reconstructions end {MARGIN * config.radius:.2f} m from its middle: {farthest} reaches {reach:.2f} m; leave "
-                "train-implicit.radius out"
-            )

@@ -27,7 +27,7 @@ def test_a_file_and_arrays_give_the_same_surface(grasp_and_models: tuple[Path, P
     assert read.camera is not None
     from_file = vt.reconstruct(str(path), models, "occluded", resolution=16)
     camera = {name: getattr(read.camera, name) for name in ("image", "mask", "intrinsics")} | {"pose": read.camera.pose.array}
-    observation = vt.RobotObservation(object={"centre": read.object.centre}, camera=camera)
+    observation = vt.RobotObservation(object={"centre": read.object.centre, "diagonal": read.object.diagonal}, camera=camera)
     from_arrays = vt.reconstruct(observation, str(models), "occluded", resolution=16)
     np.testing.assert_allclose(from_arrays.reconstruction.vertices, from_file.reconstruction.vertices, atol=1e-9)
     assert from_file.closed is not None

@@ -63,9 +63,8 @@ def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data
         r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output
     )
     assert warning, output
-    assert list(map(float, warning.groups())) == pytest.approx(
-        [250 - (120 + 140) / 2, (120 + 140) / 2 - 100], rel=0.1
-    )  # of facets and points
+    radius = (120 + 140) / 2  # mm; the network's sphere stays around the box of each ball
+    assert list(map(float, warning.groups())) == pytest.approx([(3**0.5 - 1) * radius, radius - 100], rel=0.1)  # of facets and points
     assert "`evaluate` compares it" in note_of(data, "touch")  # it was not evaluated
 
 

@@ -1,4 +1,4 @@
-"""Objects of a size that a network has not learned are given to it larger or smaller, and their reconstructions in their own size."""
+"""Objects are given to networks at one size, and their reconstructions returned in their own."""
 
 from __future__ import annotations
 
@@ -49,21 +49,22 @@ def test_small_object_is_given_as_one_that_the_network_knows(observation: RobotO
     np.testing.assert_allclose(small.sensor_poses[:, :3, :3], factor * large.sensor_poses[:, :3, :3], atol=1e-12)  # the gels grow too
     points = np.random.default_rng(0).normal(size=(5, 3))
     np.testing.assert_allclose(small.returned(transform_points(small.to_network, points)), points, atol=1e-12)
-    assert f"the object is given {factor:.3g} times as large" in "\n".join(small.remarks)
+    assert "the network has learned from objects of 0.5 m: beside this one" in "\n".join(small.remarks)
+    assert "has learned from" not in "\n".join(large.remarks)
 
 
-@pytest.mark.parametrize(("sizes", "factor"), [((0.4, 0.8), 0.4), ((0.01, 0.1), 0.1), ((0.1, 0.5), None), ((0.25, 0.5), None), ((), None)])
-def test_object_is_scaled_to_the_nearest_size_unless_it_is_close(
-    observation: RobotObservation, sizes: tuple[float, ...], factor: float | None
-) -> None:
+@pytest.mark.parametrize("sizes", [(0.4, 0.8), (0.01, 0.1), ()])
+def test_object_is_scaled_to_the_size_at_which_networks_see_all(observation: RobotObservation, sizes: tuple[float, ...]) -> None:
     diagonal = observation.object.diagonal
     assert diagonal is not None
     placed = place_observation(observation, of_sizes(*sizes) if sizes else model())
-    scale = np.linalg.norm(placed.to_network[:3, :3], axis=0)
-    np.testing.assert_allclose(scale, 1.0 if factor is None else factor / diagonal, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), 0.5 / diagonal, rtol=1e-12)
+    assert not faults(enlarged(observation, 10), model())
 
 
-def test_object_larger_than_the_networks_ball_is_a_fault_only_if_it_is_notscaled_pose(observation: RobotObservation) -> None:
-    wide = enlarged(observation, 10)
-    assert any("knows objects of at most" in line for line in faults(wide, model()))
-    assert not faults(wide, of_sizes(0.5, 0.5))
+@pytest.mark.parametrize(("sizes", "factor"), [((0.1, 0.4), 2.5), ((0.5, 0.5), 1.0), ((), 1.0)])
+def test_unknown_size_is_taken_to_be_that_of_the_training(observation: RobotObservation, sizes: tuple[float, ...], factor: float) -> None:
+    unknown = observation.changed(object={"centre": observation.object.centre})
+    placed = place_observation(unknown, of_sizes(*sizes) if sizes else model())
+    np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), factor, rtol=1e-12)
+    assert f"the object's size is not known, and taken to be {0.5 / factor:g} m, as in training" in placed.remarks

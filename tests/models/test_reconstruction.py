@@ -43,7 +43,7 @@ def test_charts_without_a_fit_count_as_failed_touches() -> None:
     """Every ended fit is a surface; the square of a sensor without touch is not."""
     rules = np.array([list(StopRule)])  # one grasp of a hand with that many sensors
     arrays = {"vertices": np.zeros((*rules.shape, SIZE, 3), np.float32), "stop_rule": rules}
-    rows = Mock(read=lambda name, object_id: arrays[name])
+    rows = Mock(read=lambda name, object_id: arrays[name], diagonal=lambda object_id: 0.5)
     view = stored_observation(rows, "a", [0], CONFIGURATIONS["touch"])
     assert dict(zip(StopRule, view.touched.tolist(), strict=True)) == {
         StopRule.no_touch: False,

@@ -42,7 +42,7 @@ OBJECTS = spheres.objects(3, ("train", "test"))
 def data(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 3, ("train", "test"))
-    spheres.make_implicit_model(folder, NETWORK, spacing=0.05, radius=0.4)  # the balls are larger than half a metre across their boxes
+    spheres.make_implicit_model(folder, NETWORK, spacing=0.05)
     (unet := folder / "made").mkdir()
     with torch.random.fork_rng():
         torch.manual_seed(0)

@@ -35,7 +35,7 @@ def data(tmp_path_factory) -> Path:
     torch.set_num_threads(1)
     folder = tmp_path_factory.mktemp("balls")
     spheres.make_data(folder, 4, SPLITS)
-    spheres.make_implicit_model(folder, DEFAULT, radius=0.4)  # the balls are larger than half a metre across their boxes
+    spheres.make_implicit_model(folder, DEFAULT)
     settings = EvaluationSettings(points=300, grasps=(1,), configurations=(f"{DEFAULT}-touch", f"{DEFAULT}-unoccluded"))
     (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
     run(plan, Console(quiet=True))

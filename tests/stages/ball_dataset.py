@@ -18,6 +18,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
@@ -54,6 +55,11 @@ def direction_to(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
 
 def radius_of(unit: Unit) -> float:
     return 0.1 + 0.02 * (ord(unit.name[-1]) - ord("a"))
+
+
+def projection_of(unit: Unit) -> np.ndarray:
+    """Zoom the camera as `render-vision` does: a ball is seen as large as an object of 0.5 m."""
+    return projection_matrix(CAMERA.zoomed(0.5 / bounding_diagonal(trimesh.creation.icosphere(3, radius_of(unit)).vertices)))
 
 
 def pose_of(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
@@ -132,7 +138,8 @@ def vision(unit: Unit) -> Row:
     row, col = np.indices(shape[1:]) - CAMERA.resolution / 2
     segmentation = np.zeros((1 + shape[0], *shape[1:]), np.uint8)
     segmentation[0] = np.hypot(row, col) < 400 * radius_of(unit)  # not to scale, but larger for larger balls
-    return {"unoccluded": images[:1], "occluded": images[1:, None], "segmentation": segmentation[:, None]}
+    views = {"unoccluded": images[:1], "occluded": images[1:, None], "segmentation": segmentation[:, None]}
+    return views | {"projection": projection_of(unit)[None]}
 
 
 def touch(unit: Unit) -> Row:
@@ -205,7 +212,7 @@ def stages() -> list[Given]:
             VISION,
             vision,
             (GRASPS,),
-            {"camera": np.array(["front"]), "projection": projection_matrix(CAMERA)[None]},
+            {"camera": np.array(["front"])},
             {"settings": HAND | {"scene": "supplement"}},
         ),
         Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": np.stack([untouched_image(SENSOR)] * SENSORS)}, sensors),

@@ -17,7 +17,7 @@ from tests.stages import ball_dataset as spheres
 SPLITS = ("train", "valid", "test")
 OBJECTS = spheres.objects(3, SPLITS)
 SETTINGS = {
-    "train-implicit": ("configuration=implicit-any", "features=16", "blocks=1", "queries=50", "encoder_width=0.125", "radius=0.25"),
+    "train-implicit": ("configuration=implicit-any", "features=16", "blocks=1", "queries=50", "encoder_width=0.125"),
     "train-gcn": ("configuration=unoccluded-touch", "gcn_layers=3", "gcn_features=12", "loss_points=200", "encoder_width=0.125"),
 }
 

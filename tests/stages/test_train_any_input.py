@@ -32,7 +32,7 @@ OBJECTS = spheres.objects(3, SPLITS)
 SETTINGS = (
     *("train-implicit.configuration=implicit-any", "train-implicit.features=16", "train-implicit.blocks=1", "train-implicit.epochs=2"),
     *("train-implicit.queries=50", "train-implicit.validation_queries=50", "train-implicit.encoder_width=0.125"),
-    *("train-implicit.samples_per_object=6", "train-implicit.validation_items=6", "train-implicit.radius=0.25"),
+    *("train-implicit.samples_per_object=6", "train-implicit.validation_items=6"),
     *("train-implicit.spacing=0.04", "evaluate.configurations=[implicit-any]", "evaluate.points=200", "evaluate.grasps=[1,5]"),
 )
 
@@ -86,19 +86,19 @@ def test_half_of_the_items_with_image_and_touches_are_at_a_wrong_place_and_their
     """The balls' signed distances are still those of a ball, moved and scaled; items without an image or a touch stay where they are."""
     settings = resolve("train-implicit", "draft", (*SETTINGS, "train-implicit.placement_error=0.03"))
     items = Items(data, "train", settings.named, 6, learned=ImplicitLearner.arrays)
-    network = TrainImplicit.family.network_type(settings.network(items.side, 0.25), torch_generator(0, "weights"))
+    network = TrainImplicit.family.network_type(settings.network(items.side), torch_generator(0, "weights"))
     learner, plain = (
         ImplicitLearner(network, items, items, chosen, 0) for chosen in (settings, settings.model_copy(update={"placement_error": 0.0}))
     )
     batch, as_stored = (one.read([0] * 100, [torch_generator(0, n) for n in range(100)]) for one in (learner, plain))
-    moved = [observation.camera is not None for observation in batch.observations]
+    moved = [observation.scale == 1 for observation in batch.observations]  # the others are scaled when they are stacked
     can_move = [seen.image is not None and bool(seen.touched.any()) for seen in as_stored.observations]
     assert 0.3 < sum(moved) / sum(can_move) < 0.7
     for observation, is_moved, may_move, queries, distances in zip(batch.observations, moved, can_move, *batch.targets, strict=True):
         centre, radius = ball_of(queries.numpy().astype(np.float64), distances.numpy().astype(np.float64))
         assert may_move or not is_moved
         assert (np.abs(centre - spheres.CENTRE).max() > 1e-4) == is_moved
-        reach = np.linalg.norm(observation.touch_vertices[observation.touched] - centre, axis=2)
+        reach = np.linalg.norm(observation.scaled(spheres.CENTRE).touch_vertices[observation.touched] - centre, axis=2)
         np.testing.assert_allclose(reach, radius, atol=1e-4)
 
 

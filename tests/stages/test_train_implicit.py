@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +37,7 @@ TRUE_RADIUS = 0.16
 SETTINGS = (
     *("train-implicit.configuration=implicit-touch", "train-implicit.features=32", "train-implicit.blocks=1", "train-implicit.epochs=150"),
     *("train-implicit.queries=200", "train-implicit.validation_queries=500", "train-implicit.patience=null"),
-    *("train-implicit.radius=0.25", "train-implicit.band=0.1", "train-implicit.spacing=0.01", "train-implicit.learning_rate=0.01"),
+    *("train-implicit.band=0.1", "train-implicit.spacing=0.01", "train-implicit.learning_rate=0.01"),
     *("evaluate.configurations=[implicit-touch]", "evaluate.points=500", "evaluate.grasps=[1,5]"),
 )
 
@@ -140,17 +139,6 @@ def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):
     assert trimesh.load(tmp_path / "closed.ply").is_watertight
     with pytest.raises(StageError, match=r"no model touch: its models are implicit-touch; choose one of these, or train it with"):
         predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
-
-
-def test_objects_larger_than_the_meshed_cube_are_named(data):
-    settings = resolve("train-implicit", "draft", SETTINGS)
-    items = Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays)
-    stage = TrainImplicit()
-    network = stage.family.network_type(settings.network(items.side), torch.Generator().manual_seed(0))
-    assert list(stage.remarks(network, items)) == []
-    network.config = network.config.model_copy(update={"radius": 0.08})
-    (remark,) = stage.remarks(network, items)
-    assert re.match(r"\d of \d training objects are larger than the cube .* 0.08 m from its middle: \w reaches 0.\d+ m", remark)
 
 
 def test_settings_without_effect_and_missing_grasps_are_named(data):

@@ -83,8 +83,8 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     col, row = np.meshgrid(np.arange(256) + 0.5, np.arange(256) + 0.5)
     at = project_points(camera, point)
     blob = (255 * np.exp(-((col - at[0]) ** 2 + (row - at[1]) ** 2) / 2 / 4**2)).astype(np.uint8)
-    seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool))
-    wrong = misplace(seen, place, camera, CENTRE, (0, 0, 0))
+    seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool), camera)
+    wrong = misplace(seen, place, CENTRE, (0, 0, 0))
     assert wrong.camera is not None
     np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(place.scale * point + place.shift, (9, 1)), atol=1e-6)
     weight = wrong.image[..., 0].astype(float)

@@ -54,7 +54,7 @@ class Camera(BaseModel):
         """Rows and columns of its images."""
         return self.resolution, self.resolution
 
-    def with_resolution(self, resolution: int) -> Camera:
+    def with_resolution(self, resolution: int) -> Self:
         """Return the camera with another number of pixels per side and the same field of view."""
         if resolution < 1:
             raise ValueError(f"an image of {resolution} pixels per side shows nothing; ask for 1 or more")
@@ -62,9 +62,11 @@ class Camera(BaseModel):
         focal, centre = (tuple(scale * length for length in pair) for pair in (self.focal, self.centre))
         return self.model_copy(update={"focal": focal, "centre": centre, "resolution": resolution})
 
-    def zoomed(self, factor: float) -> Self:
-        """Return the camera with its focal lengths multiplied."""
-        return self.model_copy(update={"focal": (factor * self.focal[0], factor * self.focal[1])})
+    def zoomed(self, factor: float, at: NDArray[np.float64] | None = None) -> Self:
+        """Return the camera with its focal lengths multiplied; what it sees at pixel `at` (2,), by default the centre, stays there."""
+        moved = np.zeros(2) if at is None or not np.isfinite(at).all() else (factor - 1) * (np.array(self.centre) - at)
+        focal, centre = (factor * self.focal[0], factor * self.focal[1]), tuple((np.array(self.centre) + moved).tolist())
+        return self.model_copy(update={"focal": focal, "centre": centre})
 
 
 def camera_pose(camera: Camera) -> NDArray[np.float64]:

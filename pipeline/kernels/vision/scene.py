@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -63,7 +63,7 @@ class NamedCamera(Camera):
         """Rows and columns of its images."""
         return (self.resolution, self.resolution) if self.size is None else (self.size[1], self.size[0])
 
-    def with_resolution(self, resolution: int) -> Camera:
+    def with_resolution(self, resolution: int) -> Self:
         """Return the camera with another number of pixels per side; a camera with a `size` stays as it is."""
         return super().with_resolution(resolution) if self.size is None else self
 

@@ -45,10 +45,11 @@ def test_rows_have_the_shapes_and_types_of_the_schema() -> None:
         "unoccluded": ((1, 256, 256, 3), "uint8"),
         "occluded": ((GRASPS, 1, 256, 256, 3), "uint8"),
         "segmentation": ((1 + GRASPS, 1, 256, 256), "uint8"),
+        "projection": ((1, 3, 4), "float64"),
     }
     declared = {name for name, array in STAGE.output.arrays.items() if array.per_object} - set(COMMON)
     assert set(row) == declared - {"camera_depth"}
-    assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera", "projection"}
+    assert set(STAGE.constants(VisionSettings(hand=HAND))) == {"camera"}
 
 
 def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
@@ -64,7 +65,7 @@ def test_images_of_one_camera_do_not_depend_on_the_others(tmp_path) -> None:
             assert (np.take(row[name], [camera], axis) == before[name]).all()
     constants = STAGE.constants(several)
     assert constants["camera"].tolist() == ["front", "again", "closer"]
-    assert (constants["projection"][:2] == STAGE.constants(plain)["projection"]).all()
+    assert (row["projection"][:2] == before["projection"]).all()
     for name, array in {**row, **constants}.items():
         declared = STAGE.output.arrays[name]
         assert array.ndim == len([dim for dim in declared.dims if dim != "object"]), name
@@ -135,15 +136,15 @@ def test_image_does_not_depend_on_earlier_objects() -> None:
 
 def test_without_occluded_only_the_object_is_rendered() -> None:
     (row,) = rows(VisionSettings(hand=HAND, occluded=False, resolution=64), task("a", 0.15))
-    assert set(row) == {"unoccluded", "segmentation"}
+    assert set(row) == {"unoccluded", "segmentation", "projection"}
     assert row["segmentation"].shape == (1, 1, 64, 64)
 
 
 @pytest.mark.parametrize("resolution", [256, 64])
 def test_camera_matrix_projects_to_the_image(resolution) -> None:
     settings = VisionSettings(hand=HAND, resolution=resolution)
-    camera = STAGE.constants(settings)["projection"][0]
     (row,) = rows(settings, task("a", 0.1))
+    camera = row["projection"][0]
     at = np.argwhere(row["segmentation"][0, 0] == 1).mean(axis=0)[::-1] + 0.5
     assert camera.shape == (3, 4)
     assert project_points(camera, np.array([0, 0, 0.6])) == pytest.approx(at, abs=0.01 * resolution)
