@@ -16,16 +16,19 @@ import yaml
 
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.inference.observation_checks import find_object
+from pipeline.inference.observation_file import load_observation
 from pipeline.inference.predict import reconstruct
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.geometry.normalise import bounding_diagonal
+from pipeline.kernels.geometry.normalise import DIAGONAL, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
 from tools.robot_grasp import BASE, write_grasp
 
-POINTS, DIAGONAL = 10_000, 0.5
-"""Points drawn from a reconstruction; m, to which objects are scaled for the error."""
+POINTS = 10_000
+"""Points drawn from a reconstruction."""
+PLACE = "middle of the object by its depth, mm"
 
 
 def observations(folder: Path) -> dict[str, Path]:
@@ -48,6 +51,10 @@ def measure(data: Path) -> Table:
             points = rows.read("points", object_id).astype(np.float64)
             scale, truth = DIAGONAL / bounding_diagonal(points), transform_points(BASE, points)
             write_grasp(data, object_id, 0, Path(folder))
+            box = find_object(load_observation(Path(folder) / "rgbd.yaml"))
+            assert box is not None
+            middle = (truth.min(axis=0) + truth.max(axis=0)) / 2
+            errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
             for given, path in observations(Path(folder)).items():
                 mesh = reconstruct(path, shipped_models(), DEFAULT).closed
                 assert mesh is not None

@@ -26,7 +26,7 @@ from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
 
 NOT_FOR = (
-    "other kinds of objects than it was trained on, objects larger than half a metre, other sensors, and any use in which a wrong surface "
+    "other kinds of objects than it was trained on, objects much larger or smaller, other sensors, and any use in which a wrong surface "
     "does harm: parts that were neither seen nor felt are guesses"
 )
 MAX_BYTES = 5e6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -76,7 +77,7 @@ class ObjectRows:
             raise StoreError(
                 f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"
             )
-        directory = DataDirectory(self.data)
+        self._directory = directory = DataDirectory(self.data)
         self._artifact_of = {name: _find_artifact(name) for name in self._needed()}
         self._collections = {artifact.name: directory.collection(artifact) for artifact in self._artifact_of.values()}
         for collection in self._collections.values():
@@ -137,11 +138,14 @@ class ObjectRows:
         position = self._artifact_of[array].arrays[array].dims.index(dim)
         return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
+    @cached_property
+    def _surfaces(self) -> Collection:
+        return self._directory.collection(SURFACES)
+
     def diagonal(self, object_id: str) -> float:
         """Compute the diagonal of an object's bounding box, m, of the mesh in `surfaces`."""
         if object_id not in self._diagonals:
-            view = DataDirectory(self.data).collection(SURFACES).view(object_id)
-            self._diagonals[object_id] = bounding_diagonal(view["meshes/vertices"])
+            self._diagonals[object_id] = bounding_diagonal(self._surfaces.view(object_id)["meshes/vertices"])
         return self._diagonals[object_id]
 
     def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:

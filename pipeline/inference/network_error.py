@@ -9,7 +9,6 @@ from pipeline.errors import StoreError
 from pipeline.inference.observation_reader import ObservationReader
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.implicit_network import ImplicitConfig
-from pipeline.kernels.networks.network_configurations import RADIUS
 from pipeline.models.families import ROWS, model_name
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.store.directory import DataDirectory
@@ -75,9 +74,9 @@ def _by_training(reader: ObservationReader, name: str) -> str:
         path = directory.folder_record(record)
         raise StoreError(f"{path}: it lacks the validation loss of a training; delete it and train the model again") from error
     if isinstance(model.config, ImplicitConfig):
-        return f"signed distances near validation objects are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
+        return f"signed distances near validation objects, scaled to 0.5 m, are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
     if model.has_charts:
-        return f"{model.config.radius / RADIUS * _rms_distance(loss):.1f} mm (root mean square) from the surfaces of validation objects"
+        return f"{_rms_distance(loss):.1f} mm (root mean square) from the surfaces of validation objects, scaled to 0.5 m"
     return f"validation loss {loss:.3g}"
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
 
 from pipeline.inference.observation_file import NOWHERE, RobotObservation
 from pipeline.kernels.geometry.transforms import invert_pose, transform_points
@@ -23,6 +24,8 @@ SIZE_TOLERANCE = 0.02
 UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph"
 )
+FEW = 10
+"""Pixels with a depth below which an object is not located by them."""
 OUTLIERS = 1.0
 """Percentage of the points at each side of a box around them that are left out: some depths are wrong."""
 
@@ -36,7 +39,8 @@ class ModelInputs:
     configuration, config
         Its name, and its inputs.
     camera, resolution, background
-        (3, 4) projection matrix, rows and columns, and background's sRGB of its images; None without images, or if not known.
+        (3, 4) projection matrix, of an object of the size that networks see, rows and columns, and background's sRGB of its images; None
+        without images, or if not known.
     sensor
         Of its tactile images; None without touch.
     diagonals
@@ -79,8 +83,8 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
     Notes
     -----
     Of a depth image, it is the box around the visible points and the same points moved backwards: what is hidden is taken to be as thick as
-    what is visible along its thinnest axis. Its middle is 9 mm from the true one on average for objects of 0.5 m, and for a ball a quarter
-    of the radius. Touches are the middle of the box around the gels; there must be two.
+    what is visible along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m
+    benchmarks.observed_sizes` measures it for others. Touches are the middle of the box around the gels; there must be two.
     """
     stated, unit = observation.object, observation.metres_per_unit
     diagonal = None if stated.diagonal is None else stated.diagonal * unit
@@ -99,8 +103,12 @@ def find_object(observation: RobotObservation) -> ObjectBox | None:
 
 def size_factor(box: ObjectBox, model: ModelInputs) -> float:
     """Compute the factor that makes an object as large as those that a model sees; its size, if unknown, is taken to be as in training."""
-    diagonal = box.diagonal or float(np.sqrt(np.prod(model.diagonals or 2 * [2 * model.config.radius])))
-    return 2 * model.config.radius / diagonal
+    return 2 * model.config.radius / (learned_size(model) if box.diagonal is None else box.diagonal)
+
+
+def learned_size(model: ModelInputs) -> float:
+    """Compute the middle, on a scale of ratios, of the sizes of the objects that a model learned from, m."""
+    return 2 * model.config.radius if model.diagonals is None else float(np.sqrt(np.prod(model.diagonals)))
 
 
 def _why_not_located(observation: RobotObservation) -> str:
@@ -115,14 +123,16 @@ def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], fl
     camera, matrix = observation.camera, observation.projection
     if camera is None or matrix is None or camera.metres is None or camera.mask is None:
         return None
-    measured = camera.object_pixels & ~np.isnan(camera.metres)
-    if not measured.any():
+    measured, sides = camera.object_pixels & ~np.isnan(camera.metres), [OUTLIERS, 100 - OUTLIERS]
+    if (inner := binary_erosion(measured)).sum() >= FEW:  # at the rim cameras mix depths with those behind
+        near, far = np.percentile(camera.metres[inner], sides)
+        measured &= np.abs(camera.metres - (near + far) / 2) <= 1.5 * (far - near)
+    if measured.sum() < FEW:
         return None
     row, col = np.nonzero(measured)
     k, depth = camera.intrinsics, camera.metres[measured]
     seen = np.column_stack([(col + 0.5 - k.cx) / k.fx * depth, (row + 0.5 - k.cy) / k.fy * depth, depth])  # camera frame, as OpenCV's
-    rotation, sides = split_projection(matrix)[1], [OUTLIERS, 100 - OUTLIERS]
-    thinnest = np.linalg.eigh(np.cov(seen.T))[1][:, 0]
+    rotation, thinnest = split_projection(matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
     behind = rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
     low, high = np.percentile(optical_centre(matrix) + seen @ rotation, sides, axis=0)
     low, high = np.minimum(low, low + behind), np.maximum(high, high + behind)
@@ -198,15 +208,16 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
             yield _unseen(observation, box)
         elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
             yield problem
-    reach = np.inf if box.diagonal is None else box.diagonal / 2
-    limits = [(reach, f"the object's diagonal is {2 * reach:.3g} m")]
-    if model is not None:
-        radius = model.config.radius / size_factor(box, model)
-        limits.append((radius, f"model {model.configuration} looks for the object within {radius:.3g} m of it"))
+    if observation.object.diagonal is not None and box.diagonal is not None:
+        limit, reason = box.diagonal / 2, f"the object's diagonal is {box.diagonal:.3g} m"
+    elif box.diagonal is not None:  # an estimate: behind a flat face it sees nothing
+        limit, reason = box.diagonal, f"the object's diagonal seems to be {box.diagonal:.3g} m"
+    else:
+        limit = np.inf if model is None else model.config.radius / size_factor(box, model)
+        reason = f"model {'' if model is None else model.configuration} looks for the object within {limit:.3g} m of it"
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, place in enumerate(gel_centres(observation)):
         distance = float(np.linalg.norm(place - box.centre))
-        limit, reason = min(limits)
         if observation.touches[number].touched is not False and distance > limit + margin:
             yield (
                 f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, "

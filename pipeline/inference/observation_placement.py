@@ -92,7 +92,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
             camera = carried_camera(training, real, centre)
             fill, photograph = _background(observation.camera, model)
             image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
-            remarks += [*_view_remarks(training, real, centre, shown_share), *_mask_remarks(observation, box, model)]
+            distance = camera_direction(real, centre).distance / size_factor(box, model)
+            remarks += [*_view_remarks(training, real, centre, distance, shown_share), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
     placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
@@ -183,18 +184,19 @@ def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
     elif not learned[0] / UNLIKE <= box.diagonal <= learned[1] * UNLIKE:
         sizes = " to ".join(dict.fromkeys(f"{size:.3g}" for size in learned))
         yield (
-            f"warning: the object's diagonal is {box.diagonal:.3g} m, and the network has learned from objects of {sizes} m: beside this "
-            "one, which it sees as large as those, hand and touches are larger or smaller than any that it knows"
+            f"warning: the object's diagonal is {box.diagonal:.3g} m, the network has learned from objects of {sizes} m: hand and touches "
+            "have another size beside this one"
         )
 
 
-def _view_remarks(training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], share: float) -> Iterator[str]:
+def _view_remarks(
+    training: NDArray[np.float64], real: NDArray[np.float64], centre: NDArray[np.float64], distance: float, share: float
+) -> Iterator[str]:
     view, training_view = (camera_direction(matrix, centre) for matrix in (real, training))
     difference = abs(float(np.degrees(view.elevation - training_view.elevation)))
     yield (
-        f"{'warning: ' if difference > FAR_VIEW else ''}camera {view.distance:.3g} m from the object and {degrees(view.elevation)}° above "
-        f"its horizon; in training {training_view.distance:.3g} m and {degrees(training_view.elevation)}°: "
-        f"the views differ by {difference:.1f}°"
+        f"{'warning: ' if difference > FAR_VIEW else ''}camera {distance:.3g} m from the object and {degrees(view.elevation)}° above "
+        f"its horizon; in training {degrees(training_view.elevation)}°: the views differ by {difference:.1f}°"
     )
     if share < MIN_SHOWN:
         yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"

@@ -16,7 +16,7 @@ from pipeline.errors import InvalidInput, StageError, closest_name
 from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.network_error import error_note
-from pipeline.inference.observation_checks import faults
+from pipeline.inference.observation_checks import faults, learned_size
 from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
@@ -203,7 +203,8 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
             needed_inputs = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
             needed = (" or " if model.image == "any" else " and ").join(needed_inputs)
             raise StageError(f"model {model.configuration} needs {needed}: give an observation, or a data directory and an object")
-        reconstruction = model.reconstruct([empty := Observation(None)])[0]
+        empty = Observation(None, scale=2 * model.config.radius / learned_size(reader.inputs))
+        reconstruction = model.reconstruct([empty])[0]
         closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if surface == "closed" else None
         return Prediction(reconstruction, empty.touched, closed, remarks=[error_note(reader)])
     if isinstance(observation, RobotObservation):
@@ -247,10 +248,9 @@ def _of_object(
     if surface != "closed":
         return prediction
     mesh = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
-    matrix = model.camera if network_inputs.camera is None else network_inputs.camera
-    if network_inputs.image is not None and matrix is not None:
+    if network_inputs.image is not None and network_inputs.camera is not None:
         mask = object_mask(data, object_id, model.image, numbers)
-        mesh = mesh.coloured(network_inputs.image, matrix, foreground(network_inputs.image) if mask is None else mask)
+        mesh = mesh.coloured(network_inputs.image, network_inputs.camera, foreground(network_inputs.image) if mask is None else mask)
     return replace(prediction, closed=mesh)
 
 

@@ -29,7 +29,7 @@ class Observation:
     touched
         (T,) bool: whether the chart is that of a successful touch.
     camera
-        (3, 4) projection matrix of world points, m, to pixels of the image, if it is not the training's.
+        (3, 4) projection matrix of world points, m, to pixels of the image; None without one, or if it is the training's.
     scale
         Factor about the centre of the network's ball that makes the object as large as those that it learned from.
     """

@@ -101,7 +101,7 @@ class Reconstructor(ABC):
     touch
         Whether it is given touch charts.
     camera
-        (3, 4) float64, the projection matrix of its images; None without an image.
+        (3, 4) float64, the projection matrix of the first training object's image, scaled as it; None without an image.
     resolution, background
         Rows and columns of its images, and the sRGB of their background; None without an image, or if not known.
     chart_settings

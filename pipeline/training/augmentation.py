@@ -86,8 +86,8 @@ def draw_misplacement(deviation: float, centre: Sequence[float], radius: float, 
     return Misplacement(factor, (1 - factor) * np.array(centre) + shift)
 
 
-def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.float64], background: Sequence[int]) -> Observation:
-    """Change an observation to what `predict` would make of it with a wrong estimate of the object's place.
+def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.float64]) -> Observation:
+    """Change an observation to what `predict` would make of it with a wrong estimate of the object's place, but for a turn about +z.
 
     Parameters
     ----------
@@ -97,8 +97,6 @@ def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.f
         The wrong place.
     centre
         (3,) world, m, where the object is taken to be: the image shows this point where it showed the object's centre.
-    background
-        sRGB of what the image does not show.
     """
     assert observation.image is not None
     assert observation.camera is not None
@@ -106,7 +104,7 @@ def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.f
     real = np.column_stack([camera[:, :3], place.scale * camera[:, 3] - camera[:, :3] @ place.shift])
     turned = carried_camera(camera, real, centre)
     rows, cols = observation.image.shape[:2]
-    red, green, blue = background
+    red, green, blue = (int(level) for level in np.median(observation.image[0], axis=0))  # of the background
     image, _ = transfer_view(observation.image, real, turned, (rows, cols), (red, green, blue))
     return replace(observation, image=image, touch_vertices=place.moved(observation.touch_vertices), camera=turned)
 

@@ -64,7 +64,7 @@ class ReconstructionLearner(Learner):
     def __init__(self, network: Any, train: Items, valid: Items, settings: Any, seed: int) -> None:
         super().__init__(network)
         self.settings, self._train, self._valid, self._seed = settings, train, valid, seed
-        self._config, self._camera = network.config, train.camera
+        self._config = network.config
         typed_settings: ReconstructionSettings = settings
         self._fewest, self._most = (min(count, train.grasps) for count in (typed_settings.min_grasps, typed_settings.max_grasps))
 
@@ -120,7 +120,7 @@ class ReconstructionLearner(Learner):
 
     def stack(self, network: Any, batch: Batch) -> NetworkBatch:
         """Stack a batch's observations as the network takes them, on its device."""
-        return stack_observations(batch.observations, self._config, self._camera, like=next(network.parameters()))
+        return stack_observations(batch.observations, self._config, camera=None, like=next(network.parameters()))
 
 
 class ReconstructionTraining(DatasetStage):

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.retrieval import SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
@@ -87,9 +88,10 @@ def retrieve(
     """
     ids, names = objects.rows.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
+    sizes = [objects.diagonal(row) for row in range(len(ids))]
     masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    queries = [SearchedCloud(objects.points(row)[:POINTS]) for row in range(len(ids))]
-    touch_clouds = None if touched is None else [SearchedCloud(points) for points in touched]
+    queries = [SearchedCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]
+    touch_clouds = None if touched is None else [SearchedCloud(_scaled(points, size)) for points, size in zip(touched, sizes, strict=True)]
     search = _Search(queries, touch_clouds, masks)
     blocks = range(0, len(names), BLOCK)
     steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
@@ -109,6 +111,7 @@ def retrieve(
                 for view, at in enumerate(np.broadcast_to(matches[row], views).tolist()):
                     if at not in figures_by_object:
                         cloud = training.read("points", names[at])[: objects.count].astype(np.float64)
+                        cloud = _scaled(cloud, training.diagonal(names[at]), sizes[row])
                         figures_by_object[at] = figures(cloud_distances(cloud, objects.points(row)), row)
                     rows += [Figure(object_id, view, 1, metric, value) for metric, value in figures_by_object[at].items()]
                 meter.advance()
@@ -119,7 +122,12 @@ def retrieve(
 
 def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
     """Read the points of an object that the search compares."""
-    return SearchedCloud(training.read("points", name)[:POINTS].astype(np.float64))
+    return SearchedCloud(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
+
+
+def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> NDArray[np.float64]:
+    """Scale points (N, 3) of an object of a size, m, to another: networks, too, are told how large an object is."""
+    return points if size == to else POSITION + to / size * (points - POSITION)
 
 
 class _Search:

@@ -7,10 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
-from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
@@ -67,7 +65,7 @@ class TestObjects:
 
     def diagonal(self, row: int) -> float:
         """Compute the diagonal of an object's bounding box, m."""
-        return float(length(np.ptp(read_mesh(self.surfaces.view(self.rows.object_ids[row])).vertices, axis=0)))
+        return self.rows.diagonal(self.rows.object_ids[row])
 
     def table(self) -> Arrays:
         """Make the group `objects` of the schema."""

@@ -18,7 +18,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
+from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import project_points, projection_matrix
@@ -34,8 +34,6 @@ from stages.render_vision.opengl_context import shader_paths
 from stages.render_vision.renderer import MeshHandle, PosedMesh, RenderedImage, Renderer
 from stages.render_vision.settings import VisionSettings
 
-SEEN = 0.5
-"""m, diagonal of an object that a scene's cameras show as they are; others are zoomed to as large."""
 HandMeshes = list[tuple[int, MeshHandle]]
 """The hand's visual meshes, each with the number of its link."""
 
@@ -84,11 +82,12 @@ class RenderVision(ObjectStage):
                     names_by_views.setdefault((*faulty,), []).append(name)
         zoomed = "" if settings.zoom is None else f"leave render-vision.zoom ({settings.zoom:g}) out, or "
         for views, names in outside.items():
-            remedy = f"{zoomed}move it in a scene file ({settings.scene})"
+            remedy = f"{zoomed}move the camera in a scene file ({settings.scene})"
             yield f"{pluralise(len(names))} not whole in the image of camera {', '.join(views)} ({abbreviate(names)}): {remedy}"
         for views, names in specks.items():
             share = f"smaller than {100 * SPECK:.0f} % of the image of camera {', '.join(views)}"
-            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {zoomed}move it nearer in a scene file ({settings.scene})"
+            remedy = f"{zoomed}move the camera nearer in a scene file ({settings.scene})"
+            yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {remedy}"
 
     def constants(self, settings: VisionSettings) -> Row:
         """Name the cameras."""
@@ -138,7 +137,7 @@ def _scene(settings: VisionSettings) -> Scene:
 
 def _cameras(scene: Scene, settings: VisionSettings, vertices: np.ndarray) -> list[NamedCamera]:
     """Zoom a scene's cameras to an object with these vertices (V, 3), world, m, if the settings do not say how much."""
-    zoom = SEEN / bounding_diagonal(vertices) if settings.zoom is None else 1.0
+    zoom = DIAGONAL / bounding_diagonal(vertices) if settings.zoom is None else 1.0
     pixels = [project_points(projection_matrix(camera), POSITION) for camera in scene.cameras]
     cameras = [camera.zoomed(zoom, at) for camera, at in zip(scene.cameras, pixels, strict=True)]
     return [camera.with_resolution(settings.resolution) for camera in cameras]

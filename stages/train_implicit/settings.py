@@ -65,8 +65,8 @@ class ImplicitSettings(ReconstructionSettings):
     )
     placement_error: float = setting(
         0.0,
-        "m, standard deviation of a shift along each axis, and of a scale by as much of the radius, that half of the "
-        "items with image and touches are given: as if the object's place had been estimated, from a depth image for example",
+        "m, standard deviation of the error of an object's place along each axis; its size errs by this over 0.25 m. Half of the items "
+        "with image and touches have such an error, as places have that are estimated from depth",
         ge=0,
         le=0.1,
     )

@@ -19,7 +19,6 @@ from stages.train_implicit.settings import ImplicitSettings
 
 MISPLACED = 0.5
 """Share of the items with image and touches that are at a wrong place, if `placement_error` is not 0."""
-WHITE = (255, 255, 255)
 
 
 class ImplicitLearner(ReconstructionLearner):
@@ -46,13 +45,13 @@ class ImplicitLearner(ReconstructionLearner):
         batch, deviation = super().read(items, generators), self.settings.placement_error
         if not deviation:
             return batch
-        config, background = self._config, self._train.background or WHITE
+        config = self._config
         observations, (queries, distances) = list(batch.observations), batch.targets
         for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
             place = draw_misplacement(deviation, config.centre, config.radius, generator)
             is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
             if is_chosen and observation.image is not None and observation.touched.any():
-                observations[number] = misplace(observation.scaled(config.centre), place, np.array(config.centre), background)
+                observations[number] = misplace(observation.scaled(config.centre), place, np.array(config.centre))
                 queries[number] = torch.from_numpy(place.moved(queries[number].numpy()))
                 distances[number] *= place.scale
         return Batch(observations, (queries, distances), generators)

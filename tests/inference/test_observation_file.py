@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
@@ -146,6 +147,32 @@ def test_object_is_located_from_depth_and_mask(tmp_path: Path, file: str, scale:
     assert box.source == "estimated from depth and mask"
     assert np.linalg.norm(box.centre - CENTRE) < 0.25 * RADIUS
     assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.15)
+
+
+def test_depth_behind_the_rim_of_the_mask_is_left_out(tmp_path: Path) -> None:
+    """A camera mixes the object's depth with that of the wall behind it."""
+    entries = write_files(tmp_path)
+    del entries["object"]
+    entries["camera"]["depth"] = "depth.npy"
+    exact = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    depth = np.load(tmp_path / "depth.npy")
+    depth[~binary_erosion(np.nan_to_num(depth) > 0) & ~np.isnan(depth)] = 1.5
+    np.save(tmp_path / "depth.npy", depth)
+    mixed = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    assert exact is not None
+    assert mixed is not None
+    assert np.linalg.norm(mixed.centre - exact.centre) < 0.2 * RADIUS
+    assert mixed.diagonal == pytest.approx(exact.diagonal, rel=0.15)
+
+
+def test_object_is_not_located_by_a_single_pixel(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    del entries["object"], entries["touches"], entries["sensor"]
+    depth = np.full_like(np.load(tmp_path / "depth.npy"), np.nan)
+    depth[60, 80] = 0.5
+    np.save(tmp_path / "pixel.npy", depth)
+    entries["camera"]["depth"] = "pixel.npy"
+    assert "object.centre is missing, and cannot be estimated" in error_of(write_observation(tmp_path, entries))
 
 
 @pytest.mark.parametrize(

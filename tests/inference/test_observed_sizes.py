@@ -49,7 +49,7 @@ def test_small_object_is_given_as_one_that_the_network_knows(observation: RobotO
     np.testing.assert_allclose(small.sensor_poses[:, :3, :3], factor * large.sensor_poses[:, :3, :3], atol=1e-12)  # the gels grow too
     points = np.random.default_rng(0).normal(size=(5, 3))
     np.testing.assert_allclose(small.returned(transform_points(small.to_network, points)), points, atol=1e-12)
-    assert "the network has learned from objects of 0.5 m: beside this one" in "\n".join(small.remarks)
+    assert "the network has learned from objects of 0.5 m: hand and touches have" in "\n".join(small.remarks)
     assert "has learned from" not in "\n".join(large.remarks)
 
 

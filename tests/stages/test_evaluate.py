@@ -167,8 +167,12 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), models)
     objects = protocol.objects
     assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
-    found = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
+    scaled = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
+    for how, distances in scaled.items():  # every ball, scaled to the size of the one in question, is that one
+        assert distances == pytest.approx(floors, rel=0.2), how
+    monkeypatch.setattr(ObjectRows, "diagonal", lambda *_: 0.5)  # as if the balls had one size
+    found = {name.removeprefix(BASELINE_PREFIX): one.per_object("chamfer") for name, one in protocol.baselines().items()}
     for how, apart in {"by truth": 0.02, "by touch": 0.02, "by silhouette": 0.02}.items():
         assert found[how] == pytest.approx([2 * apart**2 + floor for floor in floors], rel=0.2), how
     whole = protocol.baselines()

@@ -1,4 +1,4 @@
-"""Objects of real size are learned and seen as objects of 0.5 m are: lengths that are not the sensor's follow the objects'."""
+"""Objects of real size are learned and seen as objects of 0.5 m are."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     at = project_points(camera, point)
     blob = (255 * np.exp(-((col - at[0]) ** 2 + (row - at[1]) ** 2) / 2 / 4**2)).astype(np.uint8)
     seen = Observation(np.repeat(blob[..., None], 3, axis=2), np.tile(point.astype(np.float32), (1, 9, 1)), np.ones(1, bool), camera)
-    wrong = misplace(seen, place, CENTRE, (0, 0, 0))
+    wrong = misplace(seen, place, CENTRE)
     assert wrong.camera is not None
     np.testing.assert_allclose(wrong.touch_vertices[0], np.tile(place.scale * point + place.shift, (9, 1)), atol=1e-6)
     weight = wrong.image[..., 0].astype(float)

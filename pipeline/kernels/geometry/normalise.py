@@ -11,8 +11,8 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh, check_coordinates
 from pipeline.kernels.geometry.transforms import length
 
-POSITION = np.array([0.0, 0.0, 0.6])
-"""Centre of an object's bounding box in the world, m."""
+POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5
+"""Centre of an object's bounding box in the world, m; and its diagonal, of objects without a size of their own, and as networks see all."""
 
 _TO_Z_UP = {
     "z": np.eye(3),

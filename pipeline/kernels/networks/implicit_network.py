@@ -27,7 +27,7 @@ INITIAL_OUTPUT_SCALE = 0.1
 """Share of their usual size that the last weights of each residual block begin with."""
 
 FINGER_DEPTH = 0.015
-"""m: depth of the finger behind a touched point, where the object cannot be."""
+"""m, as all lengths here beside an object that is scaled to 0.5 m: depth of the finger behind a touched point, where no object can be."""
 
 FOLLOWED_DEPTH = 0.004
 """m below a touched point at which its tangent plane has a weight of 1/e: a thin object ends there."""

@@ -9,14 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
+from pipeline.kernels.geometry.normalise import DIAGONAL
 from pipeline.kernels.networks.image_encoder import Norm
 
 ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
-RADIUS = 0.25
-"""m, of the ball that objects of diagonal 0.5 m lie in. Lengths in settings of trainings are for these, and in proportion for others."""
+RADIUS = DIAGONAL / 2
+"""m, of the ball that objects lie in, as networks see them. Lengths in settings of trainings are for these."""
 
 
 class NetworkInputs(BaseModel):

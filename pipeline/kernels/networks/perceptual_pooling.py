@@ -13,7 +13,7 @@ from pipeline.kernels.networks.image_encoder import MapGrid
 from pipeline.kernels.tensor_checks import check_full_precision
 
 NEAREST_DEPTH = 0.01
-"""m; nearer points are moved to this depth. The scene starts at 0.5 m."""
+"""m; nearer points are moved to this depth. Cameras are farther than 0.5 m from objects of the size that networks see."""
 
 
 def project_to_pixels(camera: Tensor, points: Tensor) -> Tensor:
