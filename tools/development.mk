@@ -6,7 +6,7 @@
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
 
-# Resumed where it was killed, as all stages are: on 2 quiet cores two hours for the data, then 150 epochs, a minute and a half each on one core.
+# Resumed where it was killed, as all stages are: on 2 quiet cores two hours for the data, then 100 epochs, a minute and a half each on one core.
 weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights
 	@$(MAKE) --no-print-directory train MANIFEST=weights DATA=data/weights/draft CONFIGURATIONS=implicit-any \
 	    SET=$(call quoted,sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.epochs=100 \
