@@ -17,7 +17,14 @@ from pipeline.kernels.geometry.transforms import compose, invert_similarity, tra
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
-from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera, optical_centre, split_projection, transfer_view
+from pipeline.kernels.vision.view_transfer import (
+    camera_direction,
+    carried_camera,
+    moved_projection,
+    optical_centre,
+    split_projection,
+    transfer_view,
+)
 
 UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 1.25, 10.0, 0.9, 0.5
 """Limits for warnings: ratio to the sizes of the training's objects; degrees between views; share of the training camera's image that the
@@ -80,7 +87,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     model = replace(model, config=used_inputs(model.config, observation))
     centre = np.array(model.config.centre)
     to_network = np.eye(4)
-    to_network[:3, :3] = size_factor(box, model) * turn_to_z(np.array(observation.up))
+    factor = size_factor(box, model)
+    to_network[:3, :3] = factor * turn_to_z(np.array(observation.up))
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
     training, image, camera = model.camera, None, None
     remarks = list(_size_remarks(box, model))
@@ -92,7 +100,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
             camera = carried_camera(training, real, centre)
             fill, photograph = _background(observation.camera, model)
             image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
-            distance = camera_direction(real, centre).distance / size_factor(box, model)
+            distance = camera_direction(real, centre).distance / factor
             remarks += [*_view_remarks(training, real, centre, distance, shown_share), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
@@ -131,12 +139,6 @@ def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
     rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
     rotation[:3, 3] = centre - rotation[:3, :3] @ centre
     return rotation
-
-
-def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the projection matrix of a camera that moved with its frame, which may be scaled; depth stays in m."""
-    moved = compose(projection, invert_similarity(motion))
-    return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
 def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:

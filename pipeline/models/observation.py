@@ -12,8 +12,10 @@ from torch import Tensor
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.vision.view_transfer import moved_projection
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,9 @@ class Observation:
         """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
         if self.scale == 1:
             return self
-        camera, middle = self.camera, np.array(centre)
-        if camera is not None:
-            offset = self.scale * camera[:, 3] + (self.scale - 1) * (camera[:, :3] * middle).sum(axis=1)
-            camera = np.column_stack([camera[:, :3], offset])
-        vertices = (middle + self.scale * (self.touch_vertices - middle)).astype(np.float32)
+        scaling = scaling_about(centre, self.scale)
+        camera = None if self.camera is None else moved_projection(self.camera, scaling)
+        vertices = transform_points(scaling, self.touch_vertices.astype(np.float64)).astype(np.float32)
         return replace(self, touch_vertices=vertices, camera=camera, scale=1.0)
 
 

@@ -18,6 +18,7 @@ from torch import nn
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
+from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
@@ -142,11 +143,13 @@ class Reconstructor(ABC):
         ValueError
             `observations` is empty, or an array has another shape or type than the network takes.
         """
-        centre, surfaces = np.array(self.config.centre), self._surfaces(observations)
-        return [
-            surface if observation.scale == 1 else replace(surface, vertices=centre + (surface.vertices - centre) / observation.scale)
-            for observation, surface in zip(observations, surfaces, strict=True)
-        ]
+        return [self._unscaled(surface, seen.scale) for seen, surface in zip(observations, self._surfaces(observations), strict=True)]
+
+    def _unscaled(self, surface: Reconstruction, scale: float) -> Reconstruction:
+        """Give a surface the size of its object, whose observation was scaled."""
+        if scale == 1:
+            return surface
+        return replace(surface, vertices=transform_points(scaling_about(self.config.centre, 1 / scale), surface.vertices))
 
     @abstractmethod
     def _surfaces(self, observations: Sequence[Observation]) -> list[Reconstruction]:

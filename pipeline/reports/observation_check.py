@@ -13,10 +13,10 @@ from matplotlib.patches import Circle
 
 from pipeline.inference.observation_checks import ModelInputs, ObjectBox, faults, find_object, gel_centres
 from pipeline.inference.observation_file import RobotObservation, load_observation
-from pipeline.inference.observation_placement import degrees, describe_object, facing_away, moved_projection, place_observation, turn_to_z
+from pipeline.inference.observation_placement import degrees, describe_object, facing_away, place_observation, turn_to_z
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import camera_direction, optical_centre, split_projection
+from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
 from pipeline.reports.plots import save_figure
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipeline.kernels.vision.view_transfer import carried_camera, transfer_view
+from pipeline.kernels.vision.view_transfer import carried_camera, moved_projection, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
@@ -64,6 +64,11 @@ class Misplacement:
     scale: float
     shift: NDArray[np.float64]
 
+    @property
+    def motion(self) -> NDArray[np.float64]:
+        """Make the matrix (4, 4) that moves points so."""
+        return np.block([[self.scale * np.eye(3), self.shift[:, None]], [np.zeros(3), 1.0]])
+
     def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
         """Move points (..., 3), m."""
         return (self.scale * points.astype(np.float64) + self.shift).astype(np.float32)
@@ -101,7 +106,7 @@ def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.f
     assert observation.image is not None
     assert observation.camera is not None
     camera = observation.camera
-    real = np.column_stack([camera[:, :3], place.scale * camera[:, 3] - camera[:, :3] @ place.shift])
+    real = moved_projection(camera, place.motion)
     turned = carried_camera(camera, real, centre)
     rows, cols = observation.image.shape[:2]
     red, green, blue = (int(level) for level in np.median(observation.image[0], axis=0))  # of the background

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_camera, stored_images, stored_observation
@@ -74,7 +75,7 @@ class Items:
         """Scale points (N, 3) of an object, world, m, as its observations are."""
         if (scale := self.scale(object_id)) == 1:
             return points
-        return np.asarray(self.config.centre + scale * (points - np.array(self.config.centre)), np.float32)
+        return transform_points(scaling_about(self.config.centre, scale), points.astype(np.float64)).astype(np.float32)
 
     @property
     def resolution(self) -> list[int] | None:

@@ -11,6 +11,7 @@ from rich.console import Console
 from pipeline.console import Meter
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION
+from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
 from pipeline.kernels.metrics.retrieval import SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
@@ -127,7 +128,7 @@ def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
 
 def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> NDArray[np.float64]:
     """Scale points (N, 3) of an object of a size, m, to another: networks, too, are told how large an object is."""
-    return points if size == to else POSITION + to / size * (points - POSITION)
+    return points if size == to else transform_points(scaling_about(POSITION, to / size), points)
 
 
 class _Search:

@@ -96,10 +96,11 @@ def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
 def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str, str]]:
     """Name the inputs that the dataset cannot give it, with the reason."""
     images, charts = directory.collection(VISION), directory.collection(CHARTS)
+    is_seen_as_learned = bool(images.shards) and _is_seen_as_learned(directory, model)
     for kind in ("occluded", "unoccluded"):
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             yield kind, "render-vision has not made it"
-        elif not _is_seen_as_learned(directory, model):
+        elif not is_seen_as_learned:
             yield kind, "another camera took it than the one that it knows"
     if not charts.shards:
         yield "touch", "fit-charts has not been run"

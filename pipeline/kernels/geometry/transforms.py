@@ -71,6 +71,13 @@ def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
+def scaling_about(centre: ArrayLike, factor: float) -> NDArray[np.float64]:
+    """Make the scaling (4, 4) by a factor that leaves a point (3,) where it is."""
+    scaling = np.diag([factor, factor, factor, 1.0])
+    scaling[:3, 3] = (1 - factor) * np.asarray(centre, np.float64)
+    return scaling
+
+
 def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a rigid transform with a uniform scale.
 

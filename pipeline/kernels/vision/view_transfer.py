@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from pipeline.kernels.geometry.transforms import compose, length, solve_3x3, unit_vectors
+from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
 UNCHANGED = 1e-3
 """Largest shift, pixels, at which an image is not resampled."""
@@ -76,6 +76,12 @@ def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -
         down = split_projection(matrix)[1][1]  # of the image, in the world
         offset = down if elevation > 0 else -down
     return Direction(float(np.arctan2(offset[1], offset[0])), elevation, distance)
+
+
+def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the projection matrix of a camera that moved with its frame, which may be scaled; depth stays in m."""
+    moved = compose(projection, invert_similarity(motion))
+    return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
 def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
