@@ -101,7 +101,7 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             yield kind, "render-vision has not made it"
         elif not is_seen_as_learned:
-            yield kind, "another camera took it than the one that it knows"
+            yield kind, "images are not all by the camera that it knows"
     if not charts.shards:
         yield "touch", "fit-charts has not been run"
     elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:
@@ -109,13 +109,15 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
 
 
 def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
-    """Check whether a test object is seen from the side from which the network saw its own, and as large."""
+    """Check whether all test objects are seen from the side from which the network saw its own, and as large."""
     if model.camera is None or model.resolution is None:
         return False
     rows, centre, radius = ObjectRows(directory.root, ["projection"], "test"), np.array(model.config.centre), model.config.radius
-    own = stored_camera(rows, rows.object_ids[0], model.config)
-    directions = np.degrees([camera_direction(matrix, centre)[:2] for matrix in (own, model.camera)])
     corners = centre + radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
-    pixels = [project_points(matrix, corners) for matrix in (own, carried_camera(model.camera, own, centre))]
-    is_alike = np.abs(pixels[0] - pixels[1]).max() <= SHARE * max(model.resolution)
-    return bool(np.ptp(directions, axis=0).max() <= DEGREES and is_alike)
+    for object_id in rows.object_ids:
+        own = stored_camera(rows, object_id, model.config)
+        directions = np.degrees([camera_direction(matrix, centre)[:2] for matrix in (own, model.camera)])
+        pixels = [project_points(matrix, corners) for matrix in (own, carried_camera(model.camera, own, centre))]
+        if np.ptp(directions, axis=0).max() > DEGREES or np.abs(pixels[0] - pixels[1]).max() > SHARE * max(model.resolution):
+            return False
+    return True

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.models.shipped_weights import DEFAULT
@@ -19,9 +21,12 @@ from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results_summary import _ways, summarise
 from pipeline.store.directory import DataDirectory
+from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.shipped import fitting_rows
 from stages.evaluate.stage import Evaluate
+from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
 SPLITS = ("train", "test")
@@ -98,6 +103,19 @@ def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, 
     assert "unoccluded: render-vision has not made it" in printed
     assert "no network has been evaluated" in printed
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
+
+
+def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_path, monkeypatch):
+    ship(monkeypatch, data)
+    copy = Path(shutil.copytree(data, tmp_path / "data"))
+    (given,) = (stage for stage in spheres.stages() if stage.output is VISION)
+    asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
+    zoomed_in = {"d": np.diag([2.0, 2, 1])}
+    pack(asked, lambda unit: (row := given.row(unit)) | {"projection": zoomed_in.get(unit.name, np.eye(3)) @ row["projection"]})
+    assert fitting_rows(DataDirectory(data)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
+    rows, reasons = fitting_rows(DataDirectory(copy))
+    assert rows == [f"{DEFAULT}-touch"]
+    assert "unoccluded: images are not all by the camera that it knows" in reasons
 
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
