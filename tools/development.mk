@@ -6,12 +6,11 @@
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
 
-# Resumed where it was killed, as all stages are: on 2 quiet cores two hours for the data, then 100 epochs, a minute and a half each on one core.
+# Resumed where it was killed, as all stages are: on 2 quiet cores an hour and a quarter for the data, then 100 epochs, a minute each on one core.
 weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights
 	@$(MAKE) --no-print-directory train MANIFEST=weights DATA=data/weights/draft CONFIGURATIONS=implicit-any \
 	    SET=$(call quoted,sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.epochs=100 \
-	    train-implicit.batch_size=8 train-implicit.features=192 train-implicit.encoder_width=0.5 train-implicit.dropped_image=0.3 \
-	    train-implicit.dropped_grasps=0.3 train-implicit.placement_error=0.02 train-implicit.validation_items=6 \
+	    train-implicit.batch_size=8 train-implicit.features=192 train-implicit.encoder_width=0.5 train-implicit.validation_items=6 \
 	    train-implicit.validation_queries=1000 train-implicit.cache_megabytes=4000 $(SET))
 	@$(BIN)/python -m tools.ship_weights data/weights/draft
 
