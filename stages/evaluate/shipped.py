@@ -101,7 +101,7 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
         if not images.shards or (kind == "occluded" and not images.first.has(kind)):
             yield kind, "render-vision has not made it"
         elif not is_seen_as_learned:
-            yield kind, "images are not all by the camera that it knows"
+            yield kind, "not all images are from the camera that it knows"
     if not charts.shards:
         yield "touch", "fit-charts has not been run"
     elif (vertices := charts.first.array("vertices").shape[-2]) != model.config.side**2:

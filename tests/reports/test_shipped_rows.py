@@ -115,7 +115,7 @@ def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_
     assert fitting_rows(DataDirectory(data)) == ([f"{DEFAULT}-{way}" for way in WAYS], [])
     rows, reasons = fitting_rows(DataDirectory(copy))
     assert rows == [f"{DEFAULT}-touch"]
-    assert "unoccluded: images are not all by the camera that it knows" in reasons
+    assert "unoccluded: not all images are from the camera that it knows" in reasons
 
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
