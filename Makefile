@@ -119,7 +119,7 @@ FAMILIES  = implicit
 # implicit-any-touch and its like are rows of the one network implicit-any
 NETWORKS  = $(foreach name,$(sort $(patsubst implicit-any-%,implicit-any,$(CONFIGURATIONS))),$(firstword $(foreach family,$(FAMILIES),$(if $(filter $(family)-%,$(name)),train-$(family).$(name))) train-gcn.$(name)))
 EVALUATED = evaluate.configurations=[$(subst $(space),$(comma),$(strip $(CONFIGURATIONS)))]
-train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that feel
+train: $$(foreach seed,$$(SEEDS),$$(addsuffix .$$(seed),$$(NETWORKS)))  ## train these networks, and the U-Net for those that use touch
 evaluate.%: $$(addsuffix .$$*,$$(NETWORKS)) every-simulate-grasps
 	@$(call run,evaluate) --set $(call quoted,evaluate.training_seed=$*) --set $(call quoted,$(EVALUATED))
 evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the test objects, beside the supplement's tables
@@ -152,7 +152,7 @@ evaluate-single-image: train-single-image
 	@$(RUN)
 single-image: evaluate-single-image  ## reconstruct from single images (Table 4), of MANIFEST=single-image OBJECTS=FOLDER
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --no-pages
-renderings: every-sample-surfaces  ## write MANIFEST's objects as such a folder, data/renderings: meshes, and 24 images of each
+renderings: every-sample-surfaces  ## write the objects of MANIFEST=four-classes as such a folder, data/renderings: meshes, and 24 images of each
 	@$(BIN)/python -m tools.synthetic_renderings $(call quoted,$(DATA)) data/renderings
 
 # ---- Installation, documents and tests; tools/install.sh knows what is there already

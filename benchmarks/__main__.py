@@ -21,7 +21,7 @@ PEERS = "touch", "depth", "chamfer", "surfaces", "store"
 """Tables of `docs/peers.md`."""
 NAMES = "surfaces", "grasps", "vision", "depth", "chamfer", "unet", "charts", "gcn", "touch", "presses", "store"
 """Modules of this folder; each has `measure(data, turns)`, which returns a table."""
-INTRODUCTION = """# Side by side with what one would pick instead
+INTRODUCTION = """# Compared with other tools
 
 `make bench-peers` measures the peers of a table in one run, on one core of the same machine, with the same meshes and sensor poses; the
 command above a table names its dataset. Times are processor times; notes below each table say what is not comparable. A ratio above 1 is in

@@ -40,13 +40,13 @@ TRIALS = 20
 INTRODUCTION = """\
 # Speed against accuracy
 
-`vt-pipeline tradeoff` measures on your objects and your machine what these tables show for 64 objects that no other manifest has: 48
-modelled in four classes, 16 meshes of the pybullet wheel. `vt-pipeline advise` chooses by it. A square marks the draft preset, the line
-joins the settings that no other beats in both time and error, bars are 95 % intervals over objects. All figures, sizes too, are in
-[tradeoff.csv](tradeoff/tradeoff.csv).
+These tables show what settings cost and how accurate they are, for 64 objects that are in no other manifest: 48 modelled in four classes,
+16 meshes of the pybullet wheel. `vt-pipeline tradeoff` measures the same on your objects and your machine, and `vt-pipeline advise`
+chooses by it. A square marks the draft preset. The line joins the Pareto-optimal settings: no other is both faster and more accurate.
+Bars are 95 % intervals over objects. All figures, sizes too, are in [tradeoff.csv](tradeoff/tradeoff.csv).
 """
 END = """\
-## Where the next core hour buys most
+## Which change to a dataset pays most
 
 Each point is a dataset that differs from the first in one thing, and the reconstructions that a network with vision and touch learns from
 it. Time is that of making the dataset and of all trainings; the error is that with one and two grasps given.

@@ -1,4 +1,4 @@
-# Tests of other systems, and measurements: what only those need who change this project. Included by the Makefile.
+# Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
         tradeoff showcase test-systems weights sensor-weights
@@ -52,14 +52,14 @@ test-storage: installed-dev  ## run all stages with their data on two servers of
 test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; with REAL=FOLDER writes docs/sensors.md (3 minutes)
 	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md $(if $(REAL),--real $(call quoted,$(REAL)))
 
-test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of others, from wheels; contact sheets in data/hands (half an hour on 2 cores; MANIFEST=one-of-each: a fifth)
+test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of others, from wheels; contact sheets in data/hands (over an hour on 2 cores; MANIFEST=one-of-each: a fifth)
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
 	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
 faults: installed-dev  ## inject 600 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
 	@$(BIN)/python -m tests.faults --write docs/faults.md
 
-fuzz: installed-dev  ## feed a million wrong files to whatever reads files (half an hour)
+fuzz: installed-dev  ## feed a million invalid files to all file readers (half an hour)
 	@$(BIN)/python -m tests.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run

@@ -26,8 +26,8 @@ from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
 
 NOT_FOR = (
-    "other kinds of objects than it was trained on, objects much larger or smaller, other sensors, and any use in which a wrong surface "
-    "does harm: parts that were neither seen nor felt are guesses"
+    "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "
+    "a wrong surface does harm: parts that were neither seen nor felt are guesses"
 )
 MAX_BYTES = 5e6
 """Size limit of all shipped weights."""

@@ -14,7 +14,7 @@ class TouchSettings(ObjectSettings):
     )
     tracer: Literal["ray", "sphere"] = setting(
         "ray",
-        "exact, and tens of times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",
+        "exact, and about a hundred times faster than the supplement's `sphere`, which stops `sphere_tolerance` before the surface",
     )
     sphere_tolerance: float = setting(
         TOLERANCE,

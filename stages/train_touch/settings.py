@@ -13,7 +13,9 @@ class TouchTrainingSettings(TrainingSettings):
     learning_rate: float = setting(4e-3, "for a small network and a thousand steps", gt=0, le=100)
     schedule: Schedule = setting("cosine", "a training of fixed length ends with small steps")
     epochs: int = setting(
-        11, "of 1,800 presses, 1,200 steps; all are taken: the error on simulated presses does not tell when to stop for photographs", ge=1
+        11,
+        "with 1,800 presses, 1,200 steps; all are taken: the error on simulated presses does not tell when to stop for photographs",
+        ge=1,
     )
     patience: Literal[None] = setting(None, "the last epoch is kept, whatever its validation loss")
     width: int = setting(20, "features of the hidden layers: 6,500 parameters", ge=1, le=2**12)
