@@ -16,11 +16,11 @@ import yaml
 
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.inference.observation_checks import find_object
+from pipeline.inference.object_box import find_object
 from pipeline.inference.observation_file import load_observation
-from pipeline.inference.predict import reconstruct
+from pipeline.inference.predict import model_reader, reconstruct
 from pipeline.kernels.geometry.mesh import sample_triangles
-from pipeline.kernels.geometry.normalise import DIAGONAL, bounding_diagonal
+from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
@@ -45,15 +45,15 @@ def observations(folder: Path) -> dict[str, Path]:
 def measure(data: Path) -> Table:
     """Reconstruct each object of a dataset from its first grasp; give the errors by what was given."""
     rows, errors = ObjectRows(data, ["points"], None), defaultdict[str, list[float]](list)
-    rng = np.random.default_rng(0)
+    rng, model = np.random.default_rng(0), model_reader(shipped_models(), DEFAULT).inputs
     with tempfile.TemporaryDirectory() as folder:
         for object_id in rows.object_ids:
             points = rows.read("points", object_id).astype(np.float64)
             scale, truth = DIAGONAL / bounding_diagonal(points), transform_points(BASE, points)
             write_grasp(data, object_id, 0, Path(folder))
-            box = find_object(load_observation(Path(folder) / "rgbd.yaml"))
+            box = find_object(load_observation(Path(folder) / "rgbd.yaml"), model)
             assert box is not None
-            middle = (truth.min(axis=0) + truth.max(axis=0)) / 2
+            middle = transform_points(BASE, np.array([POSITION]))[0]
             errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
             for given, path in observations(Path(folder)).items():
                 mesh = reconstruct(path, shipped_models(), DEFAULT).closed

@@ -39,7 +39,7 @@ unit: m                            # of all lengths below
 """
 OBJECT = """\
 object:
-  centre: {centre}     # middle of its bounding box
+  centre: {centre}     # middle of its box; docs/guide/own-photographs.md says which
   diagonal: {diagonal}                   # of that box
 
 """

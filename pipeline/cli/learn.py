@@ -144,7 +144,8 @@ def predict(
     )
     for line in result.remarks:
         print_line(line)
-    touches = pluralise(int(result.touched.sum()), "touch") if result.touched.any() else "no touch, so that no place of it is certain"
+    is_certain = result.touched.any() or result.visible > 0
+    touches = pluralise(int(result.touched.sum()), "touch") if is_certain else "no touch, so that no place of it is certain"
     if (mesh := result.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
         print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from pipeline.dataset.object_rows import ObjectRows, first_shard
-from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -77,7 +76,7 @@ def tally(data: Place) -> dict[str, Tally]:
     judged = HELD if shard.has("closure") else ()  # older datasets have none
     lifted = tuple(name for name in ("held", "held_directions") if shard.has(name))
     arrays = ["touch_success", "attempt_success", *judged, *lifted]
-    rows, surfaces = ObjectRows(data, arrays, split=None), DataDirectory(data).collection(SURFACES)
+    rows = ObjectRows(data, arrays, split=None)
     tallies: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = tallies[category]
@@ -88,7 +87,7 @@ def tally(data: Place) -> dict[str, Tally]:
             entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
         if lifted:
             entry.lifted.append(rows.read("held", object_id))
-            entry.diagonals.append(float(np.linalg.norm(np.ptp(surfaces.view(object_id)["meshes/vertices"], axis=0))))
+            entry.diagonals.append(rows.diagonal(object_id))
         if "held_directions" in lifted:
             entry.directions.append(rows.read("held_directions", object_id))
     return dict(sorted(tallies.items()))

@@ -22,9 +22,9 @@ from pipeline.engine.stage import ObjectStage
 from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.inference.predict import Prediction, predict
-from pipeline.kernels.geometry.mesh import Look, Mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
-from pipeline.kernels.vision.camera import Camera, look_at
+from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
 from pipeline.reports.second_view import fitted_camera
@@ -89,7 +89,9 @@ def demo(folder: Path, console: Console) -> Demo:
     Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
     draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(prediction), turntable)
     assert prediction.closed is not None
-    mean_distance = cloud_distances(prediction.closed.vertices, rows.read("points", OBJECT)).mean_distance
+    points = rows.read("points", OBJECT)
+    drawn, _ = sample_triangles(prediction.closed.vertices[prediction.closed.faces], len(points), np.random.default_rng(0))
+    mean_distance = cloud_distances(drawn, points).mean_distance
     return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
 
 
@@ -136,5 +138,5 @@ def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
     for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
         cosine, sine = float(np.cos(angle)), float(np.sin(angle))
         position = (x + cosine * across - sine * along, y + sine * across + cosine * along, z + up)
-        cameras.append(fitted_camera(look_at(camera, position, (x, y, z)), corners))
+        cameras.append(fitted_camera(camera.model_copy(update={"position": position}), corners))
     return cameras

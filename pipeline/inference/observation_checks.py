@@ -3,112 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
 
+from pipeline.inference.model_inputs import ModelInputs, used_inputs
+from pipeline.inference.object_box import BY_DEPTH, ObjectBox, find_object, gel_centres, size_factor
 from pipeline.inference.observation_file import NOWHERE, RobotObservation
-from pipeline.kernels.geometry.transforms import invert_pose, transform_points
-from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
+from pipeline.kernels.vision.view_transfer import optical_centre
 
 FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
 SIZE_TOLERANCE = 0.02
 """Relative difference of sensors, and of the sides of tactile images, that is taken for rounding."""
 UNMEASURED = (
-    "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph"
+    "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
+    "and check that no mask is inverted"
 )
-FEW = 10
-"""Pixels with a depth below which an object is not located by them."""
-OUTLIERS = 1.0
-"""Percentage of the points at each side of a box around them that are left out: some depths are wrong."""
-
-
-@dataclass(frozen=True)
-class ModelInputs:
-    """The inputs that a model was trained with.
-
-    Attributes
-    ----------
-    configuration, config
-        Its name, and its inputs.
-    camera, resolution, background
-        (3, 4) projection matrix, of an object of the size that networks see, rows and columns, and background's sRGB of its images; None
-        without images, or if not known.
-    sensor
-        Of its tactile images; None without touch.
-    diagonals
-        Of the smallest and the largest object that it learned from, m; None if not known.
-    """
-
-    configuration: str
-    config: NetworkInputs
-    camera: NDArray[np.float64] | None
-    resolution: tuple[int, int] | None
-    background: tuple[int, int, int] | None
-    sensor: Sensor | None
-    diagonals: tuple[float, float] | None = None
-
-
-def used_inputs(config: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
-    """Choose the inputs that a network gets from an observation; a network that takes any inputs gets those that are present.
-
-    An image in which a hand is marked is an occluded one: the hand is left in it.
-    """
-    if config.image != "any":
-        return config
-    camera = observation.camera
-    image: ImageKind | None = None if camera is None else "unoccluded" if camera.hand_mask is None else "occluded"
-    return config.restricted_to(NetworkInputs(image=image, touch=observation.is_felt))
-
-
-@dataclass(frozen=True)
-class ObjectBox:
-    """The place of an object: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and the source of both."""
-
-    centre: NDArray[np.float64]
-    diagonal: float | None
-    source: str
-
-
-def find_object(observation: RobotObservation) -> ObjectBox | None:
-    """Find the object: as the observation states it, else by its depth image, else by its touches.
-
-    Notes
-    -----
-    Of a depth image, it is the box around the visible points and the same points moved backwards: what is hidden is taken to be as thick as
-    what is visible along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m
-    benchmarks.observed_sizes` measures it for others. Touches are the middle of the box around the gels; there must be two.
-    """
-    stated, unit = observation.object, observation.metres_per_unit
-    diagonal = None if stated.diagonal is None else stated.diagonal * unit
-    if stated.centre is not None and diagonal is not None:
-        return ObjectBox(np.array(stated.centre) * unit, diagonal, "as stated")
-    visible = _visible_box(observation)
-    if stated.centre is not None:
-        return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
-    if visible is not None:
-        return ObjectBox(visible[0], diagonal or visible[1], "estimated from depth and mask")
-    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if touch.touched is not False]
-    if len(felt) < 2:
-        return None
-    return ObjectBox((np.min(felt, axis=0) + np.max(felt, axis=0)) / 2, diagonal, "estimated from the touches")
-
-
-def size_factor(box: ObjectBox, model: ModelInputs) -> float:
-    """Compute the factor that makes an object as large as those that a model sees; its size, if unknown, is taken to be as in training."""
-    return 2 * model.config.radius / (learned_size(model) if box.diagonal is None else box.diagonal)
-
-
-def learned_size(model: ModelInputs) -> float:
-    """Compute the middle, on a scale of ratios, of the sizes of the objects that a model learned from, m."""
-    return 2 * model.config.radius if model.diagonals is None else float(np.sqrt(np.prod(model.diagonals)))
 
 
 def _why_not_located(observation: RobotObservation) -> str:
@@ -119,39 +34,15 @@ def _why_not_located(observation: RobotObservation) -> str:
     return "state it, or give a depth image with a mask, or two touches"
 
 
-def _visible_box(observation: RobotObservation) -> tuple[NDArray[np.float64], float] | None:
-    camera, matrix = observation.camera, observation.projection
-    if camera is None or matrix is None or camera.metres is None or camera.mask is None:
-        return None
-    measured, sides = camera.object_pixels & ~np.isnan(camera.metres), [OUTLIERS, 100 - OUTLIERS]
-    if (inner := binary_erosion(measured)).sum() >= FEW:  # at the rim cameras mix depths with those behind
-        near, far = np.percentile(camera.metres[inner], sides)
-        measured &= np.abs(camera.metres - (near + far) / 2) <= 1.5 * (far - near)
-    if measured.sum() < FEW:
-        return None
-    row, col = np.nonzero(measured)
-    k, depth = camera.intrinsics, camera.metres[measured]
-    seen = np.column_stack([(col + 0.5 - k.cx) / k.fx * depth, (row + 0.5 - k.cy) / k.fy * depth, depth])  # camera frame, as OpenCV's
-    rotation, thinnest = split_projection(matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
-    behind = rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
-    low, high = np.percentile(optical_centre(matrix) + seen @ rotation, sides, axis=0)
-    low, high = np.minimum(low, low + behind), np.maximum(high, high + behind)
-    return (low + high) / 2, float(np.linalg.norm(high - low))
-
-
-def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:
-    """Compute the middles of the gels' fronts, (T, 3) m."""
-    thickness = observation.sensor.w if observation.sensor else 0.0
-    return transform_points(observation.sensor_poses, np.array([[0.0, 0.0, thickness]]))[:, 0]
-
-
 def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
     """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
     if model is not None:
+        if model.config.image == "any" and observation.camera is None and not observation.is_felt:
+            return [f"model {model.configuration} needs a photograph or touches: add the entry camera or touches"]
         model = replace(model, config=used_inputs(model.config, observation))
     if too_far := list(_distant_positions(observation)):
         return too_far + ([] if model is None else list(_unsuited_inputs(observation, model)))
-    box = find_object(observation)
+    box = find_object(observation, model)
     problems = [] if model is None else list(_unsuited_inputs(observation, model))
     if box is None:
         return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not_located(observation)}"]
@@ -165,8 +56,10 @@ def _distant_positions(observation: RobotObservation) -> Iterator[str]:
     positions += [(f"{observation.name_of(n)} pose", touch.pose.array[:3, 3]) for n, touch in enumerate(observation.touches)]
     for name, position in positions:
         if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
-            remedy = "write unit: mm if these are millimetres" if observation.unit == "m" else "check the unit"
-            yield f"{name} is {distance:g} {observation.unit} away (at most {FARTHEST:g} m): {remedy}, and take a frame near the object"
+            remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
+            frame = "" if name == "object.diagonal" else ", and take a frame near the object"
+            reaches = f"is {distance:g} {observation.unit}{'' if name == 'object.diagonal' else ' away'} (at most {FARTHEST:g} m)"
+            yield f"{name} {reaches}: {remedy}{frame}"
 
 
 def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
@@ -203,7 +96,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
     """Yield cameras and touches that do not fit the object's place."""
     if observation.camera is not None and observation.projection is not None:
         if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
-            yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check camera.pose and object.centre"
+            yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check unit, camera.pose and object.centre"
         elif not _sees(observation, observation.projection, box):
             yield _unseen(observation, box)
         elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
@@ -220,8 +113,8 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
         distance = float(np.linalg.norm(place - box.centre))
         if observation.touches[number].touched is not False and distance > limit + margin:
             yield (
-                f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose, "
-                "or write touched: false"
+                f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose"
+                f"{' and camera.depth_scale' if box.source == BY_DEPTH else ''}, or write touched: false"
             )
 
 
@@ -233,14 +126,14 @@ def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box
     measured = camera.metres[camera.object_pixels & ~np.isnan(camera.metres)]
     if not len(measured):
         return UNMEASURED
-    depth, distance = float(np.median(measured)), float(np.linalg.norm(optical_centre(matrix) - box.centre))
+    depth, distance = float(np.median(measured)), float(matrix[2] @ np.append(box.centre, 1.0))  # both along the viewing direction
     if depth > FARTHEST:
         return f"camera.depth shows the object {depth:.3g} m away (at most {FARTHEST:g} m): check camera.depth_scale; floats are metres"
     if abs(depth - distance) <= (FARTHEST if box.diagonal is None else box.diagonal):
         return None
     return (
         f"camera.depth shows the object {depth:.3g} m from the camera, but its centre is {distance:.3g} m away ({box.source}): check "
-        "camera.depth_scale, camera.pose and object.centre"
+        "camera.depth_scale, camera.mask, camera.pose, unit, object.centre and object.diagonal"
     )
 
 

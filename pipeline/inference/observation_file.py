@@ -68,8 +68,8 @@ class ObservedObject(Entries):
 class Intrinsics(Entries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
-    fx: Annotated[float, Field(ge=1e-3, le=1e6, description="focal length along columns")]
-    fy: Annotated[float, Field(ge=1e-3, le=1e6, description="focal length along rows")]
+    fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns, pixels")]
+    fy: Annotated[float, Field(ge=10, le=1e6, description="focal length along rows, pixels")]
     cx: Annotated[float, Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")]
     cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
 
@@ -159,7 +159,9 @@ class RobotObservation(Entries):
     ] = None
     touches: Annotated[
         tuple[ObservedTouch, ...],
-        Field(max_length=MAX_TOUCHES, description="touches; needed by networks with touch, unless `depth_as_touch`"),
+        Field(
+            max_length=MAX_TOUCHES, description=f"touches, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`"
+        ),
     ] = ()
 
     def __init__(self, **entries: Any) -> None:
@@ -286,7 +288,10 @@ def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) 
     places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
     if not isinstance(entries, dict) or () in places:
         return None
-    usable = {name: value for name, value in entries.items() if (name,) not in places}
+    faulty = {place[0] for place in places if len(place) == 1}
+    if "sensor" in faulty:  # without it no touch is valid
+        faulty.add("touches")
+    usable = {name: value for name, value in entries.items() if name not in faulty}
     if isinstance(usable.get("touches"), list):
         numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(usable["touches"])]
         usable["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from skimage.transform import resize
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.observation_checks import ModelInputs, ObjectBox, find_object, gel_centres, size_factor, used_inputs
+from pipeline.inference.model_inputs import ModelInputs, used_inputs
+from pipeline.inference.object_box import ObjectBox, find_object, gel_centres, network_axes, size_factor
 from pipeline.inference.observation_file import ObservedCamera, RobotObservation
 from pipeline.kernels.charts.visible_charts import visible_charts
-from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points
+from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.vertex_colors import border
@@ -26,9 +27,16 @@ from pipeline.kernels.vision.view_transfer import (
     transfer_view,
 )
 
-UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK = 1.25, 10.0, 0.9, 0.5
+UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK, FEW_PATCHES = 1.25, 10.0, 0.9, 0.5, 4
 """Limits for warnings: ratio to the sizes of the training's objects; degrees between views; share of the training camera's image that the
-photograph shows; and share of the border that a mask covers."""
+photograph shows; share of the border that a mask covers; and patches of the visible surface."""
+
+FACING_AWAY = -0.5
+"""Cosine between a sensor's normal and the direction to the object's centre below which it faces away: the centre of a thin object may be
+beside a finger."""
+
+MASK_SPAN = 0.2, 1.25
+"""Limits of the mask's diagonal in the photograph, over that of the object's at its distance."""
 
 
 @dataclass(frozen=True)
@@ -81,32 +89,34 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     azimuth of the training's; without a camera it keeps its own axes. It is scaled, with its camera and its touches, to the size at which
     networks see all objects.
     """
-    box = find_object(observation)
+    box = find_object(observation, model)
     if box is None:
         raise InvalidInput("object.centre is missing, and cannot be estimated")
     model = replace(model, config=used_inputs(model.config, observation))
-    centre = np.array(model.config.centre)
-    to_network = np.eye(4)
+    centre, to_network = np.array(model.config.centre), np.eye(4)
     factor = size_factor(box, model)
-    to_network[:3, :3] = factor * turn_to_z(np.array(observation.up))
+    to_network[:3, :3] = factor * network_axes(observation, model, box.centre)
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
     training, image, camera = model.camera, None, None
     remarks = list(_size_remarks(box, model))
-    if observation.camera is not None and observation.projection is not None and training is not None:
-        turned = camera_direction(moved_projection(observation.projection, to_network), centre).azimuth
-        to_network = compose(_about_z(camera_direction(training, centre).azimuth - turned, centre), to_network)
-        if model.config.image is not None and model.resolution is not None:
-            real = moved_projection(observation.projection, to_network)
-            camera = carried_camera(training, real, centre)
-            fill, photograph = _background(observation.camera, model)
-            image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
-            distance = camera_direction(real, centre).distance / factor
-            remarks += [*_view_remarks(training, real, centre, distance, shown_share), *_mask_remarks(observation, box, model)]
+    if observation.camera is not None and observation.projection is not None and model.config.image is not None:
+        assert training is not None
+        assert model.resolution is not None
+        real = moved_projection(observation.projection, to_network)
+        camera = carried_camera(training, real, centre)
+        fill, photograph = _background(observation.camera, model)
+        image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
+        distance = camera_direction(real, centre).distance / factor
+        remarks += [*_view_remarks(training, real, centre, distance, shown_share), *_mask_remarks(observation, box, model)]
     if model.config.touch and model.sensor is not None and observation.touches:
         remarks += _touch_remarks(observation, box, model.sensor)
     placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
     if observation.camera is not None and observation.camera.depth_as_touch and model.config.touch:
-        remarks.append(f"{len(placed.visible_charts(model.config.side))} patches of the visible surface are given as touched")
+        count = len(placed.visible_charts(model.config.side))
+        few = "" if count >= FEW_PATCHES else "; most of it is small beside a patch (16 mm), rough (2 mm), seen flatly, or not measured"
+        remarks.append(f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}")
+    elif observation.camera is not None and observation.camera.metres is not None and model.config.touch:
+        remarks.append("the depth image is not given to the network; camera.depth_as_touch: true would give it")
     remarks += [f"model {model.configuration} {fact}" for fact in _left_out(observation, model)]
     return placed
 
@@ -125,22 +135,6 @@ def network_tactile_images(observation: RobotObservation, sensor: Sensor, untouc
     return np.clip(untouched + changed, 0, 255).astype(np.uint8)
 
 
-def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the smallest rotation (3, 3) that turns a direction (3,) to +z."""
-    x, y, z = (scaled := up / np.abs(up).max()) / np.linalg.norm(scaled)
-    if z < -1 + 1e-12:
-        return np.diag([1.0, -1, -1])
-    return np.array([[1 - x * x / (1 + z), -x * y / (1 + z), -x], [-x * y / (1 + z), 1 - y * y / (1 + z), -y], [x, y, z]])
-
-
-def _about_z(angle: float, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make the rotation (4, 4) by an angle about the vertical through a point."""
-    rotation = np.eye(4)
-    rotation[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    rotation[:3, 3] = centre - rotation[:3, :3] @ centre
-    return rotation
-
-
 def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     if image.shape[:2] == sensor.shape:
         return image
@@ -152,8 +146,7 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
     """Choose the colour of what the photograph does not show, and paint the pixels outside its mask."""
     if model.background is None:
-        border = np.concatenate([camera.image[0], camera.image[-1], camera.image[:, 0], camera.image[:, -1]])
-        red, green, blue = (int(level) for level in np.median(border, axis=0))
+        red, green, blue = (int(level) for level in np.median(border(camera.image), axis=0))
         return (red, green, blue), camera.image
     if camera.mask is None:
         return model.background, camera.image
@@ -229,6 +222,14 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
             f"{high[0]} and rows {low[1]} to {high[1]}: check camera.pose, intrinsics and object.centre"
         )
+    k, distance = camera.intrinsics, float(observation.projection[2] @ np.append(box.centre, 1.0))
+    if observation.object.diagonal is not None and box.diagonal is not None:
+        span = float(np.linalg.norm((high + 1 - low) / (k.fx, k.fy))) * distance
+        if not MASK_SPAN[0] <= span / box.diagonal <= MASK_SPAN[1]:
+            yield (
+                f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
+                f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"
+            )
     if model.config.image == "occluded" and camera.hand_mask is None:
         yield "warning: the network saw the hand in its images: give camera.hand_mask too, else background takes the hand's place"
 
@@ -245,8 +246,8 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
 
 def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
     """Tell which sensors (T,) that touch do not face the object's centre."""
-    towards = ((box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
-    return np.asarray((towards < 0) & np.array([touch.touched is not False for touch in observation.touches], bool))
+    towards = (unit_vectors(box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
+    return np.asarray((towards < FACING_AWAY) & np.array([touch.touched is not False for touch in observation.touches], bool))
 
 
 def _left_out(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:

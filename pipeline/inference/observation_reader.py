@@ -17,7 +17,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.inference.observation_checks import ModelInputs, used_inputs
+from pipeline.inference.model_inputs import ModelInputs, used_inputs
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.inference.observation_placement import Placement, network_tactile_images
 from pipeline.kernels.charts.chart_fitting import fit_charts
@@ -108,20 +108,27 @@ class ObservationReader:
 
     @cached_property
     def inputs(self) -> ModelInputs:
-        """Inputs that the model was trained with."""
+        """Inputs that the model was trained with; no sensor if tactile images cannot be read."""
         model = self.model
-        sensor = self.unet.sensor if model.touch else None
+        sensor = self.unet.sensor if model.touch and self._has_unet() else None
         return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor, model.diagonals)
 
     @cached_property
     def unet(self) -> TouchModel:
         """Load the network beside the models that makes the points for charts: the U-Net, or the local network."""
-        name, label = ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
-        if f"{name}.json" not in list_folder(self.models):
+        name, label = self._unet_name()
+        if not self._has_unet():
             raise StageError(
                 f"{self.models} has no {label}, which makes points of tactile images; name the models of a data directory with one"
             )
         return load_touch_model(DataDirectory(self.models).verified_folder(name), self.device)
+
+    def _unet_name(self) -> tuple[str, str]:
+        """Name its folder below the models, and what it is."""
+        return ("touch", "local network") if self._chart_settings().cloud == "local" else ("unet", "U-Net")
+
+    def _has_unet(self) -> bool:
+        return f"{self._unet_name()[0]}.json" in list_folder(self.models)
 
     def _charts(
         self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_]

@@ -57,6 +57,8 @@ class Pose(Entries):
         rotations = [name for name in ("matrix", "quaternion", "rpy") if getattr(self, name) is not None]
         if len(rotations) != 1 or (self.position is None) != (rotations == ["matrix"]):
             raise ValueError("a pose has a matrix, or a position and either a quaternion or rpy")
+        if self.rpy is not None and max(map(abs, self.rpy)) > 2 * np.pi:
+            raise ValueError(f"rpy is {list(self.rpy)}: radians are within ± 2 π; are these degrees?")
         if self.quaternion is not None and abs(float(np.linalg.norm(self.quaternion)) - 1) > QUATERNION_TOLERANCE:
             raise ValueError(f"the quaternion has the length {np.linalg.norm(self.quaternion):.4g}; it must be 1, as [x, y, z, w]")
         if self.matrix is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -15,8 +15,9 @@ from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError, closest_name
 from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
+from pipeline.inference.model_inputs import learned_size
 from pipeline.inference.network_error import error_note
-from pipeline.inference.observation_checks import faults, learned_size
+from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
@@ -45,6 +46,8 @@ class Prediction:
         The surface, in the world, m, or in the observation's frame and unit.
     touched
         (T,) bool, of the given sensors: whether their charts are part of it.
+    visible
+        How many patches of the visible surface were given as touched.
     closed
         The closed mesh, if it was asked for.
     metres_per_unit
@@ -57,6 +60,7 @@ class Prediction:
 
     reconstruction: Reconstruction
     touched: NDArray[np.bool_]
+    visible: int = 0
     closed: ClosedMesh | None = None
     metres_per_unit: float = 1.0
     remarks: list[str] = field(default_factory=list)
@@ -206,7 +210,7 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
         empty = Observation(None, scale=2 * model.config.radius / learned_size(reader.inputs))
         reconstruction = model.reconstruct([empty])[0]
         closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if surface == "closed" else None
-        return Prediction(reconstruction, empty.touched, closed, remarks=[error_note(reader)])
+        return Prediction(reconstruction, empty.touched, closed=closed, remarks=[error_note(reader)])
     if isinstance(observation, RobotObservation):
         observed = observation
         if lines := faults(observed, reader.suited_to(observed).inputs):
@@ -218,12 +222,13 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     placed = place_observation(observed, reader.inputs)
     network_inputs = reader.of_robot(placed)
     reconstruction = model.reconstruct([network_inputs])[0]
+    touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
     prediction = Prediction(
         replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
-        network_inputs.touched[: len(observed.touches)],
-        None,
-        observed.metres_per_unit,
-        [describe_object(observed, placed.box), *placed.remarks, error_note(reader)],
+        touched,
+        len(visible),
+        metres_per_unit=observed.metres_per_unit,
+        remarks=[describe_object(observed, placed.box), *placed.remarks, *_unseen_touches(observed, touched), error_note(reader)],
     )
     if surface != "closed":
         return prediction
@@ -233,6 +238,13 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
         matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
         mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
     return replace(prediction, closed=mesh)
+
+
+def _unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> Iterator[str]:
+    """Warn of touches that the observation states, and whose tactile images show none."""
+    names = [observed.name_of(n) for n, touch in enumerate(observed.touches) if touch.touched is True and len(touched) and not touched[n]]
+    if names:
+        yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
 
 
 def _of_object(
@@ -257,6 +269,8 @@ def _of_object(
 def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
     trained = trained_models(models, training_seed)
     if configuration not in trained:
+        if not list_folder(models):
+            raise StageError(f"{models} does not exist, or is empty; name a folder of models, such as DATA/models")
         networks = sorted({network_of(name) for name in trained})
         available = f"its models are {', '.join(networks)}" if networks else "there are none at all"
         guess = closest_name(configuration, trained) or ("models" in list_folder(models) and models / "models")

@@ -155,7 +155,9 @@ def stack_observations(observations: Sequence[Observation], config: NetworkInput
         pictures = [observation.image for observation in observations if observation.image is not None]
     if config.image is not None and (pictures or config.image != "any"):
         if len(pictures) != len(observations) or len({picture.shape for picture in pictures}) != 1:
-            raise InvalidInput("the network takes an image of each object, all of one size; some are missing or differ")
+            raise InvalidInput(
+                "the network takes an image of each object, all of one size (render-vision.resolution); some are missing or differ"
+            )
         if any(observation.camera is not None for observation in observations):
             cameras = [
                 camera if observation.camera is None else torch.tensor(observation.camera, device=like.device)

@@ -160,7 +160,10 @@ class Reconstructor(ABC):
         batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
         trained = list(self.resolution or ())
         if batch.images is not None and list(batch.images.shape[2:]) != trained:
-            raise InvalidInput(f"{self.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}")
+            raise InvalidInput(
+                f"{self.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: set "
+                "render-vision.resolution to the former, or train on these"
+            )
         return batch
 
 

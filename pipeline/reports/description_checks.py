@@ -21,7 +21,7 @@ from pipeline.reports.plots import save_figure
 from pipeline.reports.sensor_check import check_sensor
 
 if TYPE_CHECKING:
-    from pipeline.inference.observation_checks import ModelInputs
+    from pipeline.inference.model_inputs import ModelInputs
 
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},

@@ -152,8 +152,10 @@ class GraspScenes:
         if mesh.look.vertex_color is None and (not self.small or len(mesh.faces) <= max_faces):
             side = TEXTURE if self.small else None
             return [_of_material(mesh, material, side) for material in np.unique(mesh.look.face_material)]
-        vertices, faces = _simplified(*_merged(mesh), max_faces) if self.small else (mesh.vertices, mesh.faces)
-        painted = _vertex_colors(mesh)[cKDTree(mesh.vertices).query(vertices)[1]]
+        vertices, faces, painted = mesh.vertices, mesh.faces, _vertex_colors(mesh)
+        if self.small:
+            vertices, faces = _simplified(*_merged(mesh), max_faces)
+            painted = painted[cKDTree(mesh.vertices).query(vertices)[1]]
         return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
 
 

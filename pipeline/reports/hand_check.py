@@ -18,6 +18,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import read_urdf
+from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
@@ -252,7 +253,7 @@ def _triangles(hand: Hand, frames: NDArray[np.float64], red: set[int]) -> tuple[
             triangles.append(transform_points(frames[number], shape.mesh.vertices)[faces])
             colors.append(np.broadcast_to(RED if number in red else GREY, (len(faces), 3)))
     corners = np.concatenate(triangles)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = face_cross_products(corners)
     return corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), np.concatenate(colors)
 
 

@@ -11,9 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from pipeline.inference.observation_checks import ModelInputs, ObjectBox, faults, find_object, gel_centres
+from pipeline.inference.model_inputs import ModelInputs
+from pipeline.inference.object_box import ObjectBox, find_object, gel_centres, turn_to_z
+from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
-from pipeline.inference.observation_placement import degrees, describe_object, facing_away, place_observation, turn_to_z
+from pipeline.inference.observation_placement import degrees, describe_object, facing_away, place_observation
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
@@ -26,7 +28,7 @@ SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
 def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
     """Describe an observation file, and draw it; with a model, say what that is given. Parameters, result and errors as `check_file`."""
     observation = load_observation(path, lambda part: faults(part, model))
-    box = find_object(observation)
+    box = find_object(observation, model)
     assert box is not None  # else a fault
     placed = None if model is None else place_observation(observation, model)
     network_image = None if placed is None else placed.image

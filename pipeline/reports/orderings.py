@@ -104,24 +104,33 @@ def _modalities(values: Values) -> Iterator[Claim]:
     for smaller, larger in ((prefix + first, prefix + second) for prefix in PREFIXES for first, second in pairs):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
-            nearer, further = (chamfer_of(values[name], 1) for name in (smaller, larger))
-            yield Claim(f"{smaller} < {larger}", nearer, further, figures, network_of(smaller) == network_of(larger))
+            *trainings, same = _trainings(values, smaller, larger)
+            nearer, further = (chamfer_of(each, 1) for each in trainings)
+            yield Claim(f"{smaller} < {larger}", nearer, further, figures, same)
+
+
+def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
+    """Choose the trainings of two configurations; if both are of one network, those that both have, which are then compared one by one."""
+    ours, theirs = values[first], values[second]
+    seeds = [seed for seed in ours if seed in theirs] if network_of(first) == network_of(second) else []
+    return [ours[seed] for seed in seeds or ours], [theirs[seed] for seed in seeds or theirs], bool(seeds)
 
 
 def _grasps(values: Values) -> Iterator[Claim]:
     """Claim that more grasps are better: each against one fewer, and the most against one."""
     with_touch = ("touch", "occluded-touch", "unoccluded-touch")
     for name in (prefix + name for prefix in PREFIXES for name in with_touch):
-        counts = values[name][0].grasps if name in values else []
+        trainings = [*values.get(name, {}).values()]
+        counts = trainings[0].grasps if trainings else []
         for fewer, more in (*pairwise(counts), *([(counts[0], counts[-1])] if len(counts) > 2 else [])):
             figures = _printed(TABLE_3, (name, more - 1), (name, fewer - 1))
-            nearer, further = (chamfer_of(values[name], count) for count in (more, fewer))
+            nearer, further = (chamfer_of(trainings, count) for count in (more, fewer))
             yield Claim(f"{name}: {more} grasps < {fewer}", nearer, further, figures, True)
 
 
 def _rings(values: Values) -> Iterator[Claim]:
     """Claim that with touch the error is least at the touch site, that without touch it is not, and that touch helps there."""
-    last = max((max(trainings[0].rings, default=0) for trainings in values.values()), default=0) - 1
+    last = max((max(next(iter(trainings.values())).rings, default=0) for trainings in values.values()), default=0) - 1
     for without_touch in (prefix + image for prefix in PREFIXES for image in ("occluded", "unoccluded")):
         with_touch = f"{without_touch}-touch"
         for (first, ring), (second, other_ring) in (
@@ -130,11 +139,12 @@ def _rings(values: Values) -> Iterator[Claim]:
             ((with_touch, 0), (without_touch, 0)),
         ):
             if {first, second} <= values.keys() and (first, ring) != (second, other_ring):
-                (smaller, sites), (larger, other_sites) = _ring(values[first], ring), _ring(values[second], other_ring)
+                nearer, further, same = _trainings(values, first, second)
+                (smaller, sites), (larger, other_sites) = _ring(nearer, ring), _ring(further, other_ring)
                 in_both = (sites > 0) & (other_sites > 0)
                 text = f"{first}: ring ×{ring + 1} < ring ×{other_ring + 1}" if first == second else f"ring ×1: {first} < {second}"
                 figures = _printed(TABLE_2, (first, ring), (second, other_ring), TABLE_3_FACTOR)
-                yield Claim(text, smaller[:, in_both], larger[:, in_both], figures, network_of(first) == network_of(second))
+                yield Claim(text, smaller[:, in_both], larger[:, in_both], figures, same)
 
 
 def _ring(trainings: Sequence[Figures], ring: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

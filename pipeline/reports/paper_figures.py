@@ -22,6 +22,7 @@ from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.sensor import masked_points
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from pipeline.reports.contact_sheet import BandMaker
@@ -83,7 +84,7 @@ def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[d
     return figures
 
 
-def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: str = "plots") -> dict[str, Any]:
+def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: str) -> dict[str, Any]:
     entries = [{"file": f"figures/{path.name}", "alt": alt, "caption": caption} for path, alt, caption in pictures]
     return {"title": title, "text": text, "pictures": entries, "kind": kind}
 
@@ -156,7 +157,8 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     model = load_touch_model(source.directory.verified_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
     tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
-    (predicted, pressed), clouds = model.maps(tactile_images), model.clouds(tactile_images)
+    predicted, pressed = model.maps(tactile_images)
+    clouds = [masked_points(*maps, model.sensor) for maps in zip(predicted, pressed, strict=True)]
     names = [mount.name for mount in source.hand().sensors]
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):

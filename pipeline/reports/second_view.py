@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.view_transfer import camera_direction
 from pipeline.reports.contact_sheet_page import Color
 from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
 
@@ -212,8 +214,16 @@ def lamp_beside(scene: Scene, camera: Camera) -> Vector:
 
 
 def fitted_camera(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
-    """Turn a camera, where it is, to the middle of `points` (N, 3), world frame, m, and let them fill that share of its image."""
-    return _zoomed(look_at(camera, camera.position, _vector(_box(points)[0])), points, fill)
+    """Turn a camera to the middle of `points` (N, 3), world frame, m, and let them fill that share of its image.
+
+    It stays where it is, or goes back until it is clear of them. One straight above them keeps the top of its image.
+    """
+    target, size = _box(points)
+    seen_from = camera_direction(projection_matrix(camera), target)
+    away = max(1.0, float(np.linalg.norm(size)) / seen_from.distance)
+    position = _vector(target + away * (np.array(camera.position) - target))
+    rotation = (90 - math.degrees(seen_from.elevation), 0.0, 90 + math.degrees(seen_from.azimuth))
+    return _zoomed(camera.model_copy(update={"position": position, "rotation": rotation}), points, fill)
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +25,8 @@ from stages.evaluate.tables import QUALITY_UNITS
 MAY_DIFFER = ("training_seed", "configurations")
 """Settings in which evaluations of one report may differ."""
 
-Values = dict[str, list[Figures]]
-"""By configuration, the figures of each of its trainings."""
+Values = dict[str, dict[int, Figures]]
+"""By configuration, the figures of each of its trainings, by seed."""
 
 
 def evaluations(directory: DataDirectory) -> list[str]:
@@ -72,11 +72,11 @@ def read_values(folders: Sequence[Path]) -> Values:
         for name in read_root(folder)["configurations"]:
             if name not in figures:
                 raise StoreError(f"{folder} has no figures of {name}, which it lists; run evaluate again")
-            values.setdefault(name, []).append(figures[name])
+            values.setdefault(name, {})[theirs["training_seed"]] = figures[name]
     return values
 
 
-def chamfer_of(trainings: Sequence[Figures], grasps: int) -> NDArray[np.float64]:
+def chamfer_of(trainings: Iterable[Figures], grasps: int) -> NDArray[np.float64]:
     """Compute the (training, object) Chamfer distances with a number of `grasps`, m²."""
     return np.stack([figures.per_object("chamfer", grasps) for figures in trainings])
 
@@ -101,7 +101,8 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
 
 def _rows(values: Values, folder: Path) -> Iterator[Row]:
     seed, figures_of = read_root(folder)["seed"], read_figures(folder)
-    for name, trainings in values.items():
+    for name, by_seed in values.items():
+        trainings = [*by_seed.values()]
         config, chamfer = inputs_of(name), TABLE_3_FACTOR * chamfer_of(trainings, 1)
         interval: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
         median, most_grasps = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]

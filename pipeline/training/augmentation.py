@@ -11,6 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import carried_camera, moved_projection, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
@@ -70,8 +72,8 @@ class Misplacement:
         return np.block([[self.scale * np.eye(3), self.shift[:, None]], [np.zeros(3), 1.0]])
 
     def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Move points (..., 3), m."""
-        return (self.scale * points.astype(np.float64) + self.shift).astype(np.float32)
+        """Move points (…, N, 3), m."""
+        return transform_points(self.motion, points.astype(np.float64)).astype(np.float32)
 
 
 def draw_misplacement(deviation: float, centre: Sequence[float], radius: float, generator: torch.Generator) -> Misplacement:
@@ -109,7 +111,7 @@ def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.f
     real = moved_projection(camera, place.motion)
     turned = carried_camera(camera, real, centre)
     rows, cols = observation.image.shape[:2]
-    red, green, blue = (int(level) for level in np.median(observation.image[0], axis=0))  # of the background
+    red, green, blue = (int(level) for level in np.median(border(observation.image), axis=0))  # of the background
     image, _ = transfer_view(observation.image, real, turned, (rows, cols), (red, green, blue))
     return replace(observation, image=image, touch_vertices=place.moved(observation.touch_vertices), camera=turned)
 

@@ -30,7 +30,7 @@ class Items:
         A data directory, and a split of it.
     config
         Gives the image and whether the network takes touch.
-    each
+    items_per_object
         Each begins with another grasp; with fewer items than grasps, that grasp is drawn.
     learned
         Arrays that the loss needs.

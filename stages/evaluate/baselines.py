@@ -136,7 +136,7 @@ class _Search:
 
     Parameters
     ----------
-    asked, felt
+    queries, touch_clouds
         Points of the test objects, and those that were touched, if any.
     masks
         (object, view, pixel) silhouettes of the test objects, if there are images.

@@ -17,7 +17,7 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.kernels.geometry.mesh import is_watertight
+from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
 from pipeline.kernels.metrics.surface_quality import (
     crossing_faces,
@@ -120,8 +120,7 @@ class GraspProtocol(Protocol):
             return spike
         vision = reconstruction.faces[(reconstruction.faces < reconstruction.vision).all(axis=1)]
         angles = dihedral_angles(reconstruction.vertices, vision)
-        a, b, c = np.moveaxis(reconstruction.vertices[measured.faces], 1, 0)
-        across = np.cross(b - a, c - a)
+        across = face_cross_products(reconstruction.vertices[measured.faces])
         point_normals = across / np.linalg.norm(across, axis=1, keepdims=True)  # a face with a point on it has an area
         return {
             "area_ratio": surface_area(reconstruction.vertices, reconstruction.faces) / sampled_area(points, normals),

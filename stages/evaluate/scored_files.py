@@ -17,7 +17,7 @@ from pipeline.errors import InvalidInput, closest_name
 from pipeline.formats.array_file import read_array
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.kernels.geometry.mesh import check_coordinates, is_watertight
+from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
@@ -229,8 +229,7 @@ def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
 
 
 def _has_area(reconstruction: Reconstruction) -> bool:
-    a, b, c = np.moveaxis(reconstruction.vertices[reconstruction.faces], 1, 0)
-    return bool(np.cross(b - a, c - a).any())
+    return bool(face_cross_products(reconstruction.vertices[reconstruction.faces]).any())
 
 
 def _share_when_turned(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> float:

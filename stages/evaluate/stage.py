@@ -159,8 +159,9 @@ class Evaluate(NetworkEvaluation):
         return evaluation_name(settings.training_seed)
 
     def cost(self, settings: EvaluationSettings, objects: int) -> Cost:
-        """Estimate six models: at most 74 reconstructions per object, of about 0.1 s and 15 kB each."""
-        return Cost(seconds=7.4 * objects, kilobytes=1100 * objects)
+        """Estimate at most 12 reconstructions per configuration of each test object, a fifth of all, of about 0.1 s and 15 kB each."""
+        reconstructions = 12 * len(settings.configurations) * objects / 5
+        return Cost(seconds=0.1 * reconstructions, kilobytes=15 * reconstructions)
 
 
 class EvaluateSingleImage(NetworkEvaluation):

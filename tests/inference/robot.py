@@ -10,7 +10,7 @@ import yaml
 from PIL import Image
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.observation_checks import ModelInputs
+from pipeline.inference.model_inputs import ModelInputs
 from pipeline.inference.observed_pose import Pose
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.touch.tactile_image import untouched_image

@@ -47,7 +47,7 @@ def test_wrong_observation_type_and_invalid_resolution_are_named(grasp_and_model
 def test_faults_of_arrays_are_named(grasp_and_models: tuple[Path, Path]) -> None:
     with pytest.raises(vt.InvalidInput, match=r"model occluded needs a photograph: add the entry camera; object.centre is missing"):
         vt.reconstruct(vt.RobotObservation(), grasp_and_models[1], "occluded")
-    camera = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 1, "fy": 1, "cx": 2, "cy": 2}, "pose": np.eye(4)}
+    camera = {"image": np.ones((4, 4, 3), np.uint8), "intrinsics": {"fx": 10, "fy": 10, "cx": 2, "cy": 2}, "pose": np.eye(4)}
     with pytest.raises(vt.InvalidInput, match=r"image is float64 \(4, 4\); it must be uint8 \(rows, cols, 3\)"):
         vt.RobotObservation(untouched=None, camera=camera | {"image": np.ones((4, 4))})
     touch = {"tactile_image": np.ones((4, 4), np.uint8), "pose": np.eye(4)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,11 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.observation_checks import ModelInputs, faults, find_object
+from pipeline.inference.model_inputs import ModelInputs
+from pipeline.inference.object_box import find_object, turn_to_z
+from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
-from pipeline.inference.observation_placement import network_tactile_images, place_observation, turn_to_z
+from pipeline.inference.observation_placement import network_tactile_images, place_observation
 from pipeline.inference.observed_pose import Pose
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.camera import project_points
@@ -82,7 +85,7 @@ def test_positions_in_millimetres_without_a_unit_are_named(tmp_path: Path) -> No
         touch["pose"][:3, 3] *= 1e3
         touch["pose"] = touch["pose"].tolist()
     message = error_of(write_observation(tmp_path, entries))
-    assert "touches.0 pose is 400 m away (at most 10 m): write unit: mm if these are millimetres" in message
+    assert "touches.0 pose is 400 m away (at most 10 m): write unit: mm if all lengths are in millimetres" in message
     assert "touches.1 pose is 400 m" in message
 
 
@@ -99,6 +102,7 @@ def test_positions_in_millimetres_without_a_unit_are_named(tmp_path: Path) -> No
         ([[float("nan")] * 4] * 4, "touches.0.pose.matrix"),
         ([[1e200, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "not rigid"),
         (7, "touches.0.pose"),
+        ({"position": [0, 0, 0], "rpy": [98.5, -12, 170]}, "rpy is [98.5, -12.0, 170.0]: radians are within ± 2 π; are these degrees?"),
     ],
 )
 def test_invalid_poses_are_errors(tmp_path: Path, pose: object, words: str) -> None:
@@ -142,11 +146,58 @@ def test_object_is_located_from_depth_and_mask(tmp_path: Path, file: str, scale:
     entries = write_files(tmp_path)
     del entries["object"]
     entries["camera"] |= {"depth": file, "depth_scale": scale}
-    box = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    box = find_object(load_observation(write_observation(tmp_path, entries), faults), None)
     assert box is not None
     assert box.source == "estimated from depth and mask"
     assert np.linalg.norm(box.centre - CENTRE) < 0.25 * RADIUS
     assert box.diagonal == pytest.approx(2 * RADIUS * 3**0.5, rel=0.15)
+
+
+def test_the_box_does_not_depend_on_how_the_frame_is_turned(tmp_path: Path) -> None:
+    """Its axes are those of the network's world, where it stood when the network learned."""
+    entries = write_files(tmp_path)
+    del entries["object"]
+    entries["camera"]["depth"] = "depth.npy"
+    boxes = []
+    for angle in (0.0, 0.6, 2.0):
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("z", angle).as_matrix()
+        entries["camera"]["pose"] = (turn @ camera_pose()).tolist()
+        entries["touches"] = [touch | {"pose": (turn @ np.array(touch["pose"])).tolist()} for touch in write_files(tmp_path)["touches"]]
+        box = find_object(load_observation(write_observation(tmp_path, entries)), model())
+        assert box is not None
+        boxes.append((*(box.centre @ turn[:3, :3]), box.diagonal))
+    np.testing.assert_allclose(boxes, [boxes[0]] * 3, atol=1e-9)
+    unturned = find_object(load_observation(write_observation(tmp_path, entries)), None)
+    assert unturned is not None
+    assert unturned.diagonal != pytest.approx(boxes[0][3], rel=1e-6)
+
+
+def test_a_stated_diagonal_that_the_mask_contradicts_is_named(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    del entries["touches"], entries["sensor"]
+    for diagonal, is_named in ((2 * RADIUS * 3**0.5, False), (0.02, True), (2.0, True)):
+        entries["object"]["diagonal"] = diagonal
+        placed = place_observation(load_observation(write_observation(tmp_path, entries)), model("unoccluded"))
+        assert any("but object.diagonal is" in line for line in placed.remarks) == is_named
+
+
+def test_depth_that_the_network_does_not_get_and_surfaces_without_patches_are_remarked(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    entries["camera"]["depth"] = "depth.npy"
+    path = write_observation(tmp_path, entries)
+    assert any("depth_as_touch: true would give it" in line for line in place_observation(load_observation(path), model()).remarks)
+    depth = np.load(tmp_path / "depth.npy") + np.random.default_rng(0).normal(0, 0.01, (120, 160))
+    np.save(tmp_path / "depth.npy", depth)
+    entries["camera"]["depth_as_touch"] = True
+    path = write_observation(tmp_path, entries)
+    assert any("warning: 0 patches of the visible surface" in line for line in place_observation(load_observation(path), model()).remarks)
+
+
+def test_an_observation_without_photograph_and_touches_is_a_fault(tmp_path: Path) -> None:
+    entries = {"object": write_files(tmp_path)["object"]}
+    inputs = replace(model(), configuration="any", config=model().config.model_copy(update={"image": "any"}))
+    assert "model any needs a photograph or touches" in error_of(write_observation(tmp_path, entries), inputs)
 
 
 def test_depth_behind_the_rim_of_the_mask_is_left_out(tmp_path: Path) -> None:
@@ -154,11 +205,11 @@ def test_depth_behind_the_rim_of_the_mask_is_left_out(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     del entries["object"]
     entries["camera"]["depth"] = "depth.npy"
-    exact = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    exact = find_object(load_observation(write_observation(tmp_path, entries), faults), None)
     depth = np.load(tmp_path / "depth.npy")
     depth[~binary_erosion(np.nan_to_num(depth) > 0) & ~np.isnan(depth)] = 1.5
     np.save(tmp_path / "depth.npy", depth)
-    mixed = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    mixed = find_object(load_observation(write_observation(tmp_path, entries), faults), None)
     assert exact is not None
     assert mixed is not None
     assert np.linalg.norm(mixed.centre - exact.centre) < 0.2 * RADIUS
@@ -196,6 +247,36 @@ def test_inconsistent_depth_is_named(tmp_path: Path, changes: dict[str, object],
     assert words in error_of(write_observation(tmp_path, entries))
 
 
+def test_depth_of_an_object_far_off_the_optical_axis_is_its_own(tmp_path: Path) -> None:
+    """A ball 41 degrees off the axis: its depth along the axis is three quarters of its distance."""
+    entries, slope = write_files(tmp_path), 0.87
+    x, y = np.meshgrid((np.arange(160) + 0.5) / 300 + slope - 80 / 300, (np.arange(120) + 0.5 - 60) / 300)
+    rays, centre = np.stack([x, y, np.ones_like(x)], axis=-1), np.array([slope, 0, 1.0])
+    squared, along = (rays**2).sum(axis=-1), rays @ centre
+    with np.errstate(invalid="ignore"):
+        depth = (along - np.sqrt(along**2 - squared * (centre @ centre - RADIUS**2))) / squared
+    np.save(tmp_path / "side.npy", depth)
+    Image.fromarray(255 * (~np.isnan(depth)).astype(np.uint8)).save(tmp_path / "side.png")
+    entries["camera"] |= {
+        "depth": "side.npy",
+        "mask": "side.png",
+        "depth_as_touch": True,
+        "intrinsics": {"fx": 300, "fy": 300, "cx": 80 - 300 * slope, "cy": 60},
+    }
+    del entries["object"], entries["touches"], entries["sensor"]
+    observation = load_observation(write_observation(tmp_path, entries), lambda part: faults(part, model()))
+    world = camera_pose()[:3, :3] @ centre + camera_pose()[:3, 3]
+    np.testing.assert_allclose(find_object(observation, None).centre, world, atol=RADIUS / 2)
+
+
+def test_faults_of_the_camera_are_named_beside_an_unknown_sensor(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    entries["sensor"], entries["camera"]["pose"] = "digitx", (camera_pose() @ np.diag([1.0, -1, -1, 1])).tolist()
+    message = error_of(write_observation(tmp_path, entries))
+    assert "digitx" in message
+    assert "the camera does not see the object's centre" in message
+
+
 def test_visible_points_are_passed_as_touches(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     entries["camera"] |= {"depth": "depth.npy", "depth_as_touch": True}
@@ -213,7 +294,7 @@ def test_visible_points_are_passed_as_touches(tmp_path: Path) -> None:
 def test_object_is_located_between_touches_or_its_centre_is_required(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     del entries["object"]
-    box = find_object(load_observation(write_observation(tmp_path, entries), faults))
+    box = find_object(load_observation(write_observation(tmp_path, entries), faults), None)
     assert box is not None
     assert box.diagonal is None
     np.testing.assert_allclose(box.centre, CENTRE, atol=1e-9)
@@ -298,10 +379,12 @@ def test_tactile_images_are_resampled_and_corrected_by_the_untouched_image_of_th
     np.testing.assert_array_equal(network_tactile_images(shifted, SENSOR, base), images)
 
 
-@pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (0, 0, -1), (1e-300, 0, 0), (3e200, 1e200, -2e200), (0.1, 0.2, -0.99)])
+@pytest.mark.parametrize(
+    "up", [(0, 0, 1), (0, -1, 0), (0, 0, -1), (1.5e-6, 0, -1), (1e-9, -1e-9, -1), (1e-300, 0, 0), (3e200, 1e200, -2e200), (0.1, 0.2, -0.99)]
+)
 def test_up_is_rotated_to_z(up: tuple[float, float, float]) -> None:
     turn = turn_to_z(np.array(up, float))
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(turn) == pytest.approx(1)
     direction = np.array(up) / np.abs(up).max()
     np.testing.assert_allclose(turn @ direction / np.linalg.norm(direction), [0, 0, 1], atol=1e-9)

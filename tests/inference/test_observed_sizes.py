@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.inference.observation_checks import ModelInputs, faults
+from pipeline.inference.model_inputs import ModelInputs
+from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
 from pipeline.inference.observation_placement import place_observation
 from pipeline.kernels.geometry.transforms import transform_points

@@ -253,11 +253,12 @@ def test_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp
 
 
 def test_depth_of_a_camera_replaces_touches(data, grasp, tmp_path):
-    """The visible side of the ball becomes part of the surface without a touch."""
+    """The visible side of the ball becomes part of the surface without a touch, and without a U-Net."""
     described = yaml.safe_load((grasp.parent / "rgbd.yaml").read_text())
     described["camera"] |= {name: str(grasp.parent / value) for name, value in described["camera"].items() if str(value).endswith(".png")}
     file = write(tmp_path / "rgbd.yaml", described)
-    prediction = predict(tmp_path / "ball.ply", data / "models", "touch", observation=file)
+    models = shutil.copytree(data / "models", tmp_path / "models", ignore=shutil.ignore_patterns("unet*"))
+    prediction = predict(tmp_path / "ball.ply", models, "touch", observation=file)
     assert not len(prediction.touched)
     visible = prediction.reconstruction.vertices[prediction.reconstruction.vision :]
     assert len(visible) > 10 * spheres.SIDE**2
@@ -271,6 +272,10 @@ def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp
     stated = [touch.pop("touched") for touch in described["touches"]]
     prediction = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
     assert list(prediction.touched) == stated
+    described["touches"] = [touch | {"touched": True} for touch in described["touches"]]
+    prediction = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
+    names = ", ".join(touch["name"] for touch, felt in zip(described["touches"], stated, strict=True) if not felt)
+    assert f"warning: {names}: touched: true, but the tactile image shows no contact, so no touch is given" in prediction.remarks
     assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
 
 

@@ -15,7 +15,7 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.observation_checks import ModelInputs
+from pipeline.inference.model_inputs import ModelInputs
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.camera import projection_matrix
 from pipeline.reports.description_checks import check_file
@@ -123,7 +123,7 @@ def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:
     entries = write_files(tmp_path)
     Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "seen.png")
     del entries["camera"]["mask"]
-    entries["camera"]["intrinsics"] = {"fx": 2, "fy": 2, "cx": 0.5, "cy": 0.5}
+    entries["camera"]["intrinsics"] = {"fx": 10, "fy": 10, "cx": 0.5, "cy": 0.5}
     assert check_file(str(write_observation(tmp_path, entries)), tmp_path / "a.png")
 
 

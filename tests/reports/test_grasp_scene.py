@@ -69,6 +69,16 @@ def test_a_small_scene_has_few_faces_on_a_grid_and_keeps_shape_and_colour(rows):
     assert (red, green) == pytest.approx((0.791, 0.007), abs=0.005)  # linear, as glTF has them
 
 
+def test_vertices_at_one_position_keep_their_own_colours(rows) -> None:
+    corners = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+    colors = np.repeat(np.array([[255, 0, 0, 255], [0, 0, 255, 255]], np.uint8), 3, axis=0)
+    look = replace(Look.plain(6, 2), vertex_color=colors, base_color=np.full((1, 4), 255, np.uint8))
+    rows["surfaces"] = mesh_row(Mesh(np.vstack([corners, corners]), np.arange(6, dtype=np.int32).reshape(2, 3), look))
+    made = GraspScenes(HAND, [SENSOR] * 4, small=False).scene(rows)
+    (mesh,) = (mesh for name, mesh in made.geometry.items() if name.startswith("object"))
+    np.testing.assert_array_equal(mesh.visual.vertex_colors, colors)
+
+
 def test_a_small_hand_keeps_the_parts_of_its_links() -> None:
     box = trimesh.creation.box((0.08, 0.03, 0.1)).subdivide().subdivide().subdivide().subdivide()
     knuckles = [trimesh.creation.capsule(0.02, 0.006, count=[24, 24], transform=translation_matrix([0.015 * k, 0, 0.1])) for k in range(6)]

@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.vision.camera import camera_pose
+from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.contact_sheet_page import COLORS
-from pipeline.reports.second_view import LIFT, STRIDE, GraspView, gel_squares, grasp_cameras, second_view, touch_patch
+from pipeline.reports.second_view import LIFT, STRIDE, GraspView, fitted_camera, gel_squares, grasp_cameras, second_view, touch_patch
 from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import HERE, SCENE, ball, box
 from tests.strategies import EPS, offsets, random_rotation, seeds
 
 SENSOR = load_sensor("gel_16mm")
 SMALL = SENSOR.model_copy(update={"width": 0.01, "w": 0.005, "rows": 10, "cols": 10})
+
+
+@pytest.mark.parametrize("position", [(0, 0, 1.6), (0.5, -0.8, 1.0), (0.0, 0.0, -0.4)])
+@pytest.mark.parametrize("size", [0.02, 0.5, 8.0])
+def test_fitted_camera_shows_all_points_whole_from_its_side(position, size) -> None:
+    """From straight above or below too, and of objects that its position is inside of."""
+    camera = Camera(position=position, rotation=(0, 0, 30), focal=(200, 200), centre=(64, 64), resolution=128)
+    corners = size * (np.array(list(product((-0.5, 0.5), repeat=3)))) + (0, 0, 0.6)
+    fitted = fitted_camera(camera, corners, fill=0.9)
+    pixels = project_points(projection_matrix(fitted), corners) - 64
+    assert np.abs(pixels).max() == pytest.approx(0.9 * 64)
+    np.testing.assert_allclose(project_points(projection_matrix(fitted), np.array([0, 0, 0.6])), [64, 64], atol=1e-6)
+    towards = np.array(fitted.position) - (0, 0, 0.6)
+    np.testing.assert_allclose(np.cross(towards, np.array(position) - (0, 0, 0.6)), 0, atol=1e-9)
 
 
 def test_touch_patch_lies_in_front_of_the_surface() -> None:

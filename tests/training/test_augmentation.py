@@ -9,7 +9,7 @@ import torch
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
-from pipeline.training.augmentation import draw_misplacement, misplace, vary_image, vary_observation
+from pipeline.training.augmentation import Misplacement, draw_misplacement, misplace, vary_image, vary_observation
 from stages.train_gcn.settings import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
@@ -69,7 +69,7 @@ CENTRE, RADIUS = np.array([0.0, 0.0, 0.6]), 0.25
 
 def test_errors_of_the_place_have_the_set_deviation():
     places = [draw_misplacement(0.03, CENTRE, RADIUS, chance(seed)) for seed in range(1000)]
-    shifts = np.array([place.moved(CENTRE) - CENTRE for place in places])
+    shifts = np.array([place.moved(CENTRE[None])[0] - CENTRE for place in places])
     np.testing.assert_allclose(shifts.mean(axis=0), 0, atol=4e-3)
     np.testing.assert_allclose(shifts.std(axis=0), 0.03, rtol=0.1)
     assert np.std(np.log([place.scale for place in places])) == pytest.approx(0.03 / RADIUS, rel=0.1)
@@ -91,3 +91,13 @@ def test_misplaced_observation_shows_the_moved_points_with_its_camera(seed):
     mean = np.array([(weight * col).sum(), (weight * row).sum()]) / weight.sum()
     np.testing.assert_allclose(mean, project_points(wrong.camera, wrong.touch_vertices[0, 0].astype(float)), atol=0.3)
     np.testing.assert_allclose(project_points(wrong.camera, CENTRE), project_points(camera, CENTRE), atol=1e-6)
+
+
+def test_misplaced_image_is_filled_with_the_background_although_a_hand_is_at_its_top():
+    camera = projection_matrix(load_scene("supplement").camera)
+    image = np.full((256, 256, 3), 230, np.uint8)
+    image[:40, 50:200] = 70
+    seen = Observation(image, np.zeros((1, 9, 3), np.float32), np.ones(1, bool), camera)
+    wrong = misplace(seen, Misplacement(1.0, np.array([0.2, 0.2, 0.0])), CENTRE)
+    assert (wrong.image == 230).all(axis=2).sum() > 0.8 * 256 * 256
+    assert (wrong.image[-20:] == 230).all()

@@ -8,6 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
+from pipeline.kernels.touch.calibrated_shading import powers
+
 SIDE = 40
 """Pixels per side to which changes are averaged: drift is smooth."""
 DEGREE = 2
@@ -53,5 +55,4 @@ def _terms(rows: int, cols: int, dtype: torch.dtype, device: torch.device) -> Te
     """Make the terms of the polynomial at every pixel, (rows * cols, k)."""
     with torch.inference_mode(False):  # they are cached, and a training may follow in this process
         y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
-        powers = [(i, total - i) for total in range(DEGREE + 1) for i in range(total, -1, -1)]
-        return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers], dim=1)
+        return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers(DEGREE)], dim=1)

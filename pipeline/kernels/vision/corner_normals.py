@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 CREASE = np.deg2rad(40.0)
-"""Faces that meet at a greater angle show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
+"""Faces that meet at a greater angle, rad, show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
 
 MAX_NEIGHBOURS = 64
 """A vertex where more faces meet is the hub of a fan (a cap, a cone's tip): its faces keep their own normals."""
@@ -22,7 +22,7 @@ PAIRS_PER_CHUNK = 1_000_000
 """Pairs of neighbouring corners processed together; they take about 100 MB."""
 
 
-def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crease: float = CREASE) -> NDArray[np.float64]:
+def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Compute a shading normal for every corner of every face.
 
     Parameters
@@ -31,8 +31,6 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
         (V, 3) float64. Vertices at equal positions count as one.
     faces
         (F, 3) int32.
-    crease
-        Faces that meet at a greater angle, rad, are not smoothed together.
 
     Returns
     -------
@@ -46,7 +44,7 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
     Notes
     -----
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
-    `crease` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
+    `CREASE` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
     influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
     """
     check_coordinates(vertices, "vertices")
@@ -69,7 +67,7 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32], crea
         rank = np.arange(neighbours.sum()) - np.repeat(starts, neighbours)
         own, other = np.repeat(chunk, neighbours), order[np.repeat(first[position[chunk]], neighbours) + rank]  # (P,) pairs
         cosine = np.einsum("ij,ij->i", normal_of[own], normal_of[other])
-        sign = np.where(np.abs(cosine) > np.cos(crease), np.sign(cosine), 0.0)
+        sign = np.where(np.abs(cosine) > np.cos(CREASE), np.sign(cosine), 0.0)
         smooth[chunk] = np.add.reduceat(weighted[other] * sign[:, None], starts)
     smooth = np.where(smooth.any(axis=1, keepdims=True), unit_vectors(smooth), normal_of)
     return smooth.reshape(-1, 3, 3)
