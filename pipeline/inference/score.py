@@ -28,7 +28,7 @@ from stages.evaluate.evaluation_files import evaluation_name, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
 from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuringSettings, ScoreSettings, ShippedSettings
-from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_record
+from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_digest
 
 
 def score(
@@ -104,8 +104,7 @@ def score_shipped(data: Place, console: Console) -> list[str]:
     directory = DataDirectory(data)
     rows, reasons = fitting_rows(directory)
     if rows:
-        weights = hashlib.sha256(shipped_record().read_bytes()).hexdigest()
-        settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=weights)
+        settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=shipped_digest())
         _measured(directory, EvaluateShipped(), settings, console)
     else:  # what was measured before is of a dataset that is gone
         withdraw(directory.folder_record(SHIPPED_SCORES))

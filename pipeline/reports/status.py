@@ -90,7 +90,7 @@ def read_account(data: Place) -> Account:
         The path is not a data directory.
     """
     if not list_folder(data) and not ((folder := on_disk(data)) and folder.is_dir()):
-        raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another with --data")
+        raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)), damaged=[], jobs=[])
     for name in directory.artifact_names():

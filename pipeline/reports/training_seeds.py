@@ -20,6 +20,8 @@ from pipeline.store.origins import check_origins
 from pipeline.store.storage import list_folder
 from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, evaluation_name, read_figures, read_root, read_table
+from stages.evaluate.settings import SHIPPED_SCORES
+from stages.evaluate.shipped import shipped_digest
 from stages.evaluate.tables import QUALITY_UNITS
 
 MAY_DIFFER = ("training_seed", "configurations")
@@ -53,7 +55,8 @@ def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
             except StoreError as error:
                 yield name, str(error)
             else:
-                yield name, None
+                outdated = name == SHIPPED_SCORES and read_root(directory.verified_folder(name))["settings"]["weights"] != shipped_digest()
+                yield name, "another network ships now; measure it with `report --shipped`" if outdated else None
 
 
 def read_values(folders: Sequence[Path]) -> Values:

@@ -107,7 +107,7 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasp
         if missing := [object_id for object_id in tested if object_id not in case_files]:
             which = f" with {number} grasps from {first} on" if len(paths) > 1 else ""
             faults.append(f"{len(missing)} of {len(tested)} test objects have no file{which}: {', '.join(missing)}")
-    if not paths:
+    if not paths and not faults:
         faults.append(f"there is no file of a test object: files are called OBJECT with a suffix of {', '.join(SUFFIXES)}, and the test ")
         faults[-1] += f"objects are {abbreviate(list(tested))}"
     return ScoredFiles(paths, faults, unused)
@@ -160,6 +160,8 @@ def _read_mesh(path: Path) -> Surface:
         number = number_positions(vertices)
         if is_watertight(number[faces]):
             vertices, faces = vertices[np.unique(number, return_index=True)[1]], number[faces]
+    if not (used := np.isin(np.arange(len(vertices)), faces)).all():  # others would count for the box around the surface
+        vertices, faces = vertices[used], (np.cumsum(used) - 1)[faces]
     return vertices, faces
 
 
@@ -216,8 +218,12 @@ def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> 
         return f"it is {times:.3g} times as large as the object{hint}; the world's unit is the metre"
     if np.linalg.norm(place - true_place) > true_size:
         middles = ("(" + ", ".join(f"{value:.3g}" for value in middle) + ")" for middle in (place, true_place))
-        turned = np.linalg.norm(place[[0, 2, 1]] * [1, -1, 1] - true_place) < true_size / 2
-        hint = "; it would be, turned by 90° about x: the file has y up, and the world's z points up" if turned else ""
+        y, z = place[[1, 2]]
+        hint = ""
+        if np.linalg.norm([place[0], -z, y] - true_place) < true_size / 2:
+            hint = "; it would be, turned by 90° about x: the file has y up, and the world's z points up"
+        elif np.linalg.norm([place[0], z, -y] - true_place) < true_size / 2:
+            hint = "; it would be, turned by 90° about x: glTF's y points up, but this file's z does"
         return "its middle is at {}, the object's at {} m: it is not in the world's frame".format(*middles) + hint
     return None
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -70,9 +71,10 @@ def shipped_folder() -> Path:
     return DataDirectory(shipped_models()).verified_folder(model_name(DEFAULT).removeprefix("models/"))
 
 
-def shipped_record() -> Path:
-    """Return its record, which names every file of the weights by its digest."""
-    return SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+def shipped_digest() -> str:
+    """Compute the SHA-256 of its record, which names every file of the weights by its digest; empty if no network ships."""
+    record = SHIPPED / f"{model_name(DEFAULT).removeprefix('models/')}.json"
+    return hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else ""
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:

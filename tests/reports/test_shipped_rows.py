@@ -20,6 +20,7 @@ from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results_summary import _ways, summarise
+from pipeline.reports.training_seeds import outdated_scores
 from pipeline.store.directory import DataDirectory
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
@@ -74,6 +75,10 @@ def test_shipped_weights_have_the_figures_of_the_evaluated_weights(data):
 
 def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_once(data, monkeypatch):
     ship(monkeypatch, data)
+    with monkeypatch.context() as another:
+        another.setattr("pipeline.reports.training_seeds.shipped_digest", lambda: "another")
+        assert "another network ships now" in outdated_scores(DataDirectory(data))["scores/shipped"]
+    assert not outdated_scores(DataDirectory(data))
     before = DataDirectory(data).verified_folder("scores/shipped")
     printed = vt("report", data, "--shipped", "--no-pages")
     assert all(f"shipped-{way}" in printed for way in WAYS)

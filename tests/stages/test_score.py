@@ -246,6 +246,16 @@ def test_misplacement_names_the_unit_and_leaves_bad_reconstructions_alone():
     assert "in mm" in str(misplacement(points * 1000, points))
     assert "0.001 times as large" in str(misplacement(points / 1000, points))
     assert "not in the world's frame" in str(misplacement(points - spheres.CENTRE * 3, points))
+    x, y, z = (points + [0, 0, 0.4]).T
+    assert "this file's z does" in str(misplacement(np.stack([x, -z, y], axis=1), points + [0, 0, 0.4]))
+
+
+def test_vertices_that_no_face_uses_are_left_out(tmp_path):
+    box = trimesh.creation.box((0.1, 0.2, 0.3))
+    trimesh.Trimesh(np.vstack([[9.0, 9, 9], box.vertices]), box.faces + 1, process=False).export(tmp_path / "box.ply")
+    made = read_surface(tmp_path / "box.ply")
+    assert np.ptp(made.vertices, axis=0) == pytest.approx([0.1, 0.2, 0.3])
+    np.testing.assert_allclose(made.vertices[made.faces], box.triangles, atol=1e-7)
 
 
 def test_gltf_files_are_turned_to_the_worlds_up(tmp_path):
