@@ -20,7 +20,7 @@ from pipeline.formats.image_file import read_depth, read_image, read_mask
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.observed_pose import Entries, Pose, Vector
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.vertex_colors import foreground
+from pipeline.kernels.vision.background import foreground
 
 NOWHERE = "object.centre is missing"
 """Beginning of the fault that the object cannot be located."""

@@ -16,8 +16,8 @@ from pipeline.inference.observation_file import ObservedCamera, RobotObservation
 from pipeline.kernels.charts.visible_charts import visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.background import border
 from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.vertex_colors import border
 from pipeline.kernels.vision.view_transfer import (
     camera_direction,
     carried_camera,

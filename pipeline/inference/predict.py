@@ -23,7 +23,7 @@ from pipeline.inference.observation_placement import describe_object, place_obse
 from pipeline.inference.observation_reader import ObservationReader, object_mask
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.kernels.vision.vertex_colors import foreground
+from pipeline.kernels.vision.background import foreground
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction

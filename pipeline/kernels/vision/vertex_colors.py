@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -16,18 +14,6 @@ STEEPEST = 0.1
 """Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
 OFFSET = 1e-3
 """Distance of a ray's start from the surface over the surface's extent."""
-ALIKE = 6
-"""Levels of 255 in each colour by which a pixel of the background differs at most from the image's border."""
-
-
-def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
-    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
-
-
-def border(image: NDArray[Any]) -> NDArray[Any]:
-    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
-    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
 
 
 def seen_colors(

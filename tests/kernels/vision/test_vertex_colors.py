@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from pipeline.kernels.vision.camera import Camera, projection_matrix
-from pipeline.kernels.vision.vertex_colors import foreground, seen_colors
+from pipeline.kernels.vision.vertex_colors import seen_colors
 
 SIDE = 64
 CAMERA = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=SIDE)
@@ -46,12 +46,3 @@ def test_unmarked_pixels_and_cameras_that_look_away_give_no_colour():
     assert not looked_up(shown=~EVERYWHERE)[1].any()
     assert not looked_up(camera=CAMERA.model_copy(update={"rotation": (180.0, 0.0, 0.0)}))[1].any()
     assert not looked_up(camera=CAMERA.model_copy(update={"centre": (-1000.0, 32.0)}))[1].any()
-
-
-def test_the_foreground_differs_from_most_of_the_border():
-    image = np.full((20, 30, 3), 230, np.uint8)
-    image[5:20, 10:14] = (228, 120, 230)  # reaches the border
-    image[0, 0] += 4
-    mask = foreground(image)
-    assert mask.sum() == 15 * 4
-    assert mask[5:, 10:14].all()

@@ -1,0 +1,21 @@
+"""The background of an image: the colour of most of its border."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+ALIKE = 6
+"""Levels of 255 in each colour by which a pixel of the background differs at most from the image's border."""
+
+
+def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def border(image: NDArray[Any]) -> NDArray[Any]:
+    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
