@@ -57,9 +57,8 @@ def _distant_positions(observation: RobotObservation) -> Iterator[str]:
     for name, position in positions:
         if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
             remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
-            frame = "" if name == "object.diagonal" else ", and take a frame near the object"
-            reaches = f"is {distance:g} {observation.unit}{'' if name == 'object.diagonal' else ' away'} (at most {FARTHEST:g} m)"
-            yield f"{name} {reaches}: {remedy}{frame}"
+            away, frame = ("", "") if name == "object.diagonal" else (" away", ", and take a frame near the object")
+            yield f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}"
 
 
 def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:

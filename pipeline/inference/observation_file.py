@@ -68,8 +68,8 @@ class ObservedObject(Entries):
 class Intrinsics(Entries):
     """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
 
-    fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns, pixels")]
-    fy: Annotated[float, Field(ge=10, le=1e6, description="focal length along rows, pixels")]
+    fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns")]
+    fy: Annotated[float, Field(ge=10, le=1e6, description="focal length along rows")]
     cx: Annotated[float, Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")]
     cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
 

@@ -13,7 +13,7 @@ from pipeline.errors import InvalidInput
 from pipeline.inference.model_inputs import ModelInputs, used_inputs
 from pipeline.inference.object_box import ObjectBox, find_object, gel_centres, network_axes, size_factor
 from pipeline.inference.observation_file import ObservedCamera, RobotObservation
-from pipeline.kernels.charts.visible_charts import visible_charts
+from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.background import border
@@ -113,7 +113,8 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
     if observation.camera is not None and observation.camera.depth_as_touch and model.config.touch:
         count = len(placed.visible_charts(model.config.side))
-        few = "" if count >= FEW_PATCHES else "; most of it is small beside a patch (16 mm), rough (2 mm), seen flatly, or not measured"
+        causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
+        few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
         remarks.append(f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}")
     elif observation.camera is not None and observation.camera.metres is not None and model.config.touch:
         remarks.append("the depth image is not given to the network; camera.depth_as_touch: true would give it")

@@ -104,9 +104,8 @@ def _modalities(values: Values) -> Iterator[Claim]:
     for smaller, larger in ((prefix + first, prefix + second) for prefix in PREFIXES for first, second in pairs):
         if {smaller, larger} <= values.keys():
             figures = _printed(TABLE_3, (smaller, 0), (larger, 0))
-            *trainings, same = _trainings(values, smaller, larger)
-            nearer, further = (chamfer_of(each, 1) for each in trainings)
-            yield Claim(f"{smaller} < {larger}", nearer, further, figures, same)
+            nearer, further, same = _trainings(values, smaller, larger)
+            yield Claim(f"{smaller} < {larger}", chamfer_of(nearer, 1), chamfer_of(further, 1), figures, same)
 
 
 def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
