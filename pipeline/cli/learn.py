@@ -144,13 +144,11 @@ def predict(
     )
     for line in result.remarks:
         print_line(line)
-    is_certain = result.touched.any() or result.visible > 0
-    touches = pluralise(int(result.touched.sum()), "touch") if is_certain else "no touch, so that no place of it is certain"
     if (mesh := result.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
-        print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {touches}; {color}")
+        print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.certain_places}; {color}")
         return
-    size = f"{len(result.reconstruction.vertices)} vertices, {len(result.reconstruction.faces)} faces, {touches}"
+    size = f"{len(result.reconstruction.vertices)} vertices, {len(result.reconstruction.faces)} faces, {result.certain_places}"
     for path in result.files:
         print_line(f"{path}: {size}")
 

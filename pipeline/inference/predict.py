@@ -68,7 +68,13 @@ class Prediction:
 
     def __repr__(self) -> str:
         surface = self.closed or self.reconstruction
-        return f"Prediction({len(surface.vertices)} vertices, {len(surface.faces)} faces, {pluralise(int(self.touched.sum()), 'touch')})"
+        return f"Prediction({len(surface.vertices)} vertices, {len(surface.faces)} faces, {self.certain_places})"
+
+    @property
+    def certain_places(self) -> str:
+        """State what was given of places on the surface, in words."""
+        given = ((int(self.touched.sum()), "touch"), (self.visible, "visible patch"))
+        return " and ".join(pluralise(count, name) for count, name in given if count) or "no touch, so that no place of it is certain"
 
 
 def predict(

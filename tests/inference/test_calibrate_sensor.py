@@ -33,7 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Image.fromarray(untouched_image(TRUE)).save(untouched)
     lines = []
     for number in range(10):
-        contact = Circle(rng.uniform(50, 160), rng.uniform(50, 110), rng.uniform(14, 18))
+        contact = Circle(rng.uniform(50, 160), rng.uniform(50, 110), rng.uniform(17, 20))
         Image.fromarray(photograph(contact, TRUE, rng)).save(path / f"{number}.png")
         lines.append(f"{number}.png {contact.x} {contact.y} {contact.radius}")
     (path.parent / "contacts.txt").write_text("\n".join(lines))

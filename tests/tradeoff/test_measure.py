@@ -27,14 +27,15 @@ from stages.simulate_grasps.trade import sensors_of_grasps
 from tests.stages import ball_dataset
 
 STAGE = "sample-surfaces"
+FAST = "sample-surfaces.directions=16"
+"""A sixteenth of the default's rays."""
 LATER = np.inf
 
 
 def setup(data: Path, seed: int = 0, **changes: object) -> Setup:
     toy = load_manifest("toy")
-    return Setup(
-        **{"data": data, "manifest": "toy", "objects": stratified(toy.objects(None), 2, seed), "seed": 0, "preset": "draft", **changes}
-    )
+    sample = {"objects": stratified(toy.objects(None), 2, seed), "assignments": (FAST,)}
+    return Setup(**{"data": data, "manifest": "toy", "seed": 0, "preset": "draft", **sample, **changes})
 
 
 def measure(one: Setup, deadline: float = LATER) -> MeasuredTrade:
@@ -90,8 +91,8 @@ def test_other_settings_are_measured_again(measured_data: Path) -> None:
     own = setup(measured_data)
     assert trade_key(STAGE, own) == trade_key(STAGE, own.with_objects(()))
     for other in (
-        setup(measured_data, assignments=("sample-surfaces.diagonal=0.3",)),
-        setup(measured_data, seed=0, preset="draft", assignments=("directions=64",)),
+        setup(measured_data, assignments=(FAST, "sample-surfaces.diagonal=0.3")),
+        setup(measured_data, assignments=("directions=64",)),
     ):
         assert trade_key(STAGE, other) != trade_key(STAGE, own)
     hands = [

@@ -34,7 +34,7 @@ def measured(tmp_path: Path) -> Path:
 
 
 def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
-    code, output = vt("tradeoff", "sample-surfaces", "--data", tmp_path, "--minutes", 0.1)
+    code, output = vt("tradeoff", "sample-surfaces", "--data", tmp_path, "--minutes", 0.1, "--set", "sample-surfaces.directions=16")
     assert code == 0
     assert "sample-surfaces: about" in output
     assert "sample-surfaces: distance from the surface to the nearest point, RMS, mm" in output
