@@ -50,7 +50,6 @@ ASSIGNMENTS = [
 UNEXPLAINED = ("min D", "looked up", "2A/", "closure 0", "sampling floor", "supplement's")
 """Words that mean nothing to a reader of pages."""
 SHARDED = [name for name in GRASP_STAGES if not isinstance(load_stage(name), DatasetStage)]
-PARALLEL = ("simulate-grasps", "render-vision")
 SEEN = {"train-unet": 3, "train-touch": 3, "train-gcn": 3, "train-implicit": 3}
 """Number of the four objects that a dataset stage reads."""
 
@@ -90,8 +89,8 @@ def digests(data: Path) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def made(manifest, tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("data")
-    for stage in GRASP_STAGES:  # grasps and renderings also run in worker processes
-        vt(*run_of(stage, manifest, data, *(("--workers", "2") if stage in PARALLEL else ("--executor", "serial"))))
+    for stage in GRASP_STAGES:  # renderings also run in worker processes
+        vt(*run_of(stage, manifest, data, *(("--workers", "2") if stage == "render-vision" else ("--executor", "serial"))))
     return data
 
 
@@ -145,6 +144,7 @@ def group_lives(group: int) -> bool:
     return True
 
 
+@pytest.mark.slow  # tests/export/test_recipe.py remakes a dataset in other shards
 def test_digests_do_not_depend_on_shards(manifest, made, tmp_path):
     for stage in SHARDED:
         if stage == "fit-charts":  # with the model made above: whole runs are compared in another test

@@ -50,7 +50,8 @@ def reference_digests(tmp_path_factory) -> dict[str, str]:
     return digests(tmp_path_factory.mktemp("here"))
 
 
-@pytest.mark.parametrize("profile", [pytest.param("haswell", marks=pytest.mark.slow), "prescott"])
+@pytest.mark.slow
+@pytest.mark.parametrize("profile", ["haswell", "prescott"])
 def test_digests_do_not_depend_on_the_processor(profile, reference_digests, tmp_path) -> None:
     variables = environment(profile)
     del variables["GLIBC_TUNABLES"]  # PyBullet takes sines from the C library: without FMA, joints rest up to 2e-15 rad elsewhere

@@ -44,7 +44,7 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
 
 
 def test_a_few_mutated_files_give_clear_errors():
-    command = [sys.executable, "-m", "tests.fuzz", "--inputs", "50"]
+    command = [sys.executable, "-m", "tests.fuzz", "--inputs", "25"]
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert completed.stdout.count(" inputs: ") == len(TARGETS)

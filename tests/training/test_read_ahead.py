@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from pipeline.errors import StageError, StoreError
+from pipeline.errors import StoreError
 from pipeline.training.loop import read_metrics
 from pipeline.training.read_ahead import read_ahead
 from tests.training.regression import Batch, Regression, fit
@@ -93,5 +93,3 @@ class Unreadable(Regression):
 def test_read_error_ends_the_training_with_its_message(tmp_path: Path) -> None:
     with pytest.raises(StoreError, match="readings of point-17 cannot be read"):
         fit(Unreadable(), tmp_path)
-    with pytest.raises(StageError, match="readings of point-17 cannot be read"):
-        fit(Unreadable(), tmp_path, devices=2)

@@ -30,7 +30,7 @@ def test_chamfer_matrix_of_points_on_a_line():
 
 @pytest.mark.parametrize("both", [True, False])
 def test_nearest_cloud_equals_that_of_exhaustive_search(both):
-    clouds, queries = shapes(24, 0), shapes(8, 1)
+    clouds, queries = shapes(16, 0), shapes(4, 1)
     searched = [SearchedCloud(cloud) for cloud in clouds]
     for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
