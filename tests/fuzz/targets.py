@@ -25,9 +25,7 @@ from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from stages.registry import load_stage, resolve
-from tests.fuzz.make_target import MakeVariables
 from tests.fuzz.predict_target import Predictions
-from tests.fuzz.recipe_target import Recipes
 from tests.fuzz.store_target import Stores
 from tests.fuzz.target import Files, Target
 
@@ -236,7 +234,5 @@ TARGETS: dict[str, tuple[type[Target], Any]] = {
     "3MF files": (ThreeMF, 0.05),
     "predict": (Predictions, 0.1),
     "store": (Stores, 0.05),
-    "recipes": (Recipes, 0.14),
-    "variables of make": (MakeVariables, 0.003),
 }
 """Each target with its share of the inputs."""
