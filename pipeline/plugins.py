@@ -26,28 +26,20 @@ def package_of(entry: EntryPoint) -> str:
     return entry.dist.name if entry.dist else "?"
 
 
-def load(entry: EntryPoint, error_type: type[PipelineError], value: str | None = None) -> Any:
+def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
     """Import what an entry point names.
-
-    Parameters
-    ----------
-    entry, error_type
-        The entry point; the error to raise.
-    value
-        `MODULE:NAME` of its package, to import in its place.
 
     Raises
     ------
     PipelineError
         Of `error_type`: it cannot be imported; the message names the package, and the line that failed.
     """
-    value = value or entry.value
     try:
-        return EntryPoint(entry.name, value, entry.group).load()
+        return entry.load()
     except Exception as error:  # whatever a module may raise
         frame = traceback.extract_tb(error.__traceback__)[-1]
         raise error_type(
-            f"{entry.name} of package {package_of(entry)}: {value} cannot be imported: {type(error).__name__}: {error} "
+            f"{entry.name} of package {package_of(entry)}: {entry.value} cannot be imported: {type(error).__name__}: {error} "
             f"({frame.filename}, line {frame.lineno}); fix it, or `pip uninstall {package_of(entry)}`"
         ) from error
 
@@ -56,15 +48,6 @@ def check_unique(kind: str, name: str, packages: list[str]) -> None:
     """Raise an `InvalidInput` that names the packages, if more than one provides this name."""
     if len(packages) > 1:
         raise InvalidInput(f"{kind} {name} is provided by more than one package: {', '.join(packages)}; uninstall one, or rename it there")
-
-
-def sibling_module(entry: EntryPoint, name: str) -> str | None:
-    """Name the module `name` beside the one that an entry point names, if there is one; its package is not imported."""
-    top, *subpackages = entry.module.split(".")[:-1] or [""]
-    spec = find_spec(top) if top.isidentifier() else None
-    roots = spec.submodule_search_locations if spec else None
-    exists = any(Path(root, *subpackages, f"{name}.py").is_file() for root in roots or ())
-    return ".".join([top, *subpackages, name]) if exists else None
 
 
 def folder_files(entry: EntryPoint) -> list[Path]:

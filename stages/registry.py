@@ -62,17 +62,8 @@ GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and name
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 """Stages that make a dataset."""
-TRADES = {
-    **{name: f"{BUILT_IN[name].folder}.trade" for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].folder}.trade")},
-    **{
-        name: module
-        for name, entry in STAGES.items()
-        if isinstance(entry, EntryPoint) and (module := plugins.sibling_module(entry, "trade"))
-    },
-}
-"""Modules in which stages declare what they trade between speed and accuracy: `trade` in their folder, or beside a plugin's stage."""
-TRADED = tuple(TRADES)
-"""Stages that declare what they trade."""
+TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].folder}.trade"))
+"""Stages that declare what they trade between speed and accuracy, in the module `trade` of their folder."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
@@ -115,21 +106,9 @@ def load_settings_type(name: str) -> type[Settings]:
 
 
 def load_trade(name: str) -> Trade:
-    """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy.
-
-    Raises
-    ------
-    StageError
-        A plugin's module cannot be imported, or declares no `Trade`.
-    """
-    entry = STAGES[name]
-    if not isinstance(entry, EntryPoint):
-        trade: Trade = import_module(TRADES[name]).TRADE
-        return trade
-    declared = plugins.load(entry, StageError, f"{TRADES[name]}:TRADE")
-    if not isinstance(declared, Trade):
-        raise StageError(f"TRADE of {TRADES[name]}, of package {plugins.package_of(entry)}, is not a Trade")
-    return declared
+    """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy."""
+    trade: Trade = import_module(f"{BUILT_IN[name].folder}.trade").TRADE
+    return trade
 
 
 def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:

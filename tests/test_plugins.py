@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -101,13 +100,9 @@ def test_stage_of_another_package_runs_and_its_key_follows_its_code(balls_run: t
         [*serial, "--set", "leest=1"],
         ["=", expression],
         ["check", "gel_25mm", "--picture", str(tmp_path / "gel.png")],
-        ["=", "__import__('stages.registry').registry.load_trade('measure-press').metric"],
-        ["tradeoff", "fly"],
     )
     words = [line for _, line in outputs]
     assert (before, after) == (False, True)
-    assert words[8] == "press missed"
-    assert re.search("unknown trade fly.*simulate-touch.*measure-press", words[9])
     assert "made 1 object " in words[0]
     assert "up to date, 1 object" in words[1]
     assert "press" in words[2]

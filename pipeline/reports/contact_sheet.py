@@ -17,14 +17,14 @@ from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.scene import Scene
 from pipeline.reports.contact_sheet_page import Band, draw, enlarged, finger_colors, grasp_note, size_note, spread_evenly
 from pipeline.reports.report_pages import WrittenFiles
-from pipeline.reports.second_view import EXAGGERATED, GraspView, Squeeze, gel_squares, grasp_cameras, second_view, squeeze_view, touch_patch
+from pipeline.reports.second_view import GraspView, gel_squares, grasp_cameras, second_view, touch_patch
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.collection import Collection
@@ -125,11 +125,7 @@ class BandMaker:
         frames = forward_kinematics(self.hand, hand_pose, row["joint_angles"][grasp])  # (L, 4, 4)
         sites = zip(depths, poses, self.sensors, colors, strict=True)
         patches = [touch_patch(*site) for site, contact in zip(sites, row["touch_success"][grasp], strict=True) if contact]
-        mesh, squeeze = read_mesh(rows["surfaces"]), None
-        if "squeeze_angles" in list(row):
-            driven = forward_kinematics(self.hand, hand_pose, row["squeeze_angles"][grasp])
-            squares = gel_squares(sensor_poses_from_links(self.hand, driven), self.sensors)
-            squeeze = Squeeze([(shape, surface, driven[link]) for link, shape, surface in self.shapes], squares)
+        mesh = read_mesh(rows["surfaces"])
         with self.renderer.added(mesh, Label.OBJECT) as handle:
             yield GraspView(
                 object_mesh=(handle, mesh),
@@ -138,7 +134,6 @@ class BandMaker:
                 palm=hand_pose[:3, :3] @ self.hand.palm_facing,
                 squares=gel_squares(poses, self.sensors),
                 colors=colors,
-                squeeze=squeeze,
             )
 
     def band(self, object_id: str, rows: Mapping[str, Mapping[str, np.ndarray]]) -> Band:
@@ -150,7 +145,6 @@ class BandMaker:
         with self.grasp_view(rows, 0) as view:
             cameras = grasp_cameras(self.renderer, self.scene, size, view)
             grasp_image, touch_image = second_view(self.renderer, self.scene, cameras, view)
-            squeezed = squeeze_view(self.renderer, self.scene, cameras[0], view)
         masks = vision["segmentation"][:2, 0] > 0
         return Band(
             title=f"{object_id}, {size_note(rows['surfaces'])}",
@@ -158,7 +152,6 @@ class BandMaker:
             pictures=[
                 *((f"{name}{scale}", picture) for name, image in images.items() for picture, scale in [enlarged(image, masks)]),
                 ("from a second side", grasp_image),
-                *([] if squeezed is None else [(f"squeeze, motion × {EXAGGERATED}", squeezed)]),
                 ("touch sites", touch_image),
             ],
             fingers=[mount.name for mount in self.hand.sensors],

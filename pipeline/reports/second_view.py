@@ -44,22 +44,8 @@ SQUARE = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 LINE, RIM = 1.5, 2.5
 """Width of a square's outline, and of the white rim under it, pixels."""
 
-HEAD = 6
-"""Length of an arrow's head, pixels."""
-
-EXAGGERATED = 12
-"""Factor by which arrows exaggerate the motion from the grasp to the squeeze, about 2 mm."""
-
 LIFT = 4e-4
 """Distance of a patch in front of the surface it marks, m: it stays visible over a coarse mesh between its vertices."""
-
-
-@dataclass(frozen=True, eq=False)
-class Squeeze:
-    """The squeeze of a grasp, world frame, m: the hand's meshes and the gels' corners as in `GraspView`."""
-
-    hand: Sequence[tuple[MeshHandle, Mesh, NDArray[np.float64]]]
-    squares: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +66,6 @@ class GraspView:
         (S, 4, 3) corners of the gels, drawn over both images to mark what hides a patch.
     colors
         (S,) sRGB of each sensor.
-    squeeze
-        The posture that the motors drive to; None if it is not known.
     """
 
     object_mesh: tuple[MeshHandle, Mesh]
@@ -90,7 +74,6 @@ class GraspView:
     palm: NDArray[np.float64]
     squares: NDArray[np.float64]
     colors: Sequence[Color]
-    squeeze: Squeeze | None = None
 
 
 def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
@@ -131,22 +114,6 @@ def second_view(
         views_of = (([posed_object, *posed_hand], near), ([posed_object, *marks], far))
         close_image, far_image = (renderer.render(meshes, view, lamp_beside(scene, view)).rgb for meshes, view in views_of)
     return _outlined(close_image, near, grasp.squares, grasp.colors), _outlined(far_image, far, grasp.squares, grasp.colors)
-
-
-def squeeze_view(renderer: Renderer, scene: Scene, near: Camera, grasp: GraspView) -> NDArray[np.uint8] | None:
-    """Render the squeeze from the `near` camera of the second view, with an arrow per gel, `EXAGGERATED` times as long as its motion.
-
-    Returns
-    -------
-    An image (R, R, 3) uint8; None where the squeeze is not known.
-    """
-    if (squeeze := grasp.squeeze) is None:
-        return None
-    posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in squeeze.hand]
-    image = renderer.render([(grasp.object_mesh[0], np.eye(4)), *posed_hand], near, lamp_beside(scene, near)).rgb
-    before, after = grasp.squares.mean(axis=1), squeeze.squares.mean(axis=1)
-    arrows = np.stack([before, before + EXAGGERATED * (after - before)], axis=1)
-    return _outlined(image, near, squeeze.squares, grasp.colors, arrows)
 
 
 def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: Sensor, color: Color) -> Mesh | None:
@@ -244,30 +211,15 @@ def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 
-def _outlined(
-    image: NDArray[np.uint8],
-    camera: Camera,
-    squares: NDArray[np.float64],
-    colors: Sequence[Color],
-    arrows: NDArray[np.float64] | None = None,
-) -> NDArray[np.uint8]:
-    """Draw the sensors' squares (S, 4, 3), and an arrow (S, 2, 3) each, over an image: smooth lines in their colours on a white rim."""
+def _outlined(image: NDArray[np.uint8], camera: Camera, squares: NDArray[np.float64], colors: Sequence[Color]) -> NDArray[np.uint8]:
+    """Draw the sensors' squares (S, 4, 3) over an image: smooth lines in their colours on a white rim."""
     fine = 4  # Pillow draws no smooth lines: drawn four times as large and averaged
     side = image.shape[0] * fine
     canvas = Image.fromarray(image).resize((side, side), Image.Resampling.NEAREST)
     pencil = ImageDraw.Draw(canvas)
     matrix = projection_matrix(camera)
     lines = [[*corners, corners[0], corners[1]] for corners in (project_points(matrix, square) * fine for square in squares)]
-    lines += [_arrow(project_points(matrix, ends) * fine, HEAD * fine) for ends in (() if arrows is None else arrows)]
-    for number, line in enumerate(lines):
-        for ink, wide in (((255, 255, 255), RIM), (colors[number % len(colors)], LINE)):
+    for line, color in zip(lines, colors, strict=True):
+        for ink, wide in (((255, 255, 255), RIM), (color, LINE)):
             pencil.line([(float(u), float(v)) for u, v in line], fill=ink, width=round(wide * fine), joint="curve")
     return np.asarray(canvas.resize((image.shape[1], image.shape[0]), Image.Resampling.BOX))
-
-
-def _arrow(ends: NDArray[np.float64], head: float) -> list[NDArray[np.float64]]:
-    """Compute the points of an arrow from the first of two ends (2, 2) to the second, with a head of that length, pixels."""
-    start, end = ends
-    along = (start - end) / max(float(np.linalg.norm(end - start)), 1e-9)
-    across = np.array([-along[1], along[0]])
-    return [start, end, end + head * (along + across / 2), end, end + head * (along - across / 2)]

@@ -29,7 +29,7 @@ from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, Point, read_trade
 from pipeline.tradeoff.sample import FEWEST
 from pipeline.tradeoff.sweep import assignment, file_name
 from schemas.catalogue import ARTIFACTS
-from stages.registry import BUILT_IN, GRASP_STAGES, STAGES, TRADED, load_stage, load_trade, resolve
+from stages.registry import GRASP_STAGES, TRADED, load_stage, load_trade, resolve
 
 TOUCH_ALONE = ("train-gcn.configuration=touch", "evaluate.configurations=[touch]")
 """The network whose trade is measured: it needs no images."""
@@ -99,9 +99,6 @@ class Setup:
 def stages_before(stage: str, setup: Setup) -> list[str]:
     """List the stages whose outputs a stage needs, directly or indirectly, in the order of the pipeline."""
     makers = {load_stage(name).writes(setup.settings(name)): name for name in GRASP_STAGES}
-    for name in (name for name in STAGES if name not in BUILT_IN):
-        with suppress(PipelineError):  # a plugin that cannot be used
-            makers[load_stage(name).writes(setup.settings(name))] = name
     needed: set[str] = set()
     waiting = [stage]
     while waiting:
