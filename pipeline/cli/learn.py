@@ -33,7 +33,6 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
 from pipeline.tradeoff import sweep as sweeps
-from pipeline.training.process_group import process_group
 from schemas.grasps import GRASPS
 from stages.registry import STAGES, load_stage, resolve
 
@@ -55,8 +54,6 @@ def sweep(
 
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
-    if together := process_group():
-        fail(f"a sweep runs in one process, {together.launcher} started {together.count}; run its points one by one with `vt-pipeline run`")
     loaded = load_stage(stage) if stage in STAGES else None
     default_grid = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
     if not isinstance(loaded, DatasetStage) or not loaded.trains:

@@ -35,13 +35,13 @@ from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, errors, pluralise, print_line
 from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
+from pipeline.engine.run import run as execute
 from pipeline.engine.shard import failures as failures_of
 from pipeline.engine.stage import DatasetStage, ObjectStage
 from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
 from pipeline.store.storage import Place, on_disk
-from pipeline.training.process_group import process_group, run_together
 from stages.registry import STAGES, load_stage
 
 
@@ -74,7 +74,6 @@ def run(
 
     Objects that are up to date are left alone; a run that was killed continues where it stopped.
     """
-    console.quiet = (together := process_group()) is not None and together.rank > 0  # only the first of several processes prints
     if stage not in STAGES:
         fail(unknown_name("stage", stage, STAGES))
     shared = make_request(
@@ -122,13 +121,13 @@ def run_plan(plan: Plan[Any]) -> None:
     if plan.up_to_date():
         print_line(f"{stage} {plan.path}: up to date, {pluralise(len(plan.units)) if plan.missing else pluralise(plan.total)}")
     elif not plan.total:
-        run_together(plan, console)
+        execute(plan, console)
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
         _warn_of_low_disk_space(plan)
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
-        result = run_together(plan, console)
+        result = execute(plan, console)
         text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
         without_input = sum(unit.failure is not None and not plan.failed_here(unit.failure) for unit in plan.units)
         note = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""

@@ -101,20 +101,10 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     return Summary(plan.total, 0, time.perf_counter() - began)
 
 
-def join_folder(plan: Plan[FolderOutput], console: Console) -> None:
-    """Let the stage work beside the process that fills the folder; nothing is published."""
-    with local_copy(plan.output.work / plan.key[:16]) as work:
-        plan.stage.make(_job(plan, work, console))
-
-
-def _job(plan: Plan[FolderOutput], work: Path, console: Console) -> DatasetJob:
-    return DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console)
-
-
 def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Console) -> FolderRecord:
     began, (unit,) = time.perf_counter(), plan.units
     _verify_inputs(plan, console)
-    facts = plan.stage.make(_job(plan, work, console))
+    facts = plan.stage.make(DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console))
     record = FolderRecord(
         **plan.provenance(),
         splits=plan.stage.splits(plan.settings),

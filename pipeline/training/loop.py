@@ -27,7 +27,6 @@ from pipeline.training import checkpoint
 from pipeline.training.batch_norm import share_batch_norm
 from pipeline.training.device import torch_threads
 from pipeline.training.learner import Learner
-from pipeline.training.process_group import HELP, HelpDone, process_group
 from pipeline.training.processes import (
     RESUME_HINT,
     end_children_on_interrupt,
@@ -72,19 +71,15 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
 
     Raises
     ------
-    HelpDone
-        In each process but the first of those that were started together: the first one saves the model.
     ProcessRaisedException
         One of several processes raised an error that is a fault of ours: its traceback is the message.
     StageError
-        There are no items; the number of processes differs from the settings, or a process was killed; or a loss is NaN, raises in a
-        kernel, or explodes: the message names epoch, step, and the items of the batch.
+        There are no items; a process was killed; or a loss is NaN, raises in a kernel, or explodes: the message names epoch, step, and the
+        items of the batch.
     """
-    if (group := process_group()) and group.rank == 0:
-        group.broadcast(HELP)
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")
-    fabric = make_fabric(settings, folder, name)
+    fabric = make_fabric(settings, folder)
     begin: Any = _begin  # Fabric's signature leaves out the arguments that it passes on
     try:
         with end_children_on_interrupt():
@@ -95,8 +90,6 @@ def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: i
         raise StageError(message) from error
     except ProcessExitedException as error:
         raise StageError(f"{name}: process {error.error_index} of {settings.devices} {_how_it_ended(error)}; {RESUME_HINT}") from error
-    if group and group.rank:
-        raise HelpDone
     learner.network.load_state_dict(checkpoint.load_best(folder))
     return facts
 
@@ -171,7 +164,6 @@ class _Training:
             "hardware": {
                 "device": torch.cuda.get_device_name(fabric.device) if gpu else f"{platform.machine()} CPU",
                 "processes": fabric.world_size,
-                "nodes": settings.num_nodes,
                 "processors": kinds,
                 "threads": torch.get_num_threads(),
                 "precision": settings.precision,

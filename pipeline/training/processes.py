@@ -1,4 +1,4 @@
-"""The processes of a training, started by this program, by torchrun or by srun."""
+"""The processes of a training on this machine."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from pipeline.store.digest import LOGS
 from pipeline.store.record import processor_kind
 from pipeline.store.temporary import temporary_folder
 from pipeline.training.device import device_of
-from pipeline.training.process_group import process_group
 from pipeline.training.settings import TrainingSettings
 
 if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date need not spend
@@ -43,73 +42,53 @@ REPORT_DELAY = 3.0
 """Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
 
 
-def make_fabric(settings: TrainingSettings, folder: Path, name: str) -> Fabric:
+def make_fabric(settings: TrainingSettings, folder: Path) -> Fabric:
     """Make the `Fabric` that runs a training in the processes that the settings ask for.
 
     Parameters
     ----------
     settings
-        Give accelerator, devices, nodes and precision.
+        Give accelerator, devices and precision.
     folder
         Of the model; TensorBoard logs go below it.
-    name
-        Of the training, for messages.
 
     Raises
     ------
     StageError
-        The device cannot be used, or other processes were started than the settings ask for.
+        The device cannot be used.
     """
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
     from lightning_fabric.plugins.environments.lightning import LightningEnvironment
-    from lightning_fabric.plugins.environments.torchelastic import TorchElasticEnvironment
-    from lightning_fabric.strategies.ddp import DDPStrategy
     from lightning_fabric.utilities import rank_zero
     from lightning_fabric.utilities.exceptions import MisconfigurationException
 
-    group = process_group()
-    _check_count(settings, name)
     logging.getLogger(rank_zero.__name__).setLevel(logging.WARNING)  # its advice names calls that no setting makes
     try:
         device = device_of(settings.accelerator).type
         precision: Any = settings.precision
-        plugins: list[Any] = [TorchElasticEnvironment() if group else LightningEnvironment()]  # in a job of Slurm, too
+        plugins: list[Any] = [LightningEnvironment()]  # in a job of Slurm, too
         if precision == "bf16-mixed":
             from pipeline.training.mixed_precision import MixedPrecisionLayers
 
             plugins.append(MixedPrecisionLayers(precision, device))
             precision = None  # Fabric takes it from the plugin
         strategy: Any = "auto"
-        if settings.devices * settings.num_nodes > 1:
+        if settings.devices > 1:
             from pipeline.training.local_processes import LocalProcesses
 
-            strategy = DDPStrategy(timeout=SILENCE) if group else LocalProcesses()
-            if settings.num_nodes == 1:
-                os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
+            strategy = LocalProcesses()
+            os.environ.setdefault("GLOO_SOCKET_IFNAME", "lo")  # no other machine has to reach them
         return Fabric(
             accelerator=device,
             strategy=strategy,
             devices=settings.devices,
-            num_nodes=settings.num_nodes,
             precision=precision,
             plugins=plugins,
             loggers=TensorBoardLogger(folder, name=LOGS, version=""),
         )
     except (RuntimeError, ValueError, ImportError, MisconfigurationException) as error:  # the last: fewer GPUs than devices
         raise StageError(f"accelerator {settings.accelerator}, {settings.devices} devices, {settings.precision}: {error}") from error
-
-
-def _check_count(settings: TrainingSettings, name: str) -> None:
-    group, nodes, devices = process_group(), settings.num_nodes, settings.devices
-    if group is None:
-        if nodes > 1:
-            raise StageError(f"{name}: num_nodes is {nodes}, and one process was started; use torchrun or srun on each node")
-    elif (group.on_node, group.count) != (devices, devices * nodes):
-        raise StageError(
-            f"{name}: {group.launcher} started {group.count} processes, {group.on_node} on this node, and the settings ask for "
-            f"{devices * nodes} (devices {devices} x num_nodes {nodes}); make them equal"
-        )
 
 
 @contextmanager

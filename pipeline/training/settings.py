@@ -29,8 +29,7 @@ class TrainingSettings(Settings):
     batch_size: int = setting(16, "items per step", ge=1)
     epochs: int = setting(100, "at most", ge=1)
     patience: int | None = setting(None, "epochs without a better validation loss after which training stops; null never does", ge=1)
-    devices: int = setting(1, "processes per node that share a batch: the losses of one process, but for rounding", ge=1)
-    num_nodes: int = setting(1, "nodes; more than one are started with torchrun or srun", ge=1)
+    devices: int = setting(1, "processes on this machine that share a batch: the losses of one process, but for rounding", ge=1)
     precision: Literal["32-true", "bf16-mixed", "64-true"] = setting(
         "32-true",
         "bf16-mixed computes layers in bfloat16: a U-Net of width 64 takes 0.6 of the time on a CPU that knows it, small networks as long",

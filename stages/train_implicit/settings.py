@@ -73,7 +73,7 @@ class ImplicitSettings(ReconstructionSettings):
 
     @model_validator(mode="after")
     def _norm_of_any(self) -> ImplicitSettings:
-        if self.named.image == "any" and self.encoder_norm == "batch" and self.devices * self.num_nodes > 1:
+        if self.named.image == "any" and self.encoder_norm == "batch" and self.devices > 1:
             raise ValueError("encoder_norm=batch needs an image of some item in each process, which implicit-any may not have; take group")
         return self
 

@@ -42,7 +42,7 @@ NOT_RUN = {
     r"pip (install|wheel)|^PIP_": "would change the environment that runs this",
     r"vt-pipeline advise .*--(within|error)": "needs minutes of tradeoff under the same code; tests/tradeoff runs both",
     r"jupyter lab|^tensorboard": "a server; make test-docs runs the notebook",
-    r"^torchrun|^srun|devices=4$": "four processes or two nodes; tests/training/test_torchrun.py runs two",
+    r"devices=4$": "four processes; tests/training/test_processes.py runs two",
     r"calibrate-sensor": "takes photographs; tests/inference/test_calibrate_sensor.py makes some",
     r"vt-pipeline read-touch": "takes photographs; tests/inference/test_read_touch.py makes some",
     r"vt-pipeline view": "needs Rerun; make test-exports runs it",
