@@ -40,15 +40,6 @@ def test_any_touch_chart_gives_finite_vertices(kind: str, seed: int, scale: floa
     assert all(bool(torch.isfinite(gradient).all()) for gradient in gradients)
 
 
-@pytest.mark.parametrize("count", [0, 1, 20])
-def test_item_does_not_depend_on_its_batch(count: int) -> None:
-    network = small(**TOUCH)
-    batch = inputs([0, count, 20], network.config)
-    alone = batch | {"touch_vertices": batch["touch_vertices"][:count], "touched": batch["touched"][:count], "counts": [count]}
-    with torch.no_grad():
-        torch.testing.assert_close(network(**batch)[1:2], network(**alone), rtol=0, atol=1e-12)
-
-
 @pytest.mark.parametrize("training", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
 def test_black_white_and_noisy_images_give_finite_vertices(kind: str, training: bool) -> None:

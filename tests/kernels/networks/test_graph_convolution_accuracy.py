@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 
-import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -15,7 +14,6 @@ from torch import Tensor, nn
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
 from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork, ZeroNeighbourLayer
-from tests.references.dense_graph import dense_mean
 from tests.strategies import seeds
 
 COUNTS = st.lists(st.sampled_from([0, 1, 4, 20]), min_size=1, max_size=3)
@@ -33,14 +31,6 @@ def layer_of(mixed: float, dtype: torch.dtype = torch.float64) -> ZeroNeighbourL
         layer.linear.weight.normal_(generator=generator)
     nn.init.zeros_(layer.linear.bias)
     return layer
-
-
-@pytest.mark.parametrize("counts", [[0], [1], [20]])
-def test_average_equals_the_dense_average_with_and_without_charts(counts: list[int]) -> None:
-    sphere = vision_charts(0)
-    expected = dense_mean(sphere.faces, sphere.vertices, sphere.centres, 3, counts)
-    graph = graph_of(counts)
-    np.testing.assert_allclose((graph.adjacency.to_dense() / graph.degree).numpy(), expected, rtol=1e-15)
 
 
 @TYPES
@@ -100,12 +90,3 @@ def test_nan_spreads_to_neighbours_only() -> None:
     features[7] = math.nan
     spoilt = layer(features, graph).isnan().any(dim=1)
     assert torch.equal(spoilt, (graph.adjacency.to_dense() / graph.degree)[:, 7] > 0)
-
-
-def test_autocast_keeps_displacements_in_full_precision() -> None:
-    """The last layer maps in float32: bfloat16 would move vertices in steps of a millimetre."""
-    features = torch.randn(sum(graph_of([1]).sizes), 5, generator=torch.Generator().manual_seed(0))
-    with torch.no_grad(), torch.autocast("cpu", torch.bfloat16):
-        moved = GraphConvolutionNetwork(5, 4, 24)(features, graph_of([1], torch.float32))
-    assert moved.dtype == torch.float32
-    assert float((moved.bfloat16().float() != moved).float().mean()) > 0.9
