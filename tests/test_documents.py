@@ -105,8 +105,8 @@ def test_readme_is_short_and_starts_with_a_picture():
     assert (ROOT / "docs" / "overview.png").stat().st_size < 300_000
 
 
-def test_workflow_runs_lint_and_the_commands_of_this_repository():
+def test_workflow_runs_the_commands_of_this_repository():
     workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text())
     runs = [step.get("run", "") for job in workflow["jobs"].values() for step in job["steps"]]
-    assert {"make lint", ".ci/run"} <= set(runs)
+    assert ".ci/run" in runs
     assert "test-slow" in workflow["jobs"]["nightly"]["strategy"]["matrix"]["target"]

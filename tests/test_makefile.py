@@ -82,7 +82,7 @@ def test_number_of_shards_is_the_requested_one_or_that_of_the_dataset(requested,
 def test_all_prerequisites_have_rules():
     written = "".join((ROOT / name).read_text() for name in ("Makefile", "tools/development.mk"))
     targets = re.findall(r"^([a-z-]+):.*## ", written, re.MULTILINE)
-    assert {"dataset", "test-sensors", "test-hands", "showcase"} <= set(targets)
+    assert {"dataset", "test-sensors", "test-hands"} <= set(targets)
     make(*(target for target in targets if target != "reproduce"))  # reproduce runs make even in a dry run
 
 
@@ -153,10 +153,8 @@ def test_values_reach_vt_pipeline_unchanged(value, workplace):
         workplace.log.unlink()
 
 
-@pytest.mark.parametrize("target", ["summary", "renderings", "test-hands", "showcase"])
+@pytest.mark.parametrize("target", ["summary", "renderings", "test-hands"])
 def test_values_reach_other_programs_unchanged(target, workplace):
-    (workplace.root / ".venv-showcase").mkdir()
-    (workplace.root / ".venv-showcase" / "installed").touch()
     (workplace.root / ".venv-hands").mkdir()
     (workplace.root / ".venv-hands" / "installed").touch()
     value = f"'`touch {CANARY}`\" $(shell touch {CANARY}) ; touch {CANARY}"

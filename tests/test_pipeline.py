@@ -161,29 +161,6 @@ def test_digests_do_not_depend_on_shards(manifest, made, tmp_path):
     assert "up to date" in vt(*run_of("simulate-touch", manifest, tmp_path))
 
 
-DRY_RUNS = """
-import json, sys
-from typer.testing import CliRunner
-from pipeline.cli import app
-print(json.dumps([CliRunner().invoke(app, arguments).output for arguments in json.loads(sys.argv[1])]))
-"""
-
-
-@pytest.mark.slow  # tests/engine/test_keys.py checks the hashes
-def test_changed_kernel_makes_only_dependent_stages_run_again(manifest, made, tmp_path):
-    for package in ("pipeline", "stages", "schemas", "data_manifests"):
-        shutil.copytree(ROOT / package, tmp_path / package)
-    source = tmp_path / "pipeline/kernels/touch/tactile_image.py"
-    source.write_text(source.read_text() + "\nCHANGED = True\n")
-    command = [sys.executable, "-c", DRY_RUNS, json.dumps([run_of(stage, manifest, made, "--dry-run") for stage in GRASP_STAGES])]
-    outputs = json.loads(subprocess.check_output(command, env={**os.environ, "PYTHONPATH": str(tmp_path)}, cwd=tmp_path))
-    assert [stage for stage, words in zip(GRASP_STAGES, outputs, strict=True) if "would " in words] == [
-        "simulate-touch",
-        "simulate-presses",
-        "train-touch",
-    ]
-
-
 def test_grasps_are_read_as_tensors(made):
     arrays = ("points", "occluded", "tactile_image", "depth", "sensor_pose", "touch_success", "local_points", "local_count", "untouched")
     train = GraspDataset(made, arrays)

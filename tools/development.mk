@@ -1,7 +1,7 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
-        tradeoff showcase test-systems weights sensor-weights
+        tradeoff test-systems weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -77,7 +77,3 @@ bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, b
 
 tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (40 minutes on 2 cores)
 	@$(BIN)/python -m benchmarks.tradeoff --write docs/tradeoff.md
-
-# Blender has an environment of its own, which is given scenes and gives pictures.
-showcase: installed-blender  ## render ten grasps, a turntable and touch to shape with Blender: data/showcase (15 minutes on 2 cores)
-	@$(BIN)/python -m tools.showcase $(call quoted,$(DATA)) data/showcase --blender .venv-showcase/bin/python

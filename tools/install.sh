@@ -180,12 +180,6 @@ hands) # files alone, from wheels
     stop_if_fresh .venv-hands installed "$venv/installed" benchmarks/hands/requirements.txt
     install "$venv" --no-deps --upgrade --target .venv-hands/hands -r benchmarks/hands/requirements.txt
     ;;
-blender) # needs an older numpy, and Python 3.11
-    stop_if_fresh .venv-showcase installed
-    create_3_11 .venv-showcase
-    echo "installing Blender into .venv-showcase (400 MB)"
-    install .venv-showcase bpy==4.5.15
-    ;;
 slurm)
     packages slurm-wlm munge
     exit
@@ -197,7 +191,7 @@ household)
     exit
     ;;
 remove)
-    rm -rf .venv-peers .venv-peers-tacto .venv-hands .venv-exports .venv-showcase
+    rm -rf .venv-peers .venv-peers-tacto .venv-hands .venv-exports
     [ ! -e "$venv/pyvenv.cfg" ] || rm -rf -- "$venv" # VENV may name any folder
     exit
     ;;

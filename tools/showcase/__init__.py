@@ -1,1 +1,0 @@
-"""Pictures to show: grasps rendered by Blender, beside our own renderer."""
