@@ -143,9 +143,9 @@ def predict(
         print_line(line)
     if (mesh := result.closed) is not None:
         color = f"{mesh.seen.mean():.0%} coloured by the image" if mesh.seen.any() else "no colour: no image shows any of it"
-        print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.certain_places}; {color}")
+        print_line(f"{result.files[0]}: closed, {len(mesh.vertices)} vertices, {len(mesh.faces)} faces, {result.given_places}; {color}")
         return
-    size = f"{len(result.reconstruction.vertices)} vertices, {len(result.reconstruction.faces)} faces, {result.certain_places}"
+    size = f"{len(result.reconstruction.vertices)} vertices, {len(result.reconstruction.faces)} faces, {result.given_places}"
     for path in result.files:
         print_line(f"{path}: {size}")
 

@@ -1,4 +1,4 @@
-"""The inputs that a trained network takes, and those that it gets from an observation."""
+"""Describe the inputs that a trained network takes, and choose those that it gets from an observation."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 @dataclass(frozen=True)
 class ModelInputs:
-    """The inputs that a model was trained with.
+    """Describe the inputs that a model was trained with.
 
     Attributes
     ----------

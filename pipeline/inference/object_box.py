@@ -22,7 +22,7 @@ OUTLIERS = 1.0
 
 @dataclass(frozen=True)
 class ObjectBox:
-    """The place of an object: centre (3,) and diagonal of its bounding box, m, the latter None if not known; and the source of both."""
+    """Hold the place of an object: centre (3,) and diagonal of its bounding box, m (None if not known), and the source of both."""
 
     centre: NDArray[np.float64]
     diagonal: float | None
@@ -78,7 +78,7 @@ def _visible_box(observation: RobotObservation, model: ModelInputs | None) -> tu
 
 
 def size_factor(box: ObjectBox, model: ModelInputs) -> float:
-    """Compute the factor that makes an object as large as those that a model sees; its size, if unknown, is taken to be as in training."""
+    """Compute the factor that scales an object to the size at which a model sees all objects; an unknown size is that of `learned_size`."""
     return 2 * model.config.radius / (learned_size(model) if box.diagonal is None else box.diagonal)
 
 

@@ -266,15 +266,13 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
     """
     path = Path(path)
     entries = read_entries(path)
-    context, lines = {"folder": path.parent}, []
+    context, lines, hint = {"folder": path.parent}, [], ""
     try:
         observation: RobotObservation | None = RobotObservation.model_validate(entries, context=context)
     except ValidationError as error:
         names = entry_names(RobotObservation)
         lines, hint = [invalid_entries(error, names)], f". {entries_of(RobotObservation)}"
         observation = _usable_part(entries, error, context)
-    else:
-        hint = ""
     if observation is not None:  # invalid cameras or touches might have located the object
         lines += [line for line in faults(observation) if not (lines and line.startswith(NOWHERE))]
     if lines:

@@ -16,7 +16,7 @@ from pipeline.inference.observation_file import ObservedCamera, RobotObservation
 from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.background import border
+from pipeline.kernels.vision.background import background_color, border
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import (
     camera_direction,
@@ -147,8 +147,7 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
 def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
     """Choose the colour of what the photograph does not show, and paint the pixels outside its mask."""
     if model.background is None:
-        red, green, blue = (int(level) for level in np.median(border(camera.image), axis=0))
-        return (red, green, blue), camera.image
+        return background_color(camera.image), camera.image
     if camera.mask is None:
         return model.background, camera.image
     mask = camera.mask
@@ -246,7 +245,7 @@ def _touch_remarks(observation: RobotObservation, box: ObjectBox, sensor: Sensor
 
 
 def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.bool_]:
-    """Tell which sensors (T,) that touch do not face the object's centre."""
+    """Find the sensors (T,) that touch and face away from the object's centre."""
     towards = (unit_vectors(box.centre - gel_centres(observation)) * observation.sensor_poses[:, :3, 2]).sum(axis=1)
     return np.asarray((towards < FACING_AWAY) & np.array([touch.touched is not False for touch in observation.touches], bool))
 

@@ -68,11 +68,11 @@ class Prediction:
 
     def __repr__(self) -> str:
         surface = self.closed or self.reconstruction
-        return f"Prediction({len(surface.vertices)} vertices, {len(surface.faces)} faces, {self.certain_places})"
+        return f"Prediction({len(surface.vertices)} vertices, {len(surface.faces)} faces, {self.given_places})"
 
     @property
-    def certain_places(self) -> str:
-        """State what was given of places on the surface, in words."""
+    def given_places(self) -> str:
+        """Count, in words, the places on the surface that were given."""
         given = ((int(self.touched.sum()), "touch"), (self.visible, "visible patch"))
         return " and ".join(pluralise(count, name) for count, name in given if count) or "no touch, so that no place of it is certain"
 
@@ -224,10 +224,9 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     else:
         observed = load_observation(observation, lambda part: faults(part, reader.suited_to(part).inputs))
     reader = reader.suited_to(observed)
-    model = reader.model
     placed = place_observation(observed, reader.inputs)
     network_inputs = reader.of_robot(placed)
-    reconstruction = model.reconstruct([network_inputs])[0]
+    reconstruction = reader.model.reconstruct([network_inputs])[0]
     touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
     prediction = Prediction(
         replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.vision.background import border
+from pipeline.kernels.vision.background import background_color
 from pipeline.kernels.vision.view_transfer import carried_camera, moved_projection, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
@@ -111,8 +111,7 @@ def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.f
     real = moved_projection(camera, place.motion)
     turned = carried_camera(camera, real, centre)
     rows, cols = observation.image.shape[:2]
-    red, green, blue = (int(level) for level in np.median(border(observation.image), axis=0))  # of the background
-    image, _ = transfer_view(observation.image, real, turned, (rows, cols), (red, green, blue))
+    image, _ = transfer_view(observation.image, real, turned, (rows, cols), background_color(observation.image))
     return replace(observation, image=image, touch_vertices=place.moved(observation.touch_vertices), camera=turned)
 
 

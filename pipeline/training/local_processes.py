@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import tempfile
+from datetime import timedelta
 from pathlib import Path
 
 import torch.distributed
 from lightning_fabric.strategies.ddp import DDPStrategy
 
-from pipeline.training.processes import SILENCE
+SILENCE = timedelta(minutes=10)
+"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes.
+A killed process is noticed immediately."""
 
 
 class LocalProcesses(DDPStrategy):

@@ -19,9 +19,11 @@ import torch
 from torch.multiprocessing.spawn import ProcessExitedException, ProcessRaisedException
 
 from pipeline.console import Meter, console_on
+from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store.digest import of_json
+from pipeline.store.record import processor_kind
 from pipeline.store.storage import read_bytes
 from pipeline.training import checkpoint
 from pipeline.training.batch_norm import share_batch_norm
@@ -34,7 +36,6 @@ from pipeline.training.processes import (
     gather_strings,
     lost_peers_as_stage_error,
     make_fabric,
-    processors_of,
 )
 from pipeline.training.read_ahead import read_ahead
 from pipeline.training.schedule import rate_at
@@ -149,7 +150,6 @@ class _Training:
                 self.save()
         if fabric.is_global_zero:
             (self.folder / METRICS).write_text(json.dumps(progress.history, indent=2, allow_nan=False))
-        kinds = processors_of(fabric)
         del self.network  # its reducer must not be the last to hold the process group, whose destructor would then deadlock
         if fabric.world_size > 1:  # otherwise its threads end with the process, and sometimes abort it
             torch.distributed.destroy_process_group()
@@ -164,7 +164,7 @@ class _Training:
             "hardware": {
                 "device": torch.cuda.get_device_name(fabric.device) if gpu else f"{platform.machine()} CPU",
                 "processes": fabric.world_size,
-                "processors": kinds,
+                "processors": [processor_kind(processor())],
                 "threads": torch.get_num_threads(),
                 "precision": settings.precision,
             },

@@ -1,4 +1,4 @@
-"""The processes of a training on this machine."""
+"""Start the processes of a training on this machine, end them with it, and let them exchange words."""
 
 from __future__ import annotations
 
@@ -10,17 +10,14 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import torch
 import torch.distributed
 
-from pipeline.engine.versions import processor
 from pipeline.errors import StageError
 from pipeline.store.digest import LOGS
-from pipeline.store.record import processor_kind
 from pipeline.store.temporary import temporary_folder
 from pipeline.training.device import device_of
 from pipeline.training.settings import TrainingSettings
@@ -30,10 +27,6 @@ if TYPE_CHECKING:  # importing it takes seconds, which a run that is up to date 
 
 RESUME_HINT = "run the same command again: it goes on from its last checkpoint"
 """The remedy in messages about a training that ended early."""
-
-SILENCE = timedelta(minutes=10)
-"""Longest wait for an answer of a running process: more than a checkpoint or the reading of a list of items takes.
-A killed process is noticed immediately."""
 
 WORD = 4096
 """Maximum number of bytes that a process broadcasts."""
@@ -149,8 +142,3 @@ def gather_strings(fabric: Fabric, word: str) -> list[str]:
     padded = torch.tensor(list(word.encode().ljust(WORD)), dtype=torch.uint8, device=fabric.device)
     rows: Any = fabric.all_gather(padded)
     return [bytes(row).decode(errors="replace").rstrip() for row in rows.reshape(-1, WORD).tolist()]
-
-
-def processors_of(fabric: Fabric) -> list[str]:
-    """List the kinds of processors that take part."""
-    return sorted(set(gather_strings(fabric, processor_kind(processor()))))

@@ -253,7 +253,7 @@ def test_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp
 
 
 def test_depth_of_a_camera_replaces_touches(data, grasp, tmp_path):
-    """The visible side of the ball becomes part of the surface without a touch, and without a U-Net."""
+    """Without a touch and without a U-Net, the visible side of the ball becomes part of the surface."""
     described = yaml.safe_load((grasp.parent / "rgbd.yaml").read_text())
     described["camera"] |= {name: str(grasp.parent / value) for name, value in described["camera"].items() if str(value).endswith(".png")}
     file = write(tmp_path / "rgbd.yaml", described)

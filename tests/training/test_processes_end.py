@@ -15,7 +15,7 @@ from tests.stages.tiny_dataset import manifest, run_stage
 
 OBJECTS = manifest(2, 1)
 SETTINGS = {"configuration": "none", "gcn_layers": 3, "gcn_features": 12, "loss_points": 200, "batch_size": 3, "threads": 1}
-SETTINGS |= {"precision": "64-true", "accelerator": "cpu", "checkpoint_seconds": 0, "epochs": 3}
+SETTINGS |= {"precision": "64-true", "accelerator": "cpu", "checkpoint_seconds": 0, "epochs": 100_000, "devices": 2}
 
 
 @pytest.fixture
@@ -26,8 +26,8 @@ def data(tmp_path: Path) -> Path:
     return tmp_path / "data"
 
 
-def command(data: Path, **settings: object) -> list[str]:
-    assignments = [f"--set=train-gcn.{name}={value}" for name, value in (SETTINGS | settings).items()]
+def command(data: Path) -> list[str]:
+    assignments = [f"--set=train-gcn.{name}={value}" for name, value in SETTINGS.items()]
     return ["-m", "pipeline", "run", "train-gcn", f"--data={data}", f"--manifest={data.parent / 'tiny.yaml'}", *assignments]
 
 
@@ -41,7 +41,7 @@ def wait_for_checkpoint(data: Path, job: subprocess.Popen[bytes]) -> None:
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 143), (signal.SIGKILL, -9)])
 def test_processes_end_with_the_command_that_started_them(data: Path, number: int, status: int) -> None:
     ignoring = ["sh", "-c", 'trap "" INT; exec "$@"', "sh"]  # as a job in the background
-    job = subprocess.Popen([*ignoring, sys.executable, *command(data, devices=2, epochs=100_000)], stderr=subprocess.DEVNULL)
+    job = subprocess.Popen([*ignoring, sys.executable, *command(data)], stderr=subprocess.DEVNULL)
     wait_for_checkpoint(data, job)
     started = [int(child) for child in Path(f"/proc/{job.pid}/task/{job.pid}/children").read_text().split()]
     assert len(started) >= 2

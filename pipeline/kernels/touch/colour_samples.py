@@ -58,7 +58,7 @@ class Sample:
     def equations(self) -> NDArray[np.float64]:
         """(k, k + 3) float64, the normal equations: their matrix, and beside it their right-hand sides."""
         weighted = np.where(self.inside, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
-        return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # a matrix by itself: numpy computes one half of the product
+        return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
 
     def error(self, coefficients: NDArray[np.float64]) -> float:
         """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3).

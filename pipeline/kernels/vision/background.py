@@ -1,4 +1,4 @@
-"""The background of an image: the colour of most of its border."""
+"""Find the background of an image: it has the colour of most of the border."""
 
 from __future__ import annotations
 
@@ -14,6 +14,12 @@ ALIKE = 6
 def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
     return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def background_color(image: NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Compute the colour of most of the border of an image, (rows, cols, 3): sRGB."""
+    red, green, blue = (int(level) for level in np.median(border(image), axis=0))
+    return red, green, blue
 
 
 def border(image: NDArray[Any]) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""The background of an image, by the colour of its border."""
+"""Find the background of an image by the colour of its border."""
 
 from __future__ import annotations
 
