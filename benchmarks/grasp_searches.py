@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +40,8 @@ def measure(data: Path, searches: Sequence[str], object_ids: Sequence[str] = ())
         assert isinstance(settings, GraspSettings)
         rows: dict[str, Row] = {}
         with SimulateGrasps().session(settings, {}) as process:
-            process(Unit(names[0]), {"surfaces": surfaces.view(names[0])})  # compiles
+            with suppress(InvalidInput):
+                process(Unit(names[0]), {"surfaces": surfaces.view(names[0])})  # compiles
             begin = time.process_time()
             for name in names:
                 try:

@@ -25,6 +25,7 @@ from pipeline.models.families import inputs_of, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
 from pipeline.rng import numpy_rng, torch_generator
+from pipeline.store import digest
 from pipeline.store.storage import place
 from pipeline.training.items import Items
 from pipeline.training.loop import train
@@ -52,7 +53,8 @@ class Experiment:
 
     def figures(self, configuration: str, count: int, epochs: int, seed: int) -> dict[str, list[float]]:
         """Train a network on a number of objects unless it is trained; return its errors for each kind of input."""
-        folder = self.out / f"{configuration}-{count}-{epochs}-{seed}"
+        shared = digest.of_json([str(self.data), str(self.tested), [*self.classes], [*self.ways], [*self.assignments]])
+        folder = self.out / f"{configuration}-{count}-{epochs}-{seed}-{shared[:8]}"
         if not (folder / DONE).exists():
             changes = [f"configuration={configuration}", f"epochs={epochs}", f"training_seed={seed}", *self.assignments]
             settings = resolve(TrainImplicit.name, "draft", [f"{TrainImplicit.name}.{text}" for text in changes])

@@ -1,5 +1,6 @@
 """Manifests of folders: their layouts, catalogues, and meshes with companions."""
 
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -213,3 +214,18 @@ def test_empty_unit_in_a_catalogue_is_that_of_the_source(tmp_path):
     (tmp_path / "catalogue.csv").write_text("object_id,category,file,up,metres_per_unit\na,cup,a.obj,,0.001\nb,cup,b.obj,,\n")
     objects = manifest(folder("catalogue", metres_per_unit=1.0)).objects(tmp_path)
     assert {item.object_id: item.source["metres_per_unit"] for item in objects} == {"a": 0.001, "b": 1.0}
+
+
+def test_name_that_is_not_utf8_is_refused(tmp_path):
+    (tmp_path / os.fsdecode(b"caf\xe9.obj")).write_text(CUBE)
+    with pytest.raises(InvalidInput, match=r"caf\\udce9\.obj' has bytes that are not UTF-8, or control characters, in its name; rename it"):
+        manifest(folder("directory")).objects(tmp_path)
+
+
+def test_names_in_other_scripts_stay_apart(tmp_path):
+    for name in ("杯子/红杯.obj", "杯子/蓝杯.obj", "瓶子/大瓶.obj"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(CUBE)
+    objects = manifest(folder("directory")).objects(tmp_path)
+    assert len({item.object_id for item in objects}) == 3
+    assert sorted(Counter(item.category for item in objects).values()) == [1, 2]

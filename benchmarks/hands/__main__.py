@@ -37,7 +37,7 @@ def main() -> None:
     options = parser.parse_args()
     options.data.mkdir(parents=True, exist_ok=True)
     columns = ["fingers", "sensors", "joints", "loaded in, s", "minutes", "peak, MB", "objects", "failed"]
-    columns += ["% of touches", "% of all attempts"]
+    columns += ["% of touches", "% of attempts, mean over objects"]
     table, reached = Table("Hands of others", columns), 0
     for name in options.hands:
         path = _installed(name, options.site_packages, options.data)

@@ -73,7 +73,7 @@ def _current(setup: Setup) -> list[MeasuredTrade]:
             how = "not measured yet" if trade is None else "measured with other settings or other code"
             options = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
             command = f"vt-pipeline tradeoff {stage} --data {setup.data} --preset {setup.preset}{options}"
-            fail(f"{stage}: {how}; run `{command}`, with your manifest and objects")
+            fail(f"{stage}: {how}; name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects")
     return trades
 
 

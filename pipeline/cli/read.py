@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
+from rich.markup import escape
 
 from pipeline.cli.failures import fail
-from pipeline.console import pluralise, print_line
+from pipeline.console import errors, pluralise, print_line
+from pipeline.errors import InvalidInput
 
 if TYPE_CHECKING:
     from pipeline.inference.photograph_stream import NamedPhotograph
@@ -58,7 +60,13 @@ def read_touch(
     began, count, reading_seconds = time.perf_counter(), 0, 0.0
     for name, image in stream:
         start = time.perf_counter()
-        reading = reader.read(image)
+        try:
+            reading = reader.read(image)
+        except InvalidInput as error:  # of another size
+            if not watch:
+                raise InvalidInput(f"{name}: {error}") from error
+            errors.print(f"[yellow]warning:[/] {escape(name)} is left out: {escape(str(error))}")
+            continue
         reading_seconds += time.perf_counter() - start
         area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
         print_line(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²")

@@ -134,8 +134,8 @@ def run_plan(plan: Plan[Any]) -> None:
         note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
             note = (
-                "; not published, because the others were made with other settings, inputs or code: run without --object, or, to look at "
-                f"{request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
+                "; not published, because the others are damaged, or were made with other settings, inputs or code: run without --object, "
+                f"or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
             )
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
@@ -143,7 +143,8 @@ def run_plan(plan: Plan[Any]) -> None:
             for line in plan.stage.remarks(plan.settings, plan.output.shard):
                 print_line(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
-    _print_failures({name: failure for name, failure in failures.items() if request.only in (None, name)})
+    failures = {name: failure for name, failure in failures.items() if request.only in (None, name)}
+    _print_failures(failures)
     if failures and request.strict:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
 

@@ -7,11 +7,15 @@ import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllocation
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, Stage, names_read
 from pipeline.errors import InvalidInput
+
+SEED = "training_seed"
+"""The setting that trainings and their evaluation share."""
 
 
 @dataclass(frozen=True)
@@ -65,27 +69,31 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
     """Plan the jobs of stages, given in the order of the pipeline, from what each reads and writes.
 
     A stage whose folder is named by one of its settings gets a job per folder that the other stages read: one `train-gcn` per
-    configuration that `evaluate` is asked for.
+    configuration that `evaluate` is asked for, with its training seed.
     """
     requested = list(stages)
-    models_read = [model for stage, settings in requested for model in stage.models(settings)]
+    models_read = [(model, dict(settings).get(SEED)) for stage, settings in requested for model in stage.models(settings)]
     jobs = []
     for stage, settings in requested:
-        variants = [job for folder in models_read if (job := _job_for(stage, settings, folder))]
+        variants = [job for folder, seed in models_read if (job := _job_for(stage, settings, folder, seed))]
         jobs += variants or [Job(stage, settings)]
     outputs = {job.output for job in jobs}
     return [replace(job, waits_for=tuple(name for name in names_read(job.stage, job.settings) if name in outputs)) for job in jobs]
 
 
-def _job_for(stage: Stage, settings: Settings, folder: str) -> Job | None:
-    """Find the job in which a stage writes this folder, if necessary with another value of the setting that names the folder."""
-    output, value = stage.writes(settings), Path(folder).name
-    if output == folder:
-        return Job(stage, settings)
-    for name, current in settings:
-        if current == Path(output).name and Path(output).parent == Path(folder).parent:
-            return Job(stage, type(settings).model_validate(dict(settings) | {name: value}), (f"{stage.name}.{name}={value}",))
-    return None
+def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) -> Job | None:
+    """Find the job in which a stage writes this folder, if necessary with another value of the setting that names it, and another seed."""
+    changes: dict[str, Any] = {SEED: seed} if seed is not None and dict(settings).get(SEED, seed) != seed else {}
+    seeded = type(settings).model_validate(dict(settings) | changes)
+    output, value = stage.writes(seeded), Path(folder).name
+    if output != folder:
+        parents = Path(output).parent, Path(folder).parent
+        name = next((name for name, current in seeded if current == Path(output).name), None)
+        if name is None or parents[0] != parents[1]:
+            return None
+        changes = {name: value} | changes
+    assignments = tuple(f"{stage.name}.{name}={value}" for name, value in changes.items())
+    return Job(stage, type(settings).model_validate(dict(settings) | changes), assignments)
 
 
 def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -92,8 +93,13 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundOb
 
 
 def as_name(*parts: str) -> str:
-    """Write parts of a path as an object id: joined by dashes, other characters replaced."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", "-".join(parts))
+    """Write parts of a path as an object id: joined by dashes, other characters replaced, a part without others by its hash."""
+    return "-".join(map(_ascii, parts))
+
+
+def _ascii(part: str) -> str:
+    name = re.sub(r"[^A-Za-z0-9._-]+", "_", part)
+    return name if not part or re.search("[A-Za-z0-9]", name) else hashlib.sha256(part.encode()).hexdigest()[:8]
 
 
 def _by_file(file: Path) -> MeshFile:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,13 @@ class Object:
     category: str
     source: dict[str, Any]
     split: str = ""
+
+
+def identity(source: Mapping[str, Any]) -> str:
+    """Name what an object is, wherever its file lies: the toy object that is modelled, or the SHA-256 of its mesh file."""
+    if "procedural" in source:
+        return f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}"
+    return _sha256(Path(source["file"]))
 
 
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.config.objects import Object, checksum
+from pipeline.console import visible
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 
@@ -63,7 +64,15 @@ class MeshSource(Source):
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
     def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
-        """Describe how to load a file of this source, which may name files below `root` and state its own up-axis and unit."""
+        """Describe how to load a file of this source, which may name files below `root` and state its own up-axis and unit.
+
+        Raises
+        ------
+        InvalidInput
+            Its path is not UTF-8, in which records are written.
+        """
+        if visible(str(file)) != str(file):
+            raise InvalidInput(f"{str(file)!r} has bytes that are not UTF-8, or control characters, in its name; rename it")
         unit, axis = stated_units(file)
         return {
             "file": str(file),

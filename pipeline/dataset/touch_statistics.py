@@ -65,7 +65,7 @@ class Tally:
         return subset
 
     def row(self) -> tuple[int, int, int, float, float]:
-        """Count objects, grasps and touches; give the percentages of touches that succeed: of those kept, of all attempts."""
+        """Count objects, grasps and touches; give the percentages that succeed of those kept, and of attempts (mean over objects)."""
         touched = np.concatenate(self.touched)
         return len(self.touched), len(touched), touched.size, 100 * touched.mean(), 100 * float(np.mean(self.tried))
 

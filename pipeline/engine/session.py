@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from pipeline.config.settings import ObjectSettings
+from pipeline.console import visible
 from pipeline.engine.stage import ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.engine.versions import processor
@@ -69,7 +70,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
             try:
                 row = conform(work.stage.output, process(unit, inputs))
             except InvalidInput as error:
-                failure = Failure(stage=work.stage.name, reason=str(error))
+                failure = Failure(stage=work.stage.name, reason=visible(str(error)))
             except MemoryError:
                 failure = Failure(stage=work.stage.name, reason=f"memory ran out; {MORE_MEMORY}")
             except Exception as error:  # a bug in this project: the other objects are processed anyway

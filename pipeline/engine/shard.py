@@ -237,7 +237,7 @@ def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> It
 
 
 def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
-    if plan.request.strict and result.failure:
+    if plan.request.strict and result.failure and plan.request.only in (None, result.name):
         raise InvalidInput(f"{result.name}: {result.failure.reason} (--strict stops here; without it the others go on)")
 
 

@@ -22,6 +22,7 @@ from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.physics.convex_parts import convex_parts
 from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
 from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -67,12 +68,13 @@ class GraspedObjects:
     Raises
     ------
     StoreError
-        `simulate-grasps` has not been run, or surfaces are of a version that does not record how objects were placed, or no object has
-        grasps.
+        `simulate-grasps` has not been run, or its grasps are of other surfaces than the current ones, or surfaces are of a version that
+        does not record how objects were placed, or no object has grasps.
     """
 
     def __init__(self, data: Place) -> None:
         directory = DataDirectory(data)
+        check_origins(directory, ["grasps"])
         self._surfaces, self._grasps = (directory.collection(artifact) for artifact in (SURFACES, GRASPS))
         if not self._surfaces.first.has("placement"):
             raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")

@@ -43,14 +43,15 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def read_mask(path: Path) -> NDArray[np.bool_]:
-    """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`."""
-    modes = ("1", "L", "P", "I;16", "RGB")
-    levels = _read_pixels(path, modes, "colours", "8-bit grey, 0 outside", _levels)
-    return np.asarray(levels.any(axis=2) if levels.ndim == 3 else levels != 0)
+    """Read a mask: (rows, cols) bool, true where the file is not 0 in some colour; errors as `read_image`, and JPEG is refused."""
 
+    def levels(image: Image.Image) -> NDArray[Any]:
+        if image.format == "JPEG":
+            raise InvalidInput(f"{path} is a JPEG file, in which the outside of a mask is not exactly 0; save it as PNG")
+        return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: indices of a palette, in which any colour may be black
 
-def _levels(image: Image.Image) -> NDArray[Any]:
-    return np.asarray(image.convert("RGB") if image.mode == "P" else image)  # P: indices of a palette, in which any colour may be black
+    values = _read_pixels(path, ("1", "L", "P", "I;16", "RGB"), "colours", "8-bit grey PNG, 0 outside", levels)
+    return np.asarray(values.any(axis=2) if values.ndim == 3 else values != 0)
 
 
 def read_depth(path: Path) -> NDArray[Any]:

@@ -181,4 +181,7 @@ def _names_after(word: bytes, content: bytes) -> Iterator[str]:
 
 
 def _decode(name: bytes) -> str:
-    return name.decode(errors="replace").strip()
+    try:
+        return name.decode().strip()
+    except UnicodeDecodeError:
+        return name.decode("latin-1").strip()

@@ -78,10 +78,6 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
         raise
-    except ModuleNotFoundError as error:  # trimesh needs a package to guess the encoding of bytes that are no text
-        raise InvalidInput(
-            f"{file.name} cannot be read as {file.suffix[1:].upper()}: it is neither whole nor text; is it cut off? Export it again"
-        ) from error
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
             raise MemoryError from error
@@ -94,11 +90,13 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
     try:
-        return _read(file, companions)
+        return _read(file, file, companions)
     except (InvalidInput, MemoryError):
         raise
+    except ModuleNotFoundError:  # text that is not UTF-8: trimesh needs a package to guess its encoding, of comments and names
+        return _read(BytesIO(companions.content.decode("latin-1").encode()), file, companions)
     except Exception:
-        return _read(file, companions, skip_materials=True)
+        return _read(file, file, companions, skip_materials=True)
 
 
 def _check(what: str, number: int, limit: int, remedy: str) -> None:
@@ -139,16 +137,17 @@ def _digest(image: Image.Image) -> str:
     return hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
 
 
-def _read(file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
-    """Read the parts of a file, each in its pose."""
-    options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions}
-    scene: Any = trimesh.load_scene(file, **options)
+def _read(content: Path | BytesIO, file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
+    """Read the parts of a file, or of its content as UTF-8, each in its pose."""
+    suffix = file.suffix.lower()
+    options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions, "file_type": suffix[1:]}
+    scene: Any = trimesh.load_scene(content, **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
     textures = _Textures()
-    linear = file.suffix.lower() in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
+    linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
     looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 

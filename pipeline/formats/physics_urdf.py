@@ -7,9 +7,11 @@ from xml.etree.ElementTree import Element, ElementTree, SubElement
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.formats.urdf import mass_of, parse_urdf
+from pipeline.formats.urdf_shapes import numbers_of
 from pipeline.kernels.hand.model import Hand, Joint, Link
 
 DENSITY = 1000.0
@@ -54,11 +56,18 @@ def links_without_mass(hand: Hand) -> list[str]:
 
 
 def _without_prefixes(element: Element) -> Element:
-    """Copy an element without tags and attributes such as `drake:…`: XML parsers refuse a prefix that is not declared."""
-    copy = Element(element.tag, {name: value for name, value in element.attrib.items() if ":" not in name})
+    """Copy an element without tags and attributes such as `drake:…`: XML parsers refuse a prefix that is not declared.
+
+    Commas between numbers become blanks: PyBullet reads no others.
+    """
+    copy = Element(element.tag, {name: _plain(name, value) for name, value in element.attrib.items() if ":" not in name})
     copy.text, copy.tail = element.text, element.tail
     copy.extend(_without_prefixes(child) for child in element if ":" not in child.tag)
     return copy
+
+
+def _plain(name: str, value: str) -> str:
+    return value.replace(",", " ") if name in ("xyz", "rpy", "size") else value
 
 
 def _link(element: Element, link: Link, stem: Path) -> Element:
@@ -78,22 +87,38 @@ def _link(element: Element, link: Link, stem: Path) -> Element:
         for inertial in copy.findall("inertial"):
             copy.remove(inertial)
         copy.append(_estimated_inertial(link))
+    for inertial in copy.findall("inertial"):
+        moments = inertial.find("inertia")
+        if moments is None or not {"ixx", "iyy", "izz"} <= moments.attrib.keys():
+            for incomplete in inertial.findall("inertia"):
+                inertial.remove(incomplete)
+            inertial.append(_estimated_inertia(link, mass_of(element)))
     return copy
 
 
 def _estimated_inertial(link: Link) -> Element:
     """Estimate mass and inertia as those of a box of water around the collision shapes."""
-    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    x, y, z = high - low
-    mass = max(DENSITY * float(x * y * z), MIN_MASS)
-    moments = {"ixx": y * y + z * z, "iyy": x * x + z * z, "izz": x * x + y * y}
+    low, high = _box(link)
+    mass = max(DENSITY * float(np.prod(high - low)), MIN_MASS)
     inertial = Element("inertial")
     SubElement(inertial, "origin", xyz=_text((low + high) / 2))
     SubElement(inertial, "mass", value=repr(mass))
-    zeros = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
-    SubElement(inertial, "inertia", {name: repr(max(mass / 12 * float(value), 1e-9)) for name, value in moments.items()} | zeros)
+    inertial.append(_estimated_inertia(link, mass))
     return inertial
+
+
+def _estimated_inertia(link: Link, mass: float) -> Element:
+    """Estimate the inertia as that of a box of this mass, kg, around the collision shapes."""
+    low, high = _box(link)
+    x, y, z = high - low
+    moments = {"ixx": y * y + z * z, "iyy": x * x + z * z, "izz": x * x + y * y}
+    zeros = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
+    return Element("inertia", {name: repr(max(mass / 12 * float(value), 1e-9)) for name, value in moments.items()} | zeros)
+
+
+def _box(link: Link) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
+    return corners.min(axis=0), corners.max(axis=0)
 
 
 def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
@@ -105,6 +130,9 @@ def _joint(element: Element, joint: Joint, hand: Hand) -> Element:
         for origin in copy.findall("origin"):
             copy.remove(origin)
         add_origin(copy, joint.origin)
+    for axis in copy.findall("axis"):
+        if not np.array_equal(numbers_of(axis, "xyz", (1.0, 0.0, 0.0)), joint.axis):  # PyBullet slides along an axis by its length
+            axis.set("xyz", _text(joint.axis))
     for follower in hand.followers:
         if follower.link == joint.child:
             ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]

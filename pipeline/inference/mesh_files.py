@@ -29,29 +29,31 @@ TOUCH_COLOR: Color = (230, 159, 0, 255)
 Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From the world, z up, to glTF's frame, y up."""
 
+UPRIGHT = np.eye(4)
+"""A frame with z up, in metres."""
 
-def write_charts(path: Path, reconstruction: Reconstruction, metres_per_unit: float = 1.0) -> None:
+
+def write_charts(path: Path, reconstruction: Reconstruction, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
     """Write a reconstruction's charts separately: each has its own vertices, colour and, in OBJ and GLB, its own named object.
 
-    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node turns
-    it, z up, to glTF's y up, and scales it to metres. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
+    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node takes it
+    with `to_metres` (4, 4) to metres with z up, and turns that to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and
+    5 nm in the scene.
 
     Raises
     ------
     StageError
         A vertex is NaN or infinite.
     """
-    _write(path, [*_vision_charts(reconstruction), *_touch_charts(reconstruction)], metres_per_unit)
+    _write(path, [*_vision_charts(reconstruction), *_touch_charts(reconstruction)], to_metres)
 
 
-def write_joined(path: Path, reconstruction: Reconstruction, metres_per_unit: float = 1.0) -> None:
+def write_joined(path: Path, reconstruction: Reconstruction, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
     """Write a reconstruction's vision charts joined to one closed surface, with its touch charts beside it; frames as `write_charts`.
 
     Vertices that coincided before the deformation become one, in the middle of where they are now.
     """
-    _write(
-        path, [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0])), *_touch_charts(reconstruction)], metres_per_unit
-    )
+    _write(path, [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0])), *_touch_charts(reconstruction)], to_metres)
 
 
 def write_closed(
@@ -60,14 +62,14 @@ def write_closed(
     faces: NDArray[np.int64],
     colors: NDArray[np.uint8],
     seen: NDArray[np.bool_],
-    metres_per_unit: float = 1.0,
+    to_metres: NDArray[np.float64] = UPRIGHT,
 ) -> None:
     """Write one closed mesh, called closed; frames as `write_charts`.
 
     Vertices have their sRGB colours (V, 3), or are grey where they were not `seen`.
     """
     painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
-    _write(path, [("closed", _mesh(vertices, faces, painted))], metres_per_unit)
+    _write(path, [("closed", _mesh(vertices, faces, painted))], to_metres)
 
 
 def _vision_charts(reconstruction: Reconstruction) -> Parts:
@@ -111,11 +113,11 @@ def check_output(path: Path) -> None:
         raise InvalidInput(f"{path}: {files[0]} is a file; name a folder")
 
 
-def _write(path: Path, parts: Parts, metres_per_unit: float) -> None:
+def _write(path: Path, parts: Parts, to_metres: NDArray[np.float64]) -> None:
     """Write named meshes into one file, at once."""
     suffix = path.suffix.lower()
     scene: Any = trimesh.Scene()
-    node = Y_UP @ np.diag([*(3 * [metres_per_unit]), 1.0])
+    node = Y_UP @ to_metres
     for name, mesh in parts:
         scene.add_geometry(mesh, node_name=name, geom_name=name, transform=node if suffix == ".glb" else None)
     content = scene.export(file_type=suffix[1:])

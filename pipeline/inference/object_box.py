@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
 from pipeline.inference.model_inputs import ModelInputs, learned_size
-from pipeline.inference.observation_file import RobotObservation
+from pipeline.inference.observation_file import ObservedTouch, RobotObservation
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
 
@@ -18,6 +18,9 @@ FEW = 10
 """Pixels with a depth below which an object is not located by them."""
 OUTLIERS = 1.0
 """Percentage of the points at each side of a box around them that are left out: some depths are wrong."""
+
+CHANGED, CONTACT_SHARE = 8, 0.5
+"""Levels by which a share of a tactile image's pixels, per cent, differs from the untouched image if something touches."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ def find_object(observation: RobotObservation, model: ModelInputs | None) -> Obj
     The box has the axes of the network's world (`network_axes`), in which its training objects were placed by their boxes. Of a depth
     image, it is the box around the visible points and the same points moved backwards: what is hidden is taken to be as thick as what is
     visible along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m
-    benchmarks.observed_sizes` measures it for others. Touches are the middle of the box around the gels; there must be two.
+    benchmarks.observed_sizes` measures it for others. Touches are the middle of the box around the gels; there must be two. Those that are
+    `auto` count if their images differ from the untouched one, or if there is none.
     """
     stated, unit = observation.object, observation.metres_per_unit
     diagonal = None if stated.diagonal is None else stated.diagonal * unit
@@ -48,12 +52,19 @@ def find_object(observation: RobotObservation, model: ModelInputs | None) -> Obj
         return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
     if visible is not None:
         return ObjectBox(visible[0], diagonal or visible[1], BY_DEPTH)
-    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if touch.touched is not False]
+    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if _touches(touch, observation)]
     if len(felt) < 2:
         return None
     axes = network_axes(observation, model, np.mean(felt, axis=0))
     low, high = np.min(felt @ axes.T, axis=0), np.max(felt @ axes.T, axis=0)
     return ObjectBox((low + high) / 2 @ axes, diagonal, "estimated from the touches")
+
+
+def _touches(touch: ObservedTouch, observation: RobotObservation) -> bool:
+    if touch.touched != "auto" or observation.untouched is None:
+        return touch.touched is not False
+    changes = np.abs(touch.tactile_image.astype(np.int16) - observation.untouched).max(axis=2)
+    return bool(np.percentile(changes, 100 - CONTACT_SHARE) >= CHANGED)
 
 
 def _visible_box(observation: RobotObservation, model: ModelInputs | None) -> tuple[NDArray[np.float64], float] | None:

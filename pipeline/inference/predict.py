@@ -17,6 +17,7 @@ from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.model_inputs import learned_size
 from pipeline.inference.network_error import error_note
+from pipeline.inference.object_box import turn_to_z
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
@@ -50,8 +51,8 @@ class Prediction:
         How many patches of the visible surface were given as touched.
     closed
         The closed mesh, if it was asked for.
-    metres_per_unit
-        Of the lengths.
+    metres_per_unit, up
+        Of the lengths, and the direction that is up.
     remarks
         What was assumed of an observation, how it differs from the network's training, and what is known of the network's error.
     files
@@ -63,6 +64,7 @@ class Prediction:
     visible: int = 0
     closed: ClosedMesh | None = None
     metres_per_unit: float = 1.0
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
     remarks: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 
@@ -233,7 +235,11 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
         touched,
         len(visible),
         metres_per_unit=observed.metres_per_unit,
-        remarks=[describe_object(observed, placed.box), *placed.remarks, *_unseen_touches(observed, touched), error_note(reader)],
+        up=observed.up,
+        remarks=[
+            *(describe_object(observed, placed.box), *placed.remarks, *_unseen_touches(observed, touched)),
+            *(*_guess(reconstruction), error_note(reader)),
+        ],
     )
     if surface != "closed":
         return prediction
@@ -252,6 +258,18 @@ def _unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> I
         yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
 
 
+def _guess(reconstruction: Reconstruction) -> Iterator[str]:
+    if reconstruction.is_guess:
+        yield "warning: the network finds no point inside the object; the surface is a speck around the likeliest one"
+
+
+def _other_view(model: Reconstructor, seen: Observation) -> Iterator[str]:
+    """Warn of an image that is not from the camera of the training: it is given as it is."""
+    camera = seen.scaled(model.config.centre).camera
+    if camera is not None and model.camera is not None and not model.has_learned_view(camera):
+        yield "warning: the image is from another camera than the network's training; errors are larger than measured"
+
+
 def _of_object(
     reader: ObservationReader, data: Place, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
@@ -261,7 +279,8 @@ def _of_object(
     model = reader.model
     network_inputs = reader.of_object(data, object_id, numbers)
     reconstruction = model.reconstruct([network_inputs])[0]
-    prediction = Prediction(reconstruction, network_inputs.touched, remarks=[error_note(reader)])
+    remarks = [*_other_view(model, network_inputs), *_guess(reconstruction), error_note(reader)]
+    prediction = Prediction(reconstruction, network_inputs.touched, remarks=remarks)
     if surface != "closed":
         return prediction
     mesh = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
@@ -288,13 +307,15 @@ def _load_model(models: Place, configuration: str, training_seed: int, device: t
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:
     """Write a prediction to one file, or two beside each other."""
+    to_metres = np.eye(4)
+    to_metres[:3, :3] = prediction.metres_per_unit * turn_to_z(np.array(prediction.up))
     if (mesh := prediction.closed) is not None:
-        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, prediction.metres_per_unit)
+        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, to_metres)
         return [out]
     if prediction.reconstruction.is_whole:  # joined already
         surface = "charts"
     beside = out.with_name(f"{out.stem}-joined{out.suffix}")
     files = {"charts": {out: write_charts}, "joined": {out: write_joined}}.get(surface, {out: write_charts, beside: write_joined})
     for path, write in files.items():
-        write(path, prediction.reconstruction, prediction.metres_per_unit)
+        write(path, prediction.reconstruction, to_metres)
     return list(files)

@@ -102,6 +102,7 @@ class TouchReader:
         path = description_path("sensor", sensor)
         described = load_sensor(path)
         beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
+        model = model and model.resolve()  # `.` has a name, too
         if model is not None and (named := named_location(model.with_name(f"{model.name}.json"))):  # of DATA/models/touch
             model = model.with_name(named)
         folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)

@@ -10,12 +10,15 @@ from typing import Any
 
 from rich.console import Console
 
-from pipeline.config.objects import Object
+from pipeline.config.manifest import load_manifest
+from pipeline.config.objects import Object, identity
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
+from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
@@ -104,11 +107,23 @@ def score_shipped(data: Place, console: Console) -> list[str]:
     directory = DataDirectory(data)
     rows, reasons = fitting_rows(directory)
     if rows:
-        settings = ShippedSettings(**_settings(directory), configurations=tuple(rows), weights=shipped_digest())
+        settings = ShippedSettings(
+            **_settings(directory), configurations=tuple(rows), weights=shipped_digest(), learned_from=_learned_from(directory)
+        )
         _measured(directory, EvaluateShipped(), settings, console)
     else:  # what was measured before is of a dataset that is gone
         withdraw(directory.folder_record(SHIPPED_SCORES))
     return reasons
+
+
+def _learned_from(directory: DataDirectory) -> tuple[str, ...]:
+    """Name the test objects that the network that ships has learned from."""
+    if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
+        return ()
+    objects = load_manifest(read_card(DEFAULT).manifest).objects(None)
+    learned = {identity(item.source) for item in objects if item.split == "train"}
+    rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
+    return tuple(name for name in rows.object_ids if learned & {str(rows.read(array, name)) for array in ("source_file", "source_sha256")})
 
 
 def _settings(directory: DataDirectory) -> dict[str, Any]:

@@ -32,13 +32,13 @@ class ImplicitReconstructor(Reconstructor):
         reconstructions = []
         for observation in observations:
             code = self.network.encode(**vars(self._batch([observation])))
-            vertices, faces = self._mesh(code)
+            vertices, faces, is_guess = self._mesh(code)
             position = np.arange(len(vertices))
-            reconstructions.append(Reconstruction(vertices, faces, vision=len(vertices), position=position, side=self.config.side))
+            reconstructions.append(Reconstruction(vertices, faces, len(vertices), position, self.config.side, is_guess))
         return reconstructions
 
-    def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Mesh the zeros of one item's distances; if no point is inside, a level set around the smallest distance.
+    def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64], bool]:
+        """Mesh the zeros of one item's distances; if no point is inside, a level set around the smallest distance: then it is a guess.
 
         Without an image, only the largest piece and touched ones are kept: the others are guesses that exclude each other.
         """
@@ -62,8 +62,8 @@ class ImplicitReconstructor(Reconstructor):
             loose_pieces=len(code.with_image) > 0,
         )
         if len(faces):
-            return vertices, faces
+            return vertices, faces, False
         coarse = 4 * spacing  # this surface is a guess, and needs no detail
         grid = np.stack(np.meshgrid(*(np.arange(low, high, coarse) for low, high in zip(*box, strict=True)), indexing="ij"), axis=-1)
         lowest = distances(grid.reshape(-1, 3)).min() + 1e-9
-        return level_set_mesh(lambda points: distances(points) - lowest, *box, coarse, halvings=0)
+        return *level_set_mesh(lambda points: distances(points) - lowest, *box, coarse, halvings=0), True

@@ -113,8 +113,8 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
         "reconstruction and object.",
         f"The best are off by {_listed(phrases)}." if phrases else "The plot shows them by what they were given.",
-        f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than the training object that is most similar in what is given, "
-        "which the line shows."
+        f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than a training object, which the line shows: the "
+        "most similar one by the silhouette without the hand, or else by the touches of the first grasp."
         if retrieved
         else "There is no training object to compare with.",
     ]

@@ -27,7 +27,7 @@ class ArtifactAccount:
     """Describe one artifact of a data directory.
 
     `failures` are the stage and reason by object; `missing` are the objects that incomplete shards lack; `unfinished` counts those whose
-    row waits to be published; `processors` the rows by the kind of processor that computed them.
+    row waits to be published; `processors` the rows by the kind of processor that computed them; `stale` says why it is out of date.
     """
 
     artifact: str
@@ -40,6 +40,7 @@ class ArtifactAccount:
     digest: str
     unfinished: int
     processors: dict[str, int]
+    stale: str | None
 
 
 @dataclass(frozen=True)
@@ -130,19 +131,24 @@ def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
         digest=collection.digest(),
         unfinished=RowFiles(directory.work(name)).count(),
         processors=dict(collection.processors()),
+        stale=_stale(directory, name),
     )
 
 
-def _folder(directory: DataDirectory, name: str) -> FolderAccount:
-    record, stale = directory.folder(name), None
+def _stale(directory: DataDirectory, name: str) -> str | None:
     try:
         check_origins(directory, [name])
     except StoreError as error:
-        stale = str(error)
+        return str(error)
+    return None
+
+
+def _folder(directory: DataDirectory, name: str) -> FolderAccount:
+    record = directory.folder(name)
     files = files_below(directory.folder_path(name))
     if missing := sorted(record.files.keys() - files.keys()):
         raise StoreError(f"{directory.folder_record(name)}: {missing[0]} is missing; run {made_by(name, record)} again")
-    return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, stale)
+    return FolderAccount(name, record.stage, _megabytes(files), record.seconds, record.digest(), record.facts, _stale(directory, name))
 
 
 def _megabytes(files: Mapping[str, File]) -> float:
@@ -166,7 +172,8 @@ def show(account: Account, console: Console) -> None:
         ]
         tables.append(Table("", ["folder", "stage", "MB", "s", "digest", ""], list(map(Row, rows)), ["", "", ".1f", ".0f", "", ""]))
     show_tables(console, tables)
-    lines = [("yellow", "stale", entry.stale) for entry in account.folders if entry.stale]
+    reasons = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
+    lines = [("yellow", "stale", reason) for reason in dict.fromkeys(reasons) if reason]
     if mixed := [entry.artifact for entry in account.artifacts if len(entry.processors) > 1]:
         lines.append(
             ("yellow", "mixed", f"{', '.join(mixed)}: computed by several kinds of processors, see `vt-pipeline validate --strict`")

@@ -29,7 +29,15 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
         *counts, successful, attempted = entry.row()
         theirs = SUPPLEMENT_SUCCESS.get(name)
         rows.append(Row([name, *counts, f"{successful:.1f}", *([theirs] if paper else []), f"{attempted:.1f}"]))
-    columns = ["class", "objects", "grasps", "touches", "% successful", *([f"% in {PAPER}"] if paper else []), "% of all attempts"]
+    columns = [
+        "class",
+        "objects",
+        "grasps",
+        "touches",
+        "% successful",
+        *([f"% in {PAPER}"] if paper else []),
+        "% of attempts, mean over objects",
+    ]
     tables = [Table("Touches", columns, rows), *_contacts(tallies, total), *hold_tables(tallies)]
     touched = np.concatenate(total.touched)
     shares = touches_per_grasp(touched)
@@ -38,7 +46,7 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
         rows.append(Row([PAPER, None, *_rounded(supplement[1:])]))
     tables.append(Table("Grasps by their number of successful touches, %", ["touches", *map(str, range(len(shares)))], rows))
     kept_shares, tried_shares = (_rounded(100 * np.mean(grasps, axis=0)) for grasps in (touched, total.tried))
-    rows = [Row(["kept", *kept_shares]), Row(["all attempts", *tried_shares])]
+    rows = [Row(["kept", *kept_shares]), Row(["attempts, mean over objects", *tried_shares])]
     return [*tables, Table("Successful touches of each sensor, %", ["grasps", *sensors], rows)]
 
 

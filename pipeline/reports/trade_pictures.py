@@ -82,9 +82,8 @@ def trade_table(trade: MeasuredTrade) -> Table:
 
 def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
     """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
-    base = resolve(trade.stage, trade.preset, trade.assignments).results()
-    varied = {name for point in trade.points for name in point.changes}
-    return next((point for point in trade.points if all({**base, **point.changes}[name] == settings.get(name) for name in varied)), None)
+    base = {name: value for name, value in resolve(trade.stage, trade.preset, trade.assignments).results().items() if value is not None}
+    return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
 def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:
@@ -99,7 +98,7 @@ def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder:
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
         draw_trade(trade, folder / f"trade-{trade.stage}.svg", used)
         points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
-        place = f"used here: {used.label}" if used else "the settings used here were not measured"
-        caption = f"{trade.stage}, on {pluralise(len(trade.objects))}; {place}."
+        place = f"; used here: {used.label}" if used else "; the settings used here were not measured" if trade.stage in settings else ""
+        caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{place}."
         pictures.append({"file": f"figures/trade-{trade.stage}.svg", "alt": f"{trade.metric}: {points}", "caption": caption})
     return pictures

@@ -96,8 +96,8 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
     )
     formats = ["", ".3f", ".2f", ".3f", ".3f", "", *[".3g"] * len(QUALITY_UNITS)]
     note = (
-        "baseline: mean and median of a training object in place of the reconstruction, the nearest by the image or the touches that the "
-        "network is given, otherwise a typical one; * where the network is not nearer"
+        "baseline: mean and median of a training object in place of the reconstruction, with an image the most similar silhouette "
+        "without the hand, else the nearest to the touches of the first grasp, else a typical one; * where the network is not nearer"
     )
     return [Table(title, columns, list(_rows(values, folders[0])), formats), Table(note)]
 

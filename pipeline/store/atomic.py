@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -177,7 +178,13 @@ def create(path: Place, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with temporary(path) as temporary_file, suppress(FileExistsError):
         temporary_file.write_bytes(content)
-        os.link(temporary_file, path)
+        try:
+            os.link(temporary_file, path)
+        except OSError as error:
+            if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS):
+                raise
+            with path.open("xb") as file:  # the file system has no links: exFAT, some shares
+                file.write(content)
 
 
 def flush(path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 
+from pipeline.console import abbreviate
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.atomic import exclusive_lock, write_atomically
@@ -68,6 +69,7 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
         _check_same_settings(collection)
+        _check_missing(collection, shards)
         for number in range(shards):
             if members := [name for name in collection if shard_of(name, shards) == number]:
                 yield _write(directory, collection, members, number, shards)
@@ -121,6 +123,14 @@ def _check_same_settings(collection: Collection) -> None:
     shared = {digest.of_json([shard.record.settings, shard.record.seed, shard.record.models]) for shard in collection.shards}
     if len(shared) > 1:
         raise StoreError(f"{collection.folder}: its shards were made with different settings; run the stage for all shards first")
+
+
+def _check_missing(collection: Collection, shards: int) -> None:
+    """Raise an error if a shard would have no row, but objects that are not made yet: only a shard with rows can name them."""
+    made = {shard_of(name, shards) for name in collection}
+    if forgotten := [name for name in collection.missing if shard_of(name, shards) not in made]:
+        stage = collection.first.record.stage
+        raise StoreError(f"{collection.folder}: {abbreviate(forgotten)} not made yet; run {stage} without --object first")
 
 
 def _row_with_processor(shard: Shard, object_id: str) -> RowRecord:

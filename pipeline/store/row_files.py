@@ -135,7 +135,7 @@ class RowFiles:
                     offset += size
         except (FileNotFoundError, ValueError) as error:
             remove(path)
-            raise StoreError(f"{path} was damaged and is removed; run again") from error
+            raise StoreError(f"{path} was damaged or is gone; run again") from error
         return chunks
 
     def load(self, result: Result) -> Row:

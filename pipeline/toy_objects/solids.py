@@ -142,7 +142,8 @@ def vessel(
     bands
         Other materials around its outside: lowest z, highest z, material.
     """
-    count, outer = 40, smooth(rows, at=[floor, *np.ravel([band[:2] for band in bands])])
+    ends = np.clip([band[:2] for band in bands], rows[0][0], rows[-1][0])  # a band up to the rim may state more
+    count, outer = 40, smooth(rows, at=[floor, *np.ravel(ends)])
     hollow = outer[outer[:, 0] > floor - 1e-6][::-1].copy()
     hollow[:, 1:3] -= wall  # half u, and half v where there is one: exponents are further right
     solid = column(np.concatenate([outer, hollow]), count=count)

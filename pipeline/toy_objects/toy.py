@@ -135,8 +135,8 @@ def car(model: Model, rng: Rng) -> None:
     cabin = bar(
         [
             (start, r, r + tall, 1.8 * wide),
-            (start + 9, r, roof, 1.7 * wide),
-            (end - 12, r, roof, 1.7 * wide),
+            (start + min(9, 0.3 * (end - start)), r, roof, 1.7 * wide),
+            (end - min(12, 0.4 * (end - start)), r, roof, 1.7 * wide),
             (end, r, r + tall, 1.8 * wide),
         ],
         6,

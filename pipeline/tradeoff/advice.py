@@ -92,8 +92,11 @@ def parse_limit(text: str) -> Limit:
 
 def choices(trade: MeasuredTrade, workload: Workload) -> list[Choice]:
     """Predict the time and the bound of every measured setting of a stage."""
-    objects = max(1, round(workload.objects * trade.trained / len(trade.objects))) if trade.trained else workload.objects
-    return [Choice(trade, point, workload.seconds(trade, point), point.bound(objects, trade.trials)) for point in trade.points]
+    chosen = []
+    for point in trade.points:
+        objects = max(1, round(workload.objects * len(point.errors) / len(trade.objects)))  # of trainings, only test objects have errors
+        chosen.append(Choice(trade, point, workload.seconds(trade, point), point.bound(objects, trade.trials)))
+    return chosen
 
 
 def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: float) -> list[Choice]:
@@ -144,7 +147,9 @@ def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Lim
         fitting = [
             option for option in options if (bound is None and not option.point.changes) or (bound is not None and option.bound <= bound)
         ]
-        if not fitting:
+        if not fitting and bound is None:
+            raise InvalidInput(f"{trade.stage}: your own settings were not measured, for lack of time; give `vt-pipeline tradeoff` more")
+        if not fitting and bound is not None:
             best = min(option.bound for option in options)
             raise InvalidInput(
                 f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {bound:g}; allow a larger error, or "

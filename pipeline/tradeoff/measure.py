@@ -78,18 +78,14 @@ class Setup:
 
     def begin(self, folder: Path, stage: str, key: str, **facts: Any) -> MeasuredTrade:
         """Read the measurement under this key with these objects, else begin a new one and clear its folder."""
-        names = tuple(item.object_id for item in self.objects)
+        machine = str(processor()["model"])
+        sample = digest.of_json([[item.object_id, item.category, item.split, keys.source_key(item.source)] for item in self.objects])
         measured = read_trade(self.data, stage)
-        if measured is not None and (measured.key, measured.objects) == (key, names):
+        if measured is not None and (measured.key, measured.sample, measured.machine) == (key, sample, machine):
             return measured.model_copy(update={"total": facts["total"]})  # the time limit changes this, too
         shutil.rmtree(folder, ignore_errors=True)
-        user: dict[str, Any] = {
-            "preset": self.preset,
-            "assignments": self.assignments,
-            "objects": names,
-            "machine": str(processor()["model"]),
-        }
-        return MeasuredTrade(stage=stage, key=key, **user, **facts)
+        user: dict[str, Any] = {"preset": self.preset, "assignments": self.assignments, "machine": machine, "sample": sample}
+        return MeasuredTrade(stage=stage, key=key, objects=tuple(item.object_id for item in self.objects), **user, **facts)
 
     def seconds(self, stage: str, settings: Settings) -> float:
         """Foresee the seconds that a stage takes for the sample on one core."""

@@ -107,8 +107,8 @@ class MeasuredTrade(BaseModel):
         The hash of what the figures depend on beside the sample and the machine (`measure.trade_key`).
     preset, assignments
         The user's settings, which points change.
-    objects
-        The sample.
+    objects, sample
+        The sample: ids, and the hash of their categories, splits and sources.
     trained
         The number of those of them that a stage learns from, where it looks at all at once; else 0.
     trials
@@ -131,6 +131,7 @@ class MeasuredTrade(BaseModel):
     preset: str
     assignments: tuple[str, ...]
     objects: tuple[str, ...]
+    sample: str
     trained: int
     trials: int = 0
     machine: str

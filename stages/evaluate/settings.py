@@ -98,6 +98,7 @@ class ShippedSettings(GraspMeasuringSettings):
 
     configurations: tuple[str, ...] = setting(..., "what it is given: rows of the tables", changes="definition")
     weights: str = setting(..., "SHA-256 of the record of the weights", changes="definition")
+    learned_from: tuple[str, ...] = setting((), "test objects that it has learned from", changes="definition")
 
 
 class SingleImageEvaluationSettings(MeasuringSettings):

@@ -8,12 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.families import ROWS, load_reconstructor, model_name
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
@@ -26,9 +22,6 @@ from stages.evaluate.grasp_protocol import GraspProtocol
 from stages.evaluate.measure import Case
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES, ShippedSettings
 from stages.evaluate.stage import Evaluate
-
-DEGREES, SHARE = 1.0, 0.01
-"""Largest differences of a camera from the network's that count as none: of its direction, and of pixels as a share of the image."""
 
 
 class FirstGraspProtocol(GraspProtocol):
@@ -112,14 +105,5 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
 
 def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
     """Check whether all test objects are seen from the side from which the network saw its own, and as large."""
-    if model.camera is None or model.resolution is None:
-        return False
-    rows, centre, radius = ObjectRows(directory.root, ["projection"], "test"), np.array(model.config.centre), model.config.radius
-    corners = centre + radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
-    for object_id in rows.object_ids:
-        own = stored_camera(rows, object_id, model.config)
-        directions = np.degrees([camera_direction(matrix, centre)[:2] for matrix in (own, model.camera)])
-        pixels = [project_points(matrix, corners) for matrix in (own, carried_camera(model.camera, own, centre))]
-        if np.ptp(directions, axis=0).max() > DEGREES or np.abs(pixels[0] - pixels[1]).max() > SHARE * max(model.resolution):
-            return False
-    return True
+    rows = ObjectRows(directory.root, ["projection"], "test")
+    return all(model.has_learned_view(stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import Cell, Row, Table, pluralise
+from pipeline.console import Cell, Row, Table, abbreviate, pluralise
 from pipeline.dataset.touch_statistics import PAPER, PAPER_DIAGONAL, SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
@@ -19,6 +19,7 @@ from stages.evaluate.baselines import BASELINE_PREFIX, label
 from stages.evaluate.comparison import beside, difference
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
+from stages.evaluate.settings import SHIPPED_ROWS
 from stages.evaluate.single_image_tables import single_image_tables
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
@@ -70,6 +71,15 @@ def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
             yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
 
 
+def _about_shipped(folders: Sequence[Path]) -> Iterator[Table]:
+    """Say how the rows of the network that ships differ from those beside them."""
+    for settings in (read_root(folder)["settings"] for folder in folders):
+        if "learned_from" in settings:
+            learned = settings["learned_from"]
+            known = f"; it has learned from {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
+            yield Table(f"{SHIPPED_ROWS}…: the network that ships, given the first grasp of each object alone{known}.")
+
+
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
@@ -87,6 +97,7 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     )
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
+    yield from _about_shipped([folder, *scored])
     yield _accuracy({**every, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
     if len(_numbers(touch_networks)) > 1:
         yield _distances_by_grasps(touch_networks, partial(rng, "grasps"))

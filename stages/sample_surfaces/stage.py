@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.manifest import Object
+from pipeline.config.objects import identity
 from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
@@ -85,7 +86,7 @@ def _origin(unit: Unit) -> Row:
     """Describe an object's origin: its file with checksum, licence and unit, or the toy object that was modelled."""
     source = unit.source
     if "procedural" in source:
-        file, sha256 = f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}", ""
+        file, sha256 = identity(source), ""
         missing: list[str] = []
     else:
         path = Path(source["file"])

@@ -70,6 +70,13 @@ def test_each_evaluated_model_has_a_training_job():
     assert plan("train-gcn", "evaluate", assignments=("evaluate.configurations=[none]",)).keys() == {"train-gcn-none", "evaluate"}
 
 
+def test_evaluated_models_are_trained_with_the_seed_of_the_evaluation():
+    jobs = plan("train-gcn", "evaluate", assignments=("evaluate.configurations=[none,touch]", "evaluate.training_seed=1"))
+    assert jobs.keys() == {"train-gcn-none-1", "train-gcn-touch-1", "evaluate"}
+    assert set(jobs["evaluate"].waits_for) == {"models/seed-1/gcn/none", "models/seed-1/gcn/touch"}
+    assert jobs["train-gcn-touch-1"].assignments == ("train-gcn.configuration=touch", "train-gcn.training_seed=1")
+
+
 def test_object_stage_has_a_task_per_shard_and_dataset_stage_one_gpu_job(tmp_path):
     jobs = plan("simulate-grasps", "train-unet", "fit-charts")
     array = options_of(script_of(jobs["simulate-grasps"], submission(tmp_path, shards=8)))

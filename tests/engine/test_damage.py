@@ -58,7 +58,7 @@ def test_flipped_bit_in_a_row_file_is_detected_at_publishing_and_the_row_is_made
     content = bytearray(file.read_bytes())
     content[7] ^= 1  # in the first chunk
     file.write_bytes(content)
-    with pytest.raises(StoreError, match="was damaged and is removed; run again"):
+    with pytest.raises(StoreError, match="was damaged or is gone; run again"):
         run(request(tmp_path))
     assert run(request(tmp_path)) == 1
 

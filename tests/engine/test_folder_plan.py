@@ -15,7 +15,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.record import FolderRecord, serialise_with_checksum
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import CONSOLE, Average, objects, plan_of, request, run
+from tests.engine.tiny_stages import CONSOLE, Average, MakeNoise, TakeMean, objects, plan_of, request, run
 
 RECORD = Path("models/average.json")
 
@@ -167,6 +167,16 @@ def test_model_of_outdated_inputs_is_refused_and_reported_by_status(tmp_path):
     make(tmp_path)
     assert make(tmp_path, Average(reads=("models/average",)))
     assert [folder.stale for folder in read_account(tmp_path).folders] == [None, None]
+
+
+def test_artifact_of_outdated_inputs_is_reported_by_status(tmp_path):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage=stage))
+    assert [artifact.stale for artifact in read_account(tmp_path).artifacts] == [None, None]
+    run(request(tmp_path, seed=1))
+    noise, mean = read_account(tmp_path).artifacts
+    assert noise.stale is None
+    assert "mean of a was made from other noise than the current ones; run take-mean again" in str(mean.stale)
 
 
 @pytest.mark.parametrize(("name", "maker"), [("shipped", "report --shipped"), ("theirs", "score")])

@@ -111,3 +111,17 @@ def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
     assert run(request(tmp_path, items=items, only="b", retry=True)) == 1
     assert run(request(tmp_path, stage=TakeMean(), items=items, only="b")) == 1
     assert published(tmp_path, MEAN).failure("b") is None
+
+
+def test_reshard_that_would_forget_missing_objects_is_refused(tmp_path):
+    run(request(tmp_path, only="b"))
+    with pytest.raises(StoreError, match="not made yet; run make-noise without --object first"):
+        list(reshard(DataDirectory(tmp_path), 4))
+    assert len(published(tmp_path).missing) == 4
+
+
+def test_strict_run_of_one_object_ignores_failures_of_others(tmp_path):
+    items = objects(3, b=f"until {tmp_path / 'never'}")
+    run(request(tmp_path, items=items))
+    assert run(request(tmp_path, items=items, only="a", strict=True)) == 0
+    assert run(request(tmp_path, items=items, only="a", strict=True, settings={"samples": 9})) == 1

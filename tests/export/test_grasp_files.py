@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,10 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.config.settings import Settings
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.plan import Request
+from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset
 from tests.stages.ball_dataset import CENTRE, SCALE, TURN
 
@@ -91,3 +95,13 @@ def test_dexgraspbench_files_keep_poses_and_mass(data: Path, tmp_path: Path) -> 
     parts = [trimesh.load(path) for path in (folder / "urdf" / "meshes").iterdir()]
     assert sum(part.volume for part in parts) == pytest.approx(about["mass"], rel=1e-6)
     assert about["mass"] == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.05)
+
+
+def test_grasps_of_other_surfaces_are_refused(tmp_path: Path) -> None:
+    ball_dataset.make_data(tmp_path / "data", 1)
+    surfaces, *_ = ball_dataset.stages()
+    asked: Any = Request(surfaces, Settings(), "balls", ball_dataset.objects(1), "draft", 2, tmp_path / "data")
+    pack(asked, lambda unit: (row := surfaces.row(unit)) | {"points": row["points"][::-1]})
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", "grasps"])
+    assert result.exit_code == 1
+    assert "was made from other surfaces than the current ones" in " ".join(result.output.split())

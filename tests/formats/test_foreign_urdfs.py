@@ -295,3 +295,16 @@ def test_origin_is_written_as_rpy_even_at_gimbal_lock(pitch: float) -> None:
     xyz, rpy = ([float(number) for number in link[0].attrib[name].split()] for name in ("xyz", "rpy"))
     np.testing.assert_allclose(Rotation.from_euler("xyz", rpy).as_matrix(), pose[:3, :3], atol=1e-7)
     assert xyz == [1, 2, 3]
+
+
+def test_physics_urdf_states_what_engines_cannot_read_or_guess(tmp_path: Path) -> None:
+    """Commas between numbers, an axis that is not of unit length, a mass without inertia."""
+    text = CLAW.replace('<axis xyz="1 0 0"/>', '<axis xyz="2, 0, 0"/>').replace('xyz="0 0 0.04"', 'xyz="0, 0, 0.04"')
+    robot = parse_urdf(write_physics_urdf(load_hand(claw(tmp_path, text)), tmp_path))
+    assert "," not in "".join(element.get("xyz", "") for element in robot.iter())
+    assert {tuple(map(float, axis.get("xyz", "").split())) for axis in robot.iter("axis")} == {(1.0, 0.0, 0.0)}
+    for inertial in robot.iter("inertial"):
+        mass, moments = (element.attrib for element in (inertial.find("mass"), inertial.find("inertia")) if element is not None)
+        assert min(float(moments[name]) for name in ("ixx", "iyy", "izz")) > 0
+        if float(mass["value"]) == 0.01:
+            assert float(moments["ixx"]) == pytest.approx(0.01 / 12 * (0.01**2 + 0.04**2))

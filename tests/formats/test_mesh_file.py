@@ -1,6 +1,7 @@
 """Mesh files of every format with their materials, and files that hold no mesh."""
 
 import json
+import sys
 import zipfile
 from pathlib import Path
 
@@ -227,3 +228,14 @@ def test_reader_of_meshes_logs_nothing(tmp_path: Path, caplog: pytest.LogCapture
 def test_missing_file_is_refused_by_name(tmp_path):
     with pytest.raises(InvalidInput, match=r"gone\.obj is not there"):
         load_mesh(tmp_path / "gone.obj")
+
+
+@pytest.mark.parametrize("suffix", ["obj", "off", "stl"])
+def test_comments_and_names_that_are_not_utf8_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
+    monkeypatch.setitem(sys.modules, "charset_normalizer", None)  # with it, trimesh guesses
+    lines = {"obj": "# Größe\n{}", "off": "OFF\n# Größe\n{}", "stl": "solid Größe\n{}"}[suffix]
+    text = BOX.export(file_type="stl_ascii" if suffix == "stl" else suffix)
+    body = text if suffix == "obj" else text.partition("\n")[2]
+    path = tmp_path / f"box.{suffix}"
+    path.write_bytes(lines.format(body).encode("latin-1"))
+    assert len(parse_mesh(path, tmp_path).faces) == len(BOX.faces)

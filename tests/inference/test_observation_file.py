@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -388,3 +389,22 @@ def test_up_is_rotated_to_z(up: tuple[float, float, float]) -> None:
     assert np.linalg.det(turn) == pytest.approx(1)
     direction = np.array(up) / np.abs(up).max()
     np.testing.assert_allclose(turn @ direction / np.linalg.norm(direction), [0, 0, 1], atol=1e-9)
+
+
+def test_a_sensor_whose_image_shows_no_contact_does_not_locate_the_object(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    del entries["object"]
+    untouched, touched = (np.full((20, 20, 3), 100, np.uint8) for _ in range(2))
+    touched[8:12, 8:12] = 150
+    for name, image in (("untouched", untouched), ("touched", touched)):
+        Image.fromarray(image).save(tmp_path / f"{name}.png")
+    entries["untouched"] = "untouched.png"
+    away = copy.deepcopy(entries["touches"][0])
+    away["pose"] = (np.array(away["pose"]) + np.eye(4)[:, 3] * np.array([[0.3], [0], [0], [0]])).tolist()
+    entries["touches"] = [touch | {"touched": "auto", "tactile_image": "touched.png"} for touch in entries["touches"]]
+    expected = find_object(load_observation(write_observation(tmp_path, entries)), None)
+    entries["touches"].append(away | {"touched": "auto", "tactile_image": "untouched.png"})
+    located = find_object(load_observation(write_observation(tmp_path, entries)), None)
+    assert expected is not None
+    assert located is not None
+    np.testing.assert_array_equal(located.centre, expected.centre)

@@ -228,6 +228,14 @@ def test_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data
     np.testing.assert_allclose(large, small if suffix == ".glb" else 1e3 * small, rtol=1e-5)
 
 
+def test_gltf_is_upright_whatever_axis_of_the_observation_is_up(data, grasp, tmp_path):
+    file = write(grasp.parent / "sideways.yaml", entries(grasp, up=[1.0, 0.0, 0.0]))
+    observed = predict(tmp_path / "up.glb", data / "models", "occluded-touch", observation=file, surface="charts")
+    size = np.ptp(observed.reconstruction.vertices, axis=0)
+    extents = trimesh.load_scene(observed.files[0], process=False).to_mesh().extents
+    assert extents[1] == pytest.approx(size[0], rel=1e-5)  # glTF's y is up
+
+
 def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millimetres, tmp_path):
     options = {"surface": "closed", "resolution": 24}
     prediction = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **options)

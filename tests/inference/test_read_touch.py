@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from pipeline.cli.app import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
-from pipeline.formats.image_file import read_depth
+from pipeline.formats.image_file import read_depth, read_image
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
 from pipeline.inference.read_touch import PNG_STEP, TouchReader, write_reading
@@ -66,6 +66,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def reader(folder: Path) -> TouchReader:
     return TouchReader(folder / "my_gel.yaml", UNTOUCHED)
+
+
+def test_network_of_the_current_folder_is_found(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder / "my_gel-touch")
+    TouchReader(folder / "my_gel.yaml", read_image(folder / "photographs" / "untouched.png"), Path())
 
 
 def test_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_path: Path) -> None:
@@ -118,6 +123,15 @@ def test_command_reads_all_photographs_of_a_folder_but_the_untouched_one(folder:
     assert "2 photographs" in result.output
     assert "read by " in result.output
     assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
+
+
+def test_photograph_of_another_size_is_named(folder: Path, tmp_path: Path) -> None:
+    photographs = shutil.copytree(folder / "photographs", tmp_path / "photographs")
+    Image.new("RGB", (7, 5)).save(photographs / "small.png")
+    options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
+    result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
+    assert result.exit_code == 1
+    assert "small: the untouched photograph is" in " ".join(result.output.split())
 
 
 def test_new_photographs_of_a_watched_folder_are_read_when_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,15 +13,19 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.config.manifest import load_manifest
+from pipeline.config.objects import identity
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
+from pipeline.inference.score import _learned_from
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
 from pipeline.reports.results_summary import _ways, summarise
 from pipeline.reports.training_seeds import outdated_scores
 from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.settings import EvaluationSettings
@@ -121,6 +125,18 @@ def test_images_are_left_out_if_one_object_was_seen_by_another_camera(data, tmp_
     rows, reasons = fitting_rows(DataDirectory(copy))
     assert rows == [f"{DEFAULT}-touch"]
     assert "unoccluded: not all images are from the camera that it knows" in reasons
+
+
+def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_path, monkeypatch):
+    ship(monkeypatch, data)
+    copy = Path(shutil.copytree(data, tmp_path / "data"))
+    (given,) = (stage for stage in spheres.stages() if stage.output is SURFACES)
+    learned = next(item for item in load_manifest("weights").objects(None) if item.split == "train")
+    sources = {name: f"procedural bottle {name}, seed 9" for name in "abcd"} | {"b": identity(learned.source)}
+    asked: Any = Request(given, Settings(), "balls", OBJECTS, "draft", 1, copy)
+    pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
+    assert _learned_from(DataDirectory(copy)) == ("b",)
+    assert "shipped-…: the network that ships, given the first grasp of each object alone." in vt("report", data, "--no-pages")
 
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):

@@ -26,6 +26,7 @@ def test_point_with_the_used_settings_is_found() -> None:
     assert used_point(TRADE, own) == TRADE.points[0]
     assert used_point(TRADE, {**own, "points": 5000}) == TRADE.points[1]
     assert used_point(TRADE, {**own, "points": 123}) is None
+    assert used_point(TRADE, {**own, "directions": 16}) is None, "a setting that no point varies"
 
 
 def test_pictures_name_the_used_point(tmp_path: Path) -> None:
@@ -33,6 +34,7 @@ def test_pictures_name_the_used_point(tmp_path: Path) -> None:
     settings = resolve("sample-surfaces", "draft", ["points=5000"]).results()
     (picture,) = report_trades(tmp_path, {"sample-surfaces": settings}, tmp_path)
     assert "used here: fast" in picture["caption"]
+    assert [picture["caption"] for picture in report_trades(tmp_path, {}, tmp_path)] == ["sample-surfaces, on 4 objects."]
     assert "own: 2 s, 1.5 mm" in picture["alt"]
     drawn = (tmp_path / "trade-sample-surfaces.svg").read_text()
     assert "seconds per object" in drawn

@@ -139,7 +139,7 @@ def test_saved_row_is_loaded_unchanged_and_a_damaged_row_file_is_removed(tmp_pat
     content = bytearray(path.read_bytes())
     content[100] ^= 1
     path.write_bytes(content)
-    with pytest.raises(StoreError, match="was damaged and is removed; run again"):
+    with pytest.raises(StoreError, match="was damaged or is gone; run again"):
         files.chunks(result)
     assert files.find("a", "k") is None
 

@@ -29,6 +29,7 @@ def trade(stage: str, unit: str, *points: Point, trained: int = 0, trials: int =
         preset="draft",
         assignments=(),
         objects=tuple(f"object-{number}" for number in range(4)),
+        sample="sample",
         trained=trained,
         trials=trials,
         machine="a machine",

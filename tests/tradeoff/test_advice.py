@@ -70,6 +70,14 @@ def test_limit_on_lengths_is_kept_by_every_length_and_leaves_others_alone() -> N
         within_error(trades, LOAD, Limit(0.05, "um"))
     with pytest.raises(InvalidInput, match="no error is measured so; there are sample-surfaces in mm"):
         within_error(trades, LOAD, Limit(1, "levels"))
+    trades[1] = trade("simulate-touch", "%", point("fast", 1, [1] * 4, gel_bits=1))
+    with pytest.raises(InvalidInput, match="simulate-touch: your own settings were not measured, for lack of time"):
+        within_error(trades, LOAD, parse_limit("0.1mm"))
+
+
+def test_bound_of_a_training_is_of_as_many_test_objects_as_a_dataset_has() -> None:
+    learned = trade("train-unet", "um", point("a", 2, [1, 2]), trained=2)  # half of four objects are tested
+    assert choices(learned, LOAD)[0].bound == learned.points[0].bound(5)
 
 
 @pytest.mark.parametrize(("text", "seconds"), [("90s", 90), ("10min", 600), (" 1.5 h ", 5400), ("2d", 172800)])

@@ -54,7 +54,7 @@ def test_tradeoff_measures_draws_and_prints(tmp_path: Path) -> None:
         (["advise", "--error", "x", "--data", "/nonexistent"], "'x' is not an error"),
         (
             ["advise", "--within", "3h", "--data", "/nonexistent"],
-            "sample-surfaces: not measured yet; run `vt-pipeline tradeoff sample-surfaces",
+            "sample-surfaces: not measured yet; name the --data of `vt-pipeline tradeoff`, or run `vt-pipeline tradeoff sample-surfaces",
         ),
         (["advise", "--error", "1mm", "--data", "s3://bucket/x"], "give the folder that `vt-pipeline tradeoff` measured into"),
     ],
@@ -82,5 +82,5 @@ def test_advice_keeps_the_limits_of_time_and_error(measured: Path) -> None:
 def test_advice_refuses_figures_of_other_settings(measured: Path) -> None:
     code, output = vt("advise", "--data", measured, "--within", "1h", "--set", "sample-surfaces.diagonal=0.3")
     assert code == 1
-    assert "measured with other settings or other code; run `vt-pipeline tradeoff sample-surfaces" in output
+    assert "measured with other settings or other code; name the --data of `vt-pipeline tradeoff`, or run `vt-pipeline tradeoff" in output
     assert "--set sample-surfaces.diagonal=0.3" in output

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.transforms import length, unit_vectors
 from pipeline.kernels.touch.face_culling import BoxedFaces
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, draw_mostly_small, press_relief
 from pipeline.kernels.touch.ray_depth import ray_depth
@@ -55,7 +56,7 @@ def random_patch(
     """
     ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
-    distance = float(np.linalg.norm(high - low))  # from a point of the object, as far as no part of it is
+    distance = float(length(high - low))  # from a point of the object, as far as no part of it is
     for _ in range(ATTEMPTS):
         size = draw_mostly_small(scale, rng)
         sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * distance}
@@ -74,9 +75,8 @@ def _facing(
     index = int(rng.integers(len(points)))
     away = -np.asarray(normals[index], np.float64)
     aside = np.cross(away, rng.normal(size=3))
-    aside /= np.linalg.norm(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
-    z = away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away)
-    z /= np.linalg.norm(z)
+    aside = unit_vectors(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
+    z = unit_vectors(away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away))
     pose = np.eye(4)
     pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)
     pose[:3, 3] = np.asarray(points[index], np.float64) - distance * z

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.geometry.transforms import compose, invert_similarity, length
+
 FOCAL, SENSOR = 35.0, 32.0
 """mm: focal length and width of the renderings' camera. The field of view in the metadata was not rendered with."""
 
@@ -63,7 +65,7 @@ def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float6
     to_camera = np.column_stack([frame, [0.0, 0.0, FARTHEST * viewpoint.distance]])  # the origin is straight ahead of the camera
     focal = FOCAL / SENSOR * resolution
     intrinsic = np.array([[focal, 0, resolution / 2], [0, focal, resolution / 2], [0, 0, 1]])
-    return np.asarray(intrinsic @ to_camera, np.float64)
+    return compose(intrinsic, to_camera)
 
 
 def placed_camera(camera: NDArray[np.float64], placement: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -80,5 +82,4 @@ def placed_camera(camera: NDArray[np.float64], placement: NDArray[np.float64]) -
     -------
     (3, 4) float64, world points, m, to pixels; its depth is in m.
     """
-    scale = np.cbrt(np.linalg.det(placement[:3, :3]))
-    return np.asarray(scale * camera @ np.linalg.inv(placement), np.float64)
+    return length(placement[:3, 0]) * compose(camera, invert_similarity(placement))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, take_steps
-from pipeline.kernels.charts.planar_grid import planar_grid
+from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, planar_grid, take_steps
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.metrics.surface_sampling import map_to_surface
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.kernels.charts.planar_grid import nearest_in, planar_grid
+from pipeline.kernels.charts.chart_steps import nearest_in, planar_grid
 from tests.kernels.degenerate_clouds import KINDS, OFFSETS, cloud
 from tests.strategies import scales, seeds
 
