@@ -20,6 +20,9 @@ BLUE, RED = "#4477aa", "#cc3311"
 PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
 """Places of a label, in order of preference: whether it is to the right of its point, and its offset upwards, points."""
 
+WHICH_NETWORK = ("configuration", "training_seed")
+"""Settings that say which network is trained, not how."""
+
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
     """Draw error over seconds per object, logarithmic, as an SVG, with the point `used` marked.
@@ -82,7 +85,8 @@ def trade_table(trade: MeasuredTrade) -> Table:
 
 def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
     """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
-    base = {name: value for name, value in resolve(trade.stage, trade.preset, trade.assignments).results().items() if value is not None}
+    own = resolve(trade.stage, trade.preset, trade.assignments).results()
+    base = {name: value for name, value in own.items() if value is not None and name not in WHICH_NETWORK}
     return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
