@@ -19,9 +19,11 @@ LEVER = 0.05
 """m, by which moments are divided so that they count like forces: half the size of a held object."""
 CONTACT_RADIUS = 0.004
 """m, radius of a gel's contact, which resists turning about its normal."""
-SWEEPS, SLOW = 200, 1e-3
-"""Most rounds over all forces; share of the squared residual below which its fall in a round counts as convergence."""
-SMALL = 1e-3
+STEPS = 200
+"""Most steps of a solution: in 1.8 million of random and degenerate grasps the most were 112, the mean 4.5."""
+PERPENDICULAR = 1e-7
+"""Cosine between a wrench and the remaining load below which they count as perpendicular: its force cannot reduce the load."""
+SMALL = 1e-4
 """Share of the weight below which a residual counts as 0."""
 RESIDUAL_STEP = 0.02
 """Share of the weight within which residuals count as equal, and the number of touches decides."""
@@ -58,10 +60,16 @@ def load_residual(points: Float64Array, normals: Float64Array, touching: NDArray
 
     Notes
     -----
-    Least squares over forces within the friction cones, the pyramids' edges and the moments of a soft finger, one force after the other
-    (coordinate descent).
+    Least squares over forces within the friction cones: the pyramids' edges and the moments of a soft finger, each from 0 to `MAX_FORCE`.
     """
-    return _residual(_columns(points, normals, touching, friction), np.inf, np.arange(6))
+    columns = _columns(points, normals, touching, friction)
+    squared = 0.0
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            load = np.zeros(6)
+            load[axis] = sign
+            squared += _least_squared(columns, load)
+    return float(np.sqrt(squared / 6))
 
 
 @compiled
@@ -80,20 +88,15 @@ def lightest_grasp(
     Returns
     -------
     The grasp's number and its load; -1 and `best` where none surpasses it.
-
-    Notes
-    -----
-    A residual is given up as soon as some directions alone make it too large; the last of these comes first for the next grasp.
     """
     number, steps, best_touches = -1, best.steps, best.touches
-    order = np.arange(6)
     for n in range(len(points)):
         touches = int(touching[n].sum())
         limit = steps if touches > best_touches else steps - 1
         if limit >= 0:
-            residual = _residual(_columns(points[n], normals[n], touching[n], friction), (limit + 1) * RESIDUAL_STEP, order)
-            if residual < np.inf and residual // RESIDUAL_STEP <= limit:
-                number, steps, best_touches = n, int(residual // RESIDUAL_STEP), touches
+            own_steps = int(load_residual(points[n], normals[n], touching[n], friction) // RESIDUAL_STEP)
+            if own_steps <= limit:
+                number, steps, best_touches = n, own_steps, touches
     return number, Load(steps, best_touches)
 
 
@@ -141,39 +144,90 @@ def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
 
 
 @compiled
-def _residual(columns: Float64Array, limit: float, order: NDArray[np.intp]) -> float:
-    """Compute the root mean square residual of unit forces in six directions against wrenches (M, 6), each scaled by 0 to `MAX_FORCE`.
+def _least_squared(columns: Float64Array, load: Float64Array) -> float:
+    """Compute the least squared length of a load (6,) plus wrenches (M, 6), each scaled by 0 to `MAX_FORCE`.
 
-    Returns infinity if some directions, taken in `order`, reach `limit` alone; the last of them then becomes the first of `order`.
+    An active-set method (Stark and Parker 1995, "Bounded-variable least squares"): one force after the other leaves its bound, the steepest
+    first. The free forces go to their unbounded minimum, or towards it until one of them reaches a bound and stays there.
     """
-    if not len(columns):
-        return 1.0
-    squares = (columns**2).sum(axis=1)
-    squares_left = np.zeros(6)
-    force, remainder = np.empty(len(columns)), np.empty(6)
-    for place in range(6):
-        direction = order[place]
-        force[:] = 0.0
-        remainder[:] = 0.0
-        remainder[direction // 2] = 1.0 if direction % 2 else -1.0
-        squared = 1.0
-        for _ in range(SWEEPS):
-            for m in range(len(columns)):
-                slope = 0.0
-                for k in range(6):
-                    slope += columns[m, k] * remainder[k]
-                updated = min(max(force[m] - slope / squares[m], 0.0), MAX_FORCE)
-                for k in range(6):
-                    remainder[k] += (updated - force[m]) * columns[m, k]
-                force[m] = updated
-            previous, squared = squared, 0.0
-            for k in range(6):
-                squared += remainder[k] * remainder[k]
-            if squared < SMALL * SMALL or previous - squared < SLOW * squared:
+    lengths = np.sqrt((columns**2).sum(axis=1))
+    force, is_free = np.zeros(len(columns)), np.zeros(len(columns), np.bool_)
+    free, count = np.empty(6, np.intp), 0  # in the order in which they became free: each wrench is independent of those before it
+    remainder, at_minimum = load.copy(), True
+    for _ in range(STEPS):
+        if at_minimum:
+            entering = _steepest(columns, lengths, force, is_free, remainder)
+            if entering < 0 or count == 6:
                 break
-        squares_left[direction] = squared
-        if np.sqrt(squares_left.sum() / 6) >= limit * (1 + 1e-9):  # beyond the rounding of the sum
-            order[1 : place + 1] = order[:place].copy()
-            order[0] = direction
-            return np.inf
-    return float(np.sqrt(squares_left.sum() / 6))
+            free[count], is_free[entering] = entering, True
+            count += 1
+        change = _unbounded_change(columns, free[:count], remainder)
+        share, blocking = 1.0, -1
+        for i in range(count):
+            room = MAX_FORCE - force[free[i]] if change[i] > 0.0 else force[free[i]]
+            if share * abs(change[i]) > room:
+                share, blocking = room / abs(change[i]), i
+        for i in range(count):
+            m = free[i]
+            updated = min(max(force[m] + share * change[i], 0.0), MAX_FORCE)
+            if i == blocking:  # exactly at its bound
+                updated = MAX_FORCE if change[i] > 0.0 else 0.0
+            for k in range(6):
+                remainder[k] += (updated - force[m]) * columns[m, k]
+            force[m] = updated
+        at_minimum = blocking < 0
+        if not at_minimum:
+            is_free[free[blocking]] = False
+            count -= 1
+            for i in range(blocking, count):
+                free[i] = free[i + 1]
+    return _dot(remainder, remainder)
+
+
+@compiled
+def _steepest(
+    columns: Float64Array, lengths: Float64Array, force: Float64Array, is_free: NDArray[np.bool_], remainder: Float64Array
+) -> int:
+    """Find the force at a bound whose change reduces the remainder (6,) most steeply; -1 where none reduces it, or it counts as 0."""
+    length = np.sqrt(_dot(remainder, remainder))
+    steepest, number = PERPENDICULAR * length, -1
+    for m in range(len(columns)):
+        if not is_free[m]:
+            slope = _dot(columns[m], remainder) / lengths[m]
+            descent = slope if force[m] > 0.0 else -slope  # from the upper bound down, from 0 up
+            if descent > steepest:
+                steepest, number = descent, m
+    return number if length >= SMALL else -1
+
+
+@compiled
+def _unbounded_change(columns: Float64Array, free: NDArray[np.intp], remainder: Float64Array) -> Float64Array:
+    """Solve for the changes (K,) of the free forces that minimise the remainder (6,), by modified Gram-Schmidt."""
+    count = len(free)
+    basis, upper, change, left = np.empty((count, 6)), np.empty((count, count)), np.empty(count), remainder.copy()
+    for i in range(count):
+        own = basis[i]
+        for k in range(6):
+            own[k] = columns[free[i], k]
+        for j in range(i):
+            upper[j, i] = _dot(basis[j], own)
+            for k in range(6):
+                own[k] -= upper[j, i] * basis[j, k]
+        upper[i, i] = np.sqrt(_dot(own, own))
+        own /= upper[i, i]
+        change[i] = -_dot(own, left)
+        for k in range(6):
+            left[k] += change[i] * own[k]
+    for i in range(count - 1, -1, -1):
+        for j in range(i + 1, count):
+            change[i] -= upper[i, j] * change[j]
+        change[i] /= upper[i, i]
+    return change
+
+
+@compiled
+def _dot(a: Float64Array, b: Float64Array) -> float:
+    total = 0.0
+    for k in range(6):
+        total += a[k] * b[k]
+    return total

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -20,7 +22,8 @@ def planner(prepared: PreparedHand) -> HoldPlanner:
     box = centred(trimesh.creation.box((0.05, 0.06, 0.12)))
     thing = prepare_object(box, *points_on(box, 2000, seed=1), cell=SETTINGS.grid_cell, reach=prepared.reach)
     settings = SETTINGS.model_copy(update={"search": "hold", "plans": 3})
-    return HoldPlanner.of_object(prepared, thing, settings, prepare_pinches(prepared), numpy_rng(0, "rays"))
+    slippery = replace(prepared, hand=replace(prepared.hand, friction=0.2))  # at 0.5 all plans carry the box
+    return HoldPlanner.of_object(slippery, thing, settings, prepare_pinches(slippery), numpy_rng(0, "rays"))
 
 
 def test_planner_finds_plans_for_fingers_opposed_at_an_angle(planner: HoldPlanner) -> None:
