@@ -141,6 +141,7 @@ def test_stage_setting_and_array_added_by_the_recipes_run(tmp_path):
     assert (_read(data / "contact" / record["location"], "press")[0] > 0).tolist() == rows.read("touch_success", "a").tolist()
 
 
+@pytest.mark.slow
 def test_family_of_networks_added_by_the_recipe_is_trained_evaluated_reported_and_used(tmp_path):
     copy = copy_with_recipes(tmp_path, ["Add a family of networks"], "tests")
     output = run_python(copy, "-c", LEARN, str(tmp_path / "data"))

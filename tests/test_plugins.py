@@ -125,6 +125,7 @@ def test_stage_of_another_package_runs_and_its_key_follows_its_code(balls_run: t
         list(reshard(DataDirectory(data), 2))
 
 
+@pytest.mark.slow
 def test_broken_packages_are_named_and_other_commands_work(balls_run: tuple[Path, list[str]], tmp_path: Path) -> None:
     data, options = balls_run
     site, sensor = tmp_path / "site", description_path("sensor", "gel_16mm").read_text()

@@ -26,6 +26,7 @@ from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.background import foreground
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
+from pipeline.models.learned_view import has_learned_view
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
@@ -266,7 +267,7 @@ def _guess(reconstruction: Reconstruction) -> Iterator[str]:
 def _other_view(model: Reconstructor, seen: Observation) -> Iterator[str]:
     """Warn of an image that is not from the camera of the training: it is given as it is."""
     camera = seen.scaled(model.config.centre).camera
-    if camera is not None and model.camera is not None and not model.has_learned_view(camera):
+    if camera is not None and model.camera is not None and not has_learned_view(model, camera):
         yield "warning: the image is from another camera than the network's training; errors are larger than measured"
 
 

@@ -20,16 +20,11 @@ from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
 Level = Annotated[int, Field(ge=0, le=255)]
-
-SAME_VIEW, SAME_PIXELS = 1.0, 0.01
-"""Largest differences of a camera from the training's that count as none: degrees of its direction, and pixels as a share of the image."""
 
 
 @dataclass(frozen=True)
@@ -139,18 +134,6 @@ class Reconstructor(ABC):
         restricted.config = self.config.restricted_to(inputs)
         restricted.image, restricted.touch = restricted.config.image, restricted.config.touch
         return restricted
-
-    def has_learned_view(self, camera: NDArray[np.float64]) -> bool:
-        """Check whether a camera, (3, 4) of an object of the size that networks see, sees it from the training's side, and as large."""
-        if self.camera is None or self.resolution is None:
-            return False
-        centre = np.array(self.config.centre)
-        corners = centre + self.config.radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
-        own, trained = (camera_direction(matrix, centre) for matrix in (camera, self.camera))
-        turns = np.degrees([own.azimuth - trained.azimuth, own.elevation - trained.elevation])
-        seen, expected = (project_points(matrix, corners) for matrix in (camera, carried_camera(self.camera, camera, centre)))
-        pixels = np.abs(seen - expected).max()
-        return bool(np.abs((turns + 180) % 360 - 180).max() <= SAME_VIEW and pixels <= SAME_PIXELS * max(self.resolution))
 
     @torch.no_grad()
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:

@@ -114,6 +114,7 @@ def test_worker_killed_while_opening_its_session_is_restarted(tmp_path):
     assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=Dask())) == 5
 
 
+@pytest.mark.slow
 def test_worker_that_always_dies_while_opening_its_session_gives_a_clear_error(tmp_path):
     with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time while it opened .* fewer --workers"):
         run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=False), executor=Dask()))

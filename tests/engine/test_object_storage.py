@@ -179,7 +179,7 @@ def test_conditional_put_succeeds_once_and_is_recognised_after_a_lost_answer(dat
     assert read_bytes(record) == b"fifth"
 
 
-@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("late", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_requests_with_broken_connections_are_retried(data, faults, late):
     broken = iter([Answer(None, late)] * 6)
     faults.fault = lambda method, path: next(broken, None) if method in ("PUT", "POST", "DELETE") else None
@@ -221,6 +221,7 @@ def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
     assert published(data).view("b")["values"].any()
 
 
+@pytest.mark.slow
 def test_unreachable_server_gives_an_error_with_a_remedy(data, faults, monkeypatch):
     run(request(data))
     monkeypatch.setattr(storage, "RETRY", storage.RETRY | {"max_retries": 1})

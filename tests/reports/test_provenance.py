@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import pytest
 import trimesh
 import yaml
 from typer.testing import CliRunner
@@ -51,6 +52,7 @@ def test_settings_that_follow_the_inputs_are_not_named_as_set(tmp_path):
         assert line.count("--set") == [row.cells[2] for row in table.rows].count("set") == count
 
 
+@pytest.mark.slow
 def test_commands_run_in_a_shell_reproduce_the_dataset(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "Ann's meshes"
