@@ -21,8 +21,10 @@ def labelled(rng: Rng, rows: Rows, low: float, high: float, size: Sequence[float
     solid = column(np.column_stack([table[:, 0], u * table[:, 1], v * table[:, 1], np.full(len(table), square)]), count=count)
     z = solid.vertices[:, 2]
     inside = (z > low - 1e-6) & (z < high + 1e-6)
-    uv = np.column_stack([(np.arange(len(z)) % count) / (count - 1), (z - low) / (high - low)]) * inside[:, None]
-    return solid.painted(label(rng, np.pi * (u + v) / (high - low)), np.all(inside[solid.faces], axis=1), uv)
+    column_of = np.arange(len(z)) % count
+    uv = np.column_stack([column_of / (count - 1), (z - low) / (high - low)]) * inside[:, None]
+    is_seam = np.ptp(column_of[solid.faces], axis=1) > 1  # where the label's ends meet: all of it would be there once more, mirrored
+    return solid.painted(label(rng, np.pi * (u + v) / (high - low)), np.all(inside[solid.faces], axis=1) & ~is_seam, uv)
 
 
 def drink(model: Model, rng: Rng) -> None:
