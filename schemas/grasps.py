@@ -64,7 +64,7 @@ GRASPS = Artifact(
             ("object", "grasp", "sensor"),
             "float32",
             "m2",
-            "Area of the sensor plane over which the surface presses into the gel; 0 without a touch.",
+            "Area of the sensor plane over which the surface is deeper than 0.1 mm in the undeformed gel; 0 without a touch.",
             optional=True,  # missing in datasets from before grasps were judged by more than touches
         ),
         "opposition": Array(

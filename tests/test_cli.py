@@ -161,6 +161,19 @@ def test_sweep_with_an_invalid_point_runs_none(tmp_path):
     assert "sweeps/" not in output
 
 
+def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):
+    sources = [{"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"bottle": 2}}]
+    described = {"name": "m", "description": "d", "seed": 0, "splits": {"train": 2, "valid": 0, "test": 0}, "sources": sources}
+    file = tmp_path / "m.yaml"
+    options = ["--data", str(tmp_path / "data"), "--manifest", str(file), "--set", "points=50", "--executor", "serial"]
+    for count, splits in ((2, {"train": 2, "valid": 0, "test": 0}), (1, {"train": 0, "valid": 0, "test": 1})):
+        sources[0]["count"] = {"bottle": count}
+        file.write_text(yaml.safe_dump(described | {"splits": splits}))
+        result = CliRunner().invoke(app, ["run", "sample-surfaces", *options])
+    assert result.exit_code == 0, result.output
+    assert "1 object no longer in the manifest (bottle-0001), whose rows are dropped; 1 object in another split" in result.output
+
+
 def test_run_of_one_object_leaves_the_others_missing(tmp_path):
     assert invoke(*RUN, "--data", str(tmp_path), "--object", "duck", "--set", "points=100")[0] == 0
     assert "would make 24 of 25" in invoke(*RUN, "--data", str(tmp_path), "--dry-run", "--set", "points=100")[1]

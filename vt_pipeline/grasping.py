@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -60,7 +61,13 @@ class Grasps:
 
 
 def grasp(
-    object_: TouchObject | Source, hand: str = "allegro_right", *, attempts: int = 50, grasps: int = 5, seed: int = 0, **settings: Any
+    object_: TouchObject | Source,
+    hand: str | Path = "allegro_right",
+    *,
+    attempts: int = 50,
+    grasps: int = 5,
+    seed: int = 0,
+    **settings: Any,
 ) -> Grasps:
     """Search for grasps of an object (supplement 1.3).
 
@@ -71,7 +78,7 @@ def grasp(
     hand
         Name of a shipped hand, or the path of a hand file, which names the sensors that the fingers wear.
     attempts
-        Poses of the palm that are tried at most.
+        Poses of the palm that are tried; up to four times as many where some grasps, but too few, are found.
     grasps
         How many are kept.
     seed
@@ -96,7 +103,7 @@ def grasp(
     if not isinstance(seed, int | np.integer) or seed < 0:
         raise TypeError(f"seed is a whole number, 0 or more; this is {seed!r}")
     try:
-        grasp_settings = GraspSettings.model_validate({"hand": hand, "attempts": attempts, "grasps": grasps, **settings})
+        grasp_settings = GraspSettings.model_validate({"hand": str(hand), "attempts": attempts, "grasps": grasps, **settings})
     except ValidationError as error:
         raise InvalidInput(f"grasp: {invalid_entries(error, GraspSettings.model_fields)}") from error
     unit = Unit("object", seed=seed)

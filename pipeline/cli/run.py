@@ -125,6 +125,8 @@ def run_plan(plan: Plan[Any]) -> None:
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
         _warn_of_low_disk_space(plan)
+        if isinstance(plan.output, ShardOutput) and (line := _changed_rows(plan)):
+            print_line(f"{stage} {plan.path}: {line}")
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = execute(plan, console)
@@ -161,6 +163,16 @@ def _warn_of_low_disk_space(plan: Plan[Any]) -> None:
             f"[yellow]warning:[/] {plan.stage.name} writes about {cost.kilobytes / 1e3:.0f} MB, and {free / 1e6:.0f} MB are free for "
             f"{escape(str(folder))}; make room, or name another --data (make: DATA=)"
         )
+
+
+def _changed_rows(plan: Plan[ShardOutput]) -> str:
+    """Name the published rows whose objects have left the manifest, and count those that change their split."""
+    splits = {unit.name: unit.split for unit in plan.units}
+    rows = plan.output.record.rows if plan.output.record else ()
+    gone = [row.object_id for row in rows if row.object_id not in splits]
+    moved = sum(row.split != splits.get(row.object_id, row.split) for row in rows)
+    lines = [f"{pluralise(len(gone))} no longer in the manifest ({abbreviate(gone)}), whose rows are dropped"] if gone else []
+    return "; ".join(lines + ([f"{pluralise(moved)} in another split than before"] if moved else []))
 
 
 def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:

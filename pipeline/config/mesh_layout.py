@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
@@ -93,13 +94,14 @@ def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundOb
 
 
 def as_name(*parts: str) -> str:
-    """Write parts of a path as an object id: joined by dashes, other characters replaced, a part without others by its hash."""
+    """Write parts of a path as an object id: joined by dashes, other characters replaced; a part that is not ASCII gets its hash."""
     return "-".join(map(_ascii, parts))
 
 
 def _ascii(part: str) -> str:
     name = re.sub(r"[^A-Za-z0-9._-]+", "_", part)
-    return name if not part or re.search("[A-Za-z0-9]", name) else hashlib.sha256(part.encode()).hexdigest()[:8]
+    digest = hashlib.sha256(os.fsencode(part)).hexdigest()
+    return name if part.isascii() else f"{name}-{digest[:8]}"
 
 
 def _by_file(file: Path) -> MeshFile:

@@ -86,6 +86,7 @@ def recipe_of(
     shards = directory.check_shard_count(None)
     for name, collection in by_stage.items():
         _check_current(_request_like(collection.first.record, name, items, data))
+    _check_sources(by_stage[DATASET[0]], items)
     description_files = find_files(collection.first.record.settings for collection in by_stage.values())
     names = {path: name for name, path in description_files.items()}
     texts, files = read_files(description_files)
@@ -137,6 +138,20 @@ def _check_current(request: Request[ObjectStage]) -> None:
             raise StoreError(
                 f"{plan.path} is not what {request.stage.name} makes here and now: it was made by other code (vt-pipeline {version}), of "
                 "other files or manifest, or in part. Install that version, or run the stage again, then write the recipe"
+            )
+
+
+def _check_sources(surfaces: Collection, items: Sequence[Object]) -> None:
+    """Raise a `StoreError` for rows with another licence or file name than the manifest's: they would not be made again as they are."""
+    for item in items:
+        if surfaces.failure(item.object_id) is not None or not {"licence", "source_file"} <= set(row := surfaces.view(item.object_id)):
+            continue
+        stored, source = (str(row["licence"]), str(row["source_file"])), item.source
+        file = Path(source["file"]).relative_to(source["root"]).as_posix() if "file" in source else stored[1]
+        if stored != (source.get("licence", ""), file):
+            raise StoreError(
+                f"{surfaces.folder}: {item.object_id} has licence {stored[0]!r} and file {stored[1]!r} there, and others in the manifest; "
+                f"delete that folder, run {DATASET[0]} and the later stages again, then write the recipe"
             )
 
 

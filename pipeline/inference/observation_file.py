@@ -99,7 +99,7 @@ class ObservedCamera(Entries):
     depth_scale: Annotated[float, Field(gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")] = 1e-3
     depth_as_touch: Annotated[
         bool,
-        Field(description="give the visible points of `depth` as touched ones, to networks with touch: for depth that is right to 2 mm"),
+        Field(description="give the visible points of `depth` as touched, to networks with touch: for depth right to 2 mm; needs `mask`"),
     ] = False
 
     @model_validator(mode="after")

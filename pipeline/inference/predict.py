@@ -222,10 +222,10 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
         return Prediction(reconstruction, empty.touched, closed=closed, remarks=[error_note(reader)])
     if isinstance(observation, RobotObservation):
         observed = observation
-        if lines := faults(observed, reader.suited_to(observed).inputs):
+        if lines := faults(observed, reader.inputs):
             raise InvalidInput(f"observation: {'; '.join(lines)}")
     else:
-        observed = load_observation(observation, lambda part: faults(part, reader.suited_to(part).inputs))
+        observed = load_observation(observation, lambda part: faults(part, reader.inputs))
     reader = reader.suited_to(observed)
     placed = place_observation(observed, reader.inputs)
     network_inputs = reader.of_robot(placed)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
+from pipeline.config.objects import identity
 from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
@@ -154,6 +156,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_first([doubt for item in checked if (doubt := item.doubt)]),
         *missing_remarks({item.name: abbreviate(item.missing) for item in checked if item.missing}),
         *SampleSurfaces().notes(SurfaceSettings(), objects),
+        *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),
         f"picture: {picture}",
     ]
@@ -230,6 +233,17 @@ def _scaled(sizes: Sequence[float]) -> Iterator[str]:
         likely = " or ".join(f"{middle * METRES[unit]:.2g} m ({unit})" for unit in likely_units(middle))
         guess = f"; half of them are at most {likely} large" if likely else ""
         yield f"in their files, diagonals are between {min(sizes):.3g} and {max(sizes):.3g}{guess}"
+
+
+def _same_files(objects: Sequence[Object]) -> Iterator[str]:
+    """Warn of objects of one file in several splits: networks would be tested on what they have learned."""
+    by_identity = defaultdict[str, list[Object]](list)
+    for item in objects:
+        with suppress(InvalidInput, OSError):  # is a fault already
+            by_identity[identity(item.source)].append(item)
+    for items in by_identity.values():
+        if len({item.split for item in items}) > 1:
+            yield f"warning: the same file in several splits: {', '.join(f'{item.object_id} ({item.split})' for item in items)}"
 
 
 def _categories(objects: Sequence[Object]) -> list[str]:

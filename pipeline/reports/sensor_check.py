@@ -61,7 +61,7 @@ def draw(sensor: Sensor, path: Path) -> None:
     _plan(plan, sensor)
     panels = {"untouched": untouched_image(sensor), "a ball": tactile_image(ball, sensor), "an edge": tactile_image(edge, sensor)}
     for axes, (title, image) in zip(images, panels.items(), strict=True):
-        axes.imshow(image)
+        axes.imshow(image, aspect=sensor.pitch[0] / sensor.pitch[1])
         axes.set(title=title, xticks=[], yticks=[])
     save_figure(figure, path)
 

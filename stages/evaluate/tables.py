@@ -48,7 +48,7 @@ CHAMFER = ("chamfer", TABLE_3_FACTOR)
 
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
-SMALLEST = "smallest value that sampling allows"
+SMALLEST = "what sampling alone gives"
 """Label of the least Chamfer distance, that of two samplings of one surface."""
 
 

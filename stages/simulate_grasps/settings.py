@@ -42,7 +42,8 @@ class GraspSettings(ObjectSettings):
     )
     attempts: int = setting(
         50,
-        "poses of the palm tried per object at most, as many as the authors' later simulator tries; 12 leave 4 % of the sensors untouched",
+        "poses of the palm tried per object, as many as the authors' later simulator tries, and up to four times as many where some grasps "
+        "but too few hold; 12 leave 4 % of the sensors untouched",
         ge=1,
     )
     exhaustive: bool = setting(

@@ -320,6 +320,12 @@ def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, 
     code, output = vt("recipe", tmp_path / "p" / "data", "--manifest", tmp_path / "p" / "things.yaml")
     assert code == 1
     assert "surfaces/0000-of-0001 is not what sample-surfaces makes here and now" in output
+    manifest = tmp_path / "p" / "things.yaml"
+    shutil.copy(published.parent / "meshes" / "ball.ply", tmp_path / "p" / "meshes" / "ball.ply")
+    manifest.write_text(manifest.read_text().replace("CC0", "CC-BY-4.0"))
+    code, output = vt("recipe", tmp_path / "p" / "data", "--manifest", manifest)
+    assert code == 1
+    assert "has licence 'CC0' and file 'ball.ply' there, and others in the manifest; delete that folder" in " ".join(output.split())
     code, output = vt("recipe", tmp_path)
     assert (code, "sample-surfaces has made nothing here" in output) == (1, True)
 

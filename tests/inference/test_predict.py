@@ -121,6 +121,12 @@ def test_implicit_any_uses_the_inputs_that_an_observation_has(data, grasp, tmp_p
     assert result.exit_code == 0, result.output
 
 
+def test_observation_with_neither_photograph_nor_touch_is_refused(data, grasp, tmp_path):
+    described = {"object": entries(grasp)["object"], "touches": []}
+    with pytest.raises(InvalidInput, match="model implicit-any needs a photograph or touches"):
+        predict(tmp_path / "a.ply", data / "models", "implicit-any", observation=write(tmp_path / "g.yaml", described))
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])
 def test_every_chart_is_named(data, tmp_path, suffix):
     prediction = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="charts")

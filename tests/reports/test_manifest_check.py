@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from PIL import Image
 from typer.testing import CliRunner
 
@@ -107,3 +108,14 @@ def test_only_a_manifest_takes_a_folder_and_units(tmp_path: Path, meshes: Path) 
         check_file("supplement", tmp_path / "a.png", meshes=MeshFiles(meshes))
     with pytest.raises(InvalidInput, match="names its own objects"):
         check_file("one-of-each", tmp_path / "a.png", meshes=MeshFiles(meshes))
+
+
+def test_one_file_in_several_splits_is_reported(tmp_path: Path) -> None:
+    for split in ("train", "test"):
+        (tmp_path / split).mkdir()
+        trimesh.creation.box().export(tmp_path / split / f"{split}.stl")
+    sources = [{"kind": "directory", "licence": "CC0", "path": str(tmp_path / split), "split": split} for split in ("train", "test")]
+    described = {"name": "twice", "description": "d", "seed": 0, "splits": {"train": 0.5, "valid": 0.25, "test": 0.25}, "sources": sources}
+    (tmp_path / "twice.yaml").write_text(yaml.safe_dump(described))
+    lines = check_file(str(tmp_path / "twice.yaml"), tmp_path / "p.png", meshes=MeshFiles(None))
+    assert "warning: the same file in several splits: test (test), train (train)" in lines
