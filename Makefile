@@ -126,9 +126,10 @@ evaluate: $$(addprefix evaluate.,$$(SEEDS))  ## evaluate these networks on the t
 report: every-simulate-touch $$(addprefix evaluate.,$$(SEEDS))  ## check the supplement's orderings; write pages with gallery, figures and tables: DATA/report/index.html
 	@$(BIN)/vt-pipeline report $(call quoted,$(DATA)) --shipped
 
-# LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
+# what `reproduce` sets itself
 FIXED    := MANIFEST PRESET SEEDS OBJECTS
 $(if $(filter reproduce,$(MAKECMDGOALS)),$(foreach name,$(FIXED),$(if $(filter override,$(origin $(name))),$(error reproduce has its own $(name); leave it out))))
+# LONG=1: thirteen times the epochs for charts, five times for implicit networks, a night on 2 cores; killed, it continues where it was.
 FOUR      = MANIFEST=four-classes PRESET=draft CONFIGURATIONS=$(call quoted,$(CONFIGURATIONS) implicit-occluded-touch implicit-unoccluded) \
             DATA=$(call quoted,$(if $(filter override,$(origin DATA)),$(DATA),data/four-classes/$(if $(LONG),long,draft))) \
             SET=$(call quoted,$(if $(LONG),train-gcn.epochs=80 train-implicit.epochs=500,evaluate.grasps=[1$(comma)5]) $(SET))

@@ -87,9 +87,8 @@ def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) ->
     seeded = type(settings).model_validate(dict(settings) | changes)
     output, value = stage.writes(seeded), Path(folder).name
     if output != folder:
-        parents = Path(output).parent, Path(folder).parent
         name = next((name for name, current in seeded if current == Path(output).name), None)
-        if name is None or parents[0] != parents[1]:
+        if name is None or Path(output).parent != Path(folder).parent:
             return None
         changes = {name: value} | changes
     assignments = tuple(f"{stage.name}.{name}={value}" for name, value in changes.items())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -22,11 +22,11 @@ from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
+from pipeline.inference.prediction_warnings import guess, other_view, unseen_touches
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.background import foreground
 from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
-from pipeline.models.learned_view import has_learned_view
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
@@ -231,16 +231,14 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     network_inputs = reader.of_robot(placed)
     reconstruction = reader.model.reconstruct([network_inputs])[0]
     touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
+    remarks = [describe_object(observed, placed.box), *placed.remarks, *unseen_touches(observed, touched), *guess(reconstruction)]
     prediction = Prediction(
         replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
         touched,
         len(visible),
         metres_per_unit=observed.metres_per_unit,
         up=observed.up,
-        remarks=[
-            *(describe_object(observed, placed.box), *placed.remarks, *_unseen_touches(observed, touched)),
-            *(*_guess(reconstruction), error_note(reader)),
-        ],
+        remarks=[*remarks, error_note(reader)],
     )
     if surface != "closed":
         return prediction
@@ -252,25 +250,6 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     return replace(prediction, closed=mesh)
 
 
-def _unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> Iterator[str]:
-    """Warn of touches that the observation states, and whose tactile images show none."""
-    names = [observed.name_of(n) for n, touch in enumerate(observed.touches) if touch.touched is True and len(touched) and not touched[n]]
-    if names:
-        yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
-
-
-def _guess(reconstruction: Reconstruction) -> Iterator[str]:
-    if reconstruction.is_guess:
-        yield "warning: the network finds no point inside the object; the surface is a speck around the likeliest one"
-
-
-def _other_view(model: Reconstructor, seen: Observation) -> Iterator[str]:
-    """Warn of an image that is not from the camera of the training: it is given as it is."""
-    camera = seen.scaled(model.config.centre).camera
-    if camera is not None and model.camera is not None and not has_learned_view(model, camera):
-        yield "warning: the image is from another camera than the network's training; errors are larger than measured"
-
-
 def _of_object(
     reader: ObservationReader, data: Place, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
@@ -280,7 +259,7 @@ def _of_object(
     model = reader.model
     network_inputs = reader.of_object(data, object_id, numbers)
     reconstruction = model.reconstruct([network_inputs])[0]
-    remarks = [*_other_view(model, network_inputs), *_guess(reconstruction), error_note(reader)]
+    remarks = [*other_view(model, network_inputs), *guess(reconstruction), error_note(reader)]
     prediction = Prediction(reconstruction, network_inputs.touched, remarks=remarks)
     if surface != "closed":
         return prediction

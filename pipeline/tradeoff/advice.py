@@ -144,16 +144,16 @@ def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Lim
     selected = []
     for trade in trades:
         options, bound = choices(trade, workload), limit.of(trade)
-        fitting = [
-            option for option in options if (bound is None and not option.point.changes) or (bound is not None and option.bound <= bound)
-        ]
-        if not fitting and bound is None:
-            raise InvalidInput(f"{trade.stage}: your own settings were not measured, for lack of time; give `vt-pipeline tradeoff` more")
-        if not fitting and bound is not None:
-            best = min(option.bound for option in options)
-            raise InvalidInput(
-                f"{trade.stage}: {trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {bound:g}; allow a larger error, or "
-                "measure more accurate settings: `vt-pipeline tradeoff` with another --preset or --set"
+        if bound is None:
+            fitting = [option for option in options if not option.point.changes]
+            problem = "your own settings were not measured, for lack of time; give `vt-pipeline tradeoff` more"
+        else:
+            fitting, best = [option for option in options if option.bound <= bound], min(option.bound for option in options)
+            problem = (
+                f"{trade.metric}: at best {best:.3g} {trade.unit} is kept to, not {bound:g}; allow a larger error, or measure more "
+                "accurate settings: `vt-pipeline tradeoff` with another --preset or --set"
             )
+        if not fitting:
+            raise InvalidInput(f"{trade.stage}: {problem}")
         selected.append(min(fitting, key=lambda option: (option.seconds, option.bound)))
     return selected

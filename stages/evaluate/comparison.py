@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from pipeline.console import Table, abbreviate
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
+from stages.evaluate.settings import SHIPPED_ROWS
 
 COMPARED = ("points", "tau", "scale", "rings")
 """Settings that figures in one table share."""
@@ -43,3 +45,19 @@ def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[s
                 inputs_by_name[label], figures[label] = inputs, theirs[name]
                 figures = {**{other: theirs[other] for other in theirs if other.startswith(BASELINE_PREFIX)}, **figures}
     return inputs_by_name, figures
+
+
+def left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
+    """Name the scores that may not be compared with an evaluation, and why."""
+    for place in scored:
+        if problem := difference(folder, place):
+            yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
+
+
+def about_shipped(folders: Sequence[Path]) -> Iterator[Table]:
+    """Describe how the rows of the network that ships differ from those beside them."""
+    for settings in (read_root(folder)["settings"] for folder in folders):
+        if "learned_from" in settings:
+            learned = settings["learned_from"]
+            known = f"; it has learned from {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
+            yield Table(f"{SHIPPED_ROWS}…: the network that ships, given the first grasp of each object alone{known}.")

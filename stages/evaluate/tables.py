@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import Cell, Row, Table, abbreviate, pluralise
+from pipeline.console import Cell, Row, Table, pluralise
 from pipeline.dataset.touch_statistics import PAPER, PAPER_DIAGONAL, SUPPLEMENT_SUCCESS
 from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import BASELINE_PREFIX, label
-from stages.evaluate.comparison import beside, difference
+from stages.evaluate.comparison import about_shipped, beside, left_out
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
-from stages.evaluate.settings import SHIPPED_ROWS
 from stages.evaluate.single_image_tables import single_image_tables
 from stages.evaluate.supplement_figures import TABLE_2, TABLE_3
 
@@ -48,8 +47,8 @@ CHAMFER = ("chamfer", TABLE_3_FACTOR)
 
 Networks = Mapping[str, Figures]
 Members = Mapping[str, NDArray[np.bool_]]
-SMALLEST = "what sampling alone gives"
-"""Label of the least Chamfer distance, that of two samplings of one surface."""
+SAMPLING_ALONE = "what sampling alone gives"
+"""Label of the Chamfer distance between two samplings of one surface, on average."""
 
 
 def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
@@ -65,26 +64,11 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
     return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder, scored))
 
 
-def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
-    for place in scored:
-        if problem := difference(folder, place):
-            yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
-
-
-def _about_shipped(folders: Sequence[Path]) -> Iterator[Table]:
-    """Say how the rows of the network that ships differ from those beside them."""
-    for settings in (read_root(folder)["settings"] for folder in folders):
-        if "learned_from" in settings:
-            learned = settings["learned_from"]
-            known = f"; it has learned from {len(learned)} of these objects ({abbreviate(learned)})" if learned else ""
-            yield Table(f"{SHIPPED_ROWS}…: the network that ships, given the first grasp of each object alone{known}.")
-
-
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
     inputs_by_name, figures = beside(folder, scored)
-    yield from _left_out(folder, scored)
+    yield from left_out(folder, scored)
     every = {name: figures[name] for name in inputs_by_name}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
     touch_networks = {name: every[name] for name, inputs in inputs_by_name.items() if inputs["touch"]}
@@ -97,7 +81,7 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     )
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
-    yield from _about_shipped([folder, *scored])
+    yield from about_shipped([folder, *scored])
     yield _accuracy({**every, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
     if len(_numbers(touch_networks)) > 1:
         yield _distances_by_grasps(touch_networks, partial(rng, "grasps"))
@@ -218,7 +202,7 @@ def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.r
         rows += _theirs(TABLE_2.get(name) if paper else None, numbers, ".3e")
         sites = sites or [f"{counts.sum()}" for _, counts in columns]
     rows.append(Row([f"sites of {next(iter(networks))}", *sites], dim=True))
-    rows.append(Row([SMALLEST, *[floor / 2] * count], dim=True))
+    rows.append(Row([SAMPLING_ALONE, *[floor / 2] * count], dim=True))
     title = (
         "Table 2: local Chamfer distance around the touch sites of one grasp, true surface to prediction, m²; "
         "ring ×k: between squares of k - 1 and k sensor widths"
@@ -232,7 +216,7 @@ def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Gener
         estimates = (_estimate(figures.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
         rows.append(Row([name, *estimates]))
         rows += _theirs(TABLE_3.get(name) if paper else None, numbers, ".3f")
-    rows.append(Row([SMALLEST, *[TABLE_3_FACTOR * floor] * len(numbers)], dim=True))
+    rows.append(Row([SAMPLING_ALONE, *[TABLE_3_FACTOR * floor] * len(numbers)], dim=True))
     title = f"Table 3: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², by the number of grasps"
     return Table(title, ["model", *map(str, numbers)], rows, ["", *[".3f"] * len(numbers)])
 
@@ -242,7 +226,7 @@ def _modalities(
 ) -> Table:
     rows = [row for name, figures in networks.items() for row in _chamfer_rows(name, figures, members, rng, metres=True)]
     floors = [float(floor[member].mean()) for member in members.values()]
-    rows.append(Row([SMALLEST, *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
+    rows.append(Row([SAMPLING_ALONE, *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
     title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, by class; the last column without the factor"
     return Table(title, ["model", *classes, "all, m²"], rows, ["", *[".3f"] * len(classes), ".3e"])
 

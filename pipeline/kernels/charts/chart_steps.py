@@ -1,6 +1,4 @@
-"""Compiled steps of a touch chart: its loss, the gradient, Adam, and the grid that finds nearest points.
-
-Lengths are sensor widths, in float64.
+"""Compiled steps of a touch chart: its loss, the gradient, Adam, and the grid that finds nearest points. In sensor widths, float64.
 
 Points of a touch lie side by side, so that few cells of a grid over x and y hold the neighbours of a point: some ten times faster than a
 k-d tree, and built in a tenth of the time. Other clouds take longer, and give the same neighbours.
