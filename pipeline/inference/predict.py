@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from pipeline.console import Meter, errors, pluralise
-from pipeline.errors import InvalidInput, StageError, closest_name
+from pipeline.errors import InvalidInput, StageError
 from pipeline.inference.closed_mesh import ClosedMesh
 from pipeline.inference.mesh_files import check_output, write_charts, write_closed, write_joined
 from pipeline.inference.model_inputs import learned_size
@@ -26,13 +25,13 @@ from pipeline.inference.prediction_warnings import guess, other_view, unseen_tou
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.background import foreground
-from pipeline.models.families import load_reconstructor, model_name, network_of, trained_models
+from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
-from pipeline.models.reconstruction import Reconstruction, Reconstructor, close_reconstruction
+from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place, list_folder
+from pipeline.store.storage import Place
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
@@ -205,7 +204,8 @@ def reconstruct(
 def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
     """Load a model and the reader of its inputs."""
     device = device_of(accelerator)
-    return ObservationReader(_load_model(models, configuration, training_seed, device), models, device, seed, training_seed)
+    model = load_reconstructor(configuration, trained_folder(models, configuration, training_seed), device)
+    return ObservationReader(model, models, device, seed, training_seed)
 
 
 def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
@@ -268,21 +268,6 @@ def _of_object(
         mask = object_mask(data, object_id, model.image, numbers)
         mesh = mesh.coloured(network_inputs.image, network_inputs.camera, foreground(network_inputs.image) if mask is None else mask)
     return replace(prediction, closed=mesh)
-
-
-def _load_model(models: Place, configuration: str, training_seed: int, device: torch.device) -> Reconstructor:
-    trained = trained_models(models, training_seed)
-    if configuration not in trained:
-        if not list_folder(models):
-            raise StageError(f"{models} does not exist, or is empty; name a folder of models, such as DATA/models")
-        networks = sorted({network_of(name) for name in trained})
-        available = f"its models are {', '.join(networks)}" if networks else "there are none at all"
-        guess = closest_name(configuration, trained) or ("models" in list_folder(models) and models / "models")
-        train = f"{'choose one of these, or ' if networks else ''}train it with train-gcn, train-implicit, …"
-        advice = f"did you mean {guess}?" if guess else train
-        seed = f"seed-{training_seed}" if training_seed else ""
-        raise StageError(f"{models / seed} has no model {configuration}: {available}; {advice}")
-    return load_reconstructor(configuration, DataDirectory(trained[configuration]).verified_folder(network_of(configuration)), device)
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import torch
 
+from pipeline.errors import StageError, closest_name
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, NetworkInputs
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place, list_folder
 
 FAMILIES: Mapping[str, type[Reconstructor]] = {
@@ -87,3 +89,40 @@ def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
     folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in names}
     records = {folder: set(list_folder(folder)) for folder in set(folders.values())}
     return {name: folder for name, folder in folders.items() if f"{network_of(name)}.json" in records[folder]}
+
+
+def trained_folder(models: Place, configuration: str, training_seed: int = 0) -> Path:
+    """Find the trained network of a configuration below a folder of models, with a message for whoever named another folder or network.
+
+    Parameters
+    ----------
+    models
+        Such as DATA/models.
+    configuration
+        A key of `EVERY_CONFIGURATION` or `ROWS`.
+    training_seed
+        Of its training.
+
+    Returns
+    -------
+    Its folder, or a local copy if it is in object storage.
+
+    Raises
+    ------
+    StageError
+        There is none.
+    StoreError
+        A file of it is missing or was changed.
+    """
+    trained = trained_models(models, training_seed)
+    if configuration not in trained:
+        if not list_folder(models):
+            raise StageError(f"{models} does not exist, or is empty; name a folder of models, such as DATA/models")
+        networks = sorted({network_of(name) for name in trained})
+        available = f"its models are {', '.join(networks)}" if networks else "there are none at all"
+        guess = closest_name(configuration, trained) or ("models" in list_folder(models) and models / "models")
+        train = f"{'choose one of these, or ' if networks else ''}train it with train-gcn, train-implicit, …"
+        advice = f"did you mean {guess}?" if guess else train
+        seed = f"seed-{training_seed}" if training_seed else ""
+        raise StageError(f"{models / seed} has no model {configuration}: {available}; {advice}")
+    return DataDirectory(trained[configuration]).verified_folder(network_of(configuration))

@@ -5,19 +5,23 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
+from pipeline.errors import StageError
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
-from pipeline.models.families import model_name
-from pipeline.models.model_files import save_model
+from pipeline.models.families import model_name, trained_folder
+from pipeline.models.model_files import DESCRIPTION, WEIGHTS, save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.shipped_weights import shipped_models
 from pipeline.rng import torch_generator
+from pipeline.store.storage import place
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
@@ -144,6 +148,10 @@ class ReconstructionTraining(DatasetStage):
         target = [] if self.learner.target is SURFACES else [self.learner.target]
         return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
 
+    def assets(self, settings: Any) -> list[Path]:
+        """List the files of the network that the training begins with."""
+        return [_pretrained_folder(settings) / file for file in (DESCRIPTION, WEIGHTS)] if settings.pretrained else []
+
     def splits(self, settings: Any) -> tuple[str, ...]:
         """Name the splits: one to learn from, one to choose the best epoch by."""
         return ("train", "valid")
@@ -170,12 +178,28 @@ class ReconstructionTraining(DatasetStage):
         name = f"{self.name} {settings.configuration}{settings.label}"
         config = settings.network(learning.side)
         network: Any = self.family.network_type(config, torch_generator(job.seed, name, "weights"))
+        if settings.pretrained:
+            load_pretrained(network, self.family(_pretrained_folder(settings)), self.name)
         for line in (*setting_remarks(settings, learning), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))
         return facts
+
+
+def _pretrained_folder(settings: ReconstructionSettings) -> Path:
+    models = shipped_models() if settings.pretrained == "shipped" else place(settings.pretrained or "")
+    return trained_folder(models, settings.configuration)
+
+
+def load_pretrained(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
+    """Give a network the weights of a trained one; raise a `StageError` that names the stage's settings if it has other sizes."""
+    config: Any = network.config
+    differing = [f"{stage}.{name}={value}" for name, value in pretrained.config if value != getattr(config, name)]
+    if differing:
+        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(differing)}")
+    network.load_state_dict(pretrained.network.state_dict())
 
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:

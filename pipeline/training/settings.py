@@ -69,6 +69,12 @@ class ReconstructionSettings(TrainingSettings):
         ge=0,
         changes="definition",
     )
+    pretrained: str | None = setting(
+        None,
+        "models to begin with the weights of, such as DATA/models, or `shipped`: the network of this configuration there, of the same "
+        "sizes; null draws the first weights",
+        min_length=1,
+    )
     min_grasps: int = setting(1, "fewest grasps an item is given; how many, between fewest and most, is drawn for every item", ge=1)
     max_grasps: int = setting(5, "most grasps", ge=1)
     dropped_touches: float | None = setting(0.0, "share of an item's touch charts that is left out, drawn for each item", ge=0, lt=1)

@@ -10,7 +10,7 @@ from typing import Any
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.models.families import ROWS, load_reconstructor, model_name
+from pipeline.models.families import ROWS, load_reconstructor, model_name, trained_folder
 from pipeline.models.learned_view import has_learned_view
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
@@ -62,7 +62,7 @@ class EvaluateShipped(Evaluate):
 
 def shipped_folder() -> Path:
     """Return the folder of the network that ships; raise a `StageError` if this version has none."""
-    return DataDirectory(shipped_models()).verified_folder(model_name(DEFAULT).removeprefix("models/"))
+    return trained_folder(shipped_models(), DEFAULT)
 
 
 def shipped_digest() -> str:

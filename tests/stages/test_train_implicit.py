@@ -42,9 +42,9 @@ SETTINGS = (
 )
 
 
-def run_stage(data: Path, stage: str) -> None:
+def run_stage(data: Path, stage: str, *assignments: str) -> None:
     loaded = load_stage(stage)
-    request = Request(loaded, resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data)
+    request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data)
     (plan,) = make_plans(request)
     run(plan, Console(record=True, width=200))
 
@@ -60,6 +60,19 @@ def data(tmp_path_factory) -> Path:
 
 def folder_of(data: Path, name: str) -> Path:
     return DataDirectory(data).verified_folder(name)
+
+
+def test_training_begins_with_the_weights_of_a_trained_network(data, tmp_path):
+    spheres.make_data(tmp_path, 6, SPLITS)
+    begun = f"train-implicit.pretrained={data}/models"
+    run_stage(tmp_path, "train-implicit", begun, "train-implicit.epochs=1", "train-implicit.learning_rate=1e-9")
+    network, pretrained = (load_reconstructor(NAME, folder_of(one, f"models/implicit/{NAME}")).network for one in (tmp_path, data))
+    for weight, first in zip(network.parameters(), pretrained.parameters(), strict=True):
+        assert torch.allclose(weight, first, atol=1e-6)
+    with pytest.raises(StageError, match=r"other sizes; to begin with it, set train-implicit\.features=32$"):
+        run_stage(tmp_path, "train-implicit", begun, "train-implicit.features=64")
+    with pytest.raises(StageError, match=r"nowhere does not exist, or is empty; name a folder of models"):
+        run_stage(tmp_path, "train-implicit", f"train-implicit.pretrained={tmp_path}/nowhere")
 
 
 def test_mesh_of_a_touched_ball_is_closed_and_of_nearly_its_size(data):
