@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import shutil
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,6 @@ import yaml
 from benchmarks.provenance import commit
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors as progress
-from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError
 from pipeline.inference.score import score_shipped
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
@@ -21,6 +21,7 @@ from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
+from pipeline.store.record import FolderRecord
 from pipeline.store.storage import place
 from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
@@ -38,6 +39,7 @@ def ship(data: Path) -> ModelCard:
     directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
     sources = commit()  # before files change
     check_origins(directory, [model_name(network)])
+    trainings = list(_trainings(directory.folder(model_name(network))))
     for path in models.glob("*"):
         if path.name != SENSORS:  # which has a command of its own
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -48,26 +50,30 @@ def ship(data: Path) -> ModelCard:
             (copied := destination.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, copied)
         destination.with_name(f"{destination.name}.json").write_bytes(record.read_bytes())
-    record_of_network = directory.folder(model_name(network))
     for left_out in score_shipped(place(data), progress):
         raise StageError(f"{data}: the network was not given everything, {left_out}")
-    learned = ObjectRows(data, ["points"], "train")
-    manifest = load_manifest(record_of_network.options.get("--manifest", record_of_network.manifest))
+    manifests = [load_manifest(training.options.get("--manifest", training.manifest)) for training in trainings]
+    origins = {(one.kind, one.licence) for manifest in manifests for one in manifest.sources if one.split in (None, "train")}
     card = ModelCard(
         network=network,
-        manifest=manifest.name,
-        objects=len(learned),
-        trained_on=tuple(
-            TrainedOn(source=source.kind, licence=source.licence) for source in manifest.sources if source.split in (None, "train")
-        ),
+        learned_from={one.name: training.facts["items"] for one, training in zip(manifests, trainings, strict=True)},  # an item per object
+        trained_on=tuple(TrainedOn(source=source, licence=licence) for source, licence in sorted(origins)),
         commit=sources,
-        command=f"make weights; settings: {_settings(record_of_network.settings)}",
+        command=f"make weights; settings: {_settings(trainings[-1].settings)}",
         errors=_errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network),
         not_for=NOT_FOR,
     )
     card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))
     check_size(models)
     return card
+
+
+def _trainings(record: FolderRecord) -> Iterator[FolderRecord]:
+    """Yield the records of a network and, before it, of the one that its training began with."""
+    if pretrained := record.settings.get("pretrained"):
+        models = SHIPPED if pretrained == "shipped" else Path(pretrained)
+        yield from _trainings(DataDirectory(models).folder(model_name(DEFAULT).removeprefix("models/")))
+    yield record
 
 
 def check_size(weights: Path) -> None:
@@ -98,4 +104,4 @@ def _settings(settings: dict[str, object]) -> str:
 
 if __name__ == "__main__":
     shipped = ship(Path(sys.argv[1]))
-    print(f"{shipped.network}: {shipped.objects} objects of {shipped.manifest}, commit {shipped.commit}")
+    print(f"{shipped.network}: learned from {shipped.learned_from}, commit {shipped.commit}")

@@ -120,8 +120,8 @@ def _learned_from(directory: DataDirectory) -> tuple[str, ...]:
     """Name the test objects that the network that ships has learned from."""
     if not directory.collection(SURFACES).first.has("source_file"):  # older datasets
         return ()
-    objects = load_manifest(read_card(DEFAULT).manifest).objects(None)
-    learned = {identity(item.source) for item in objects if item.split == "train"}
+    manifests = map(load_manifest, read_card(DEFAULT).learned_from)
+    learned = {identity(item.source) for manifest in manifests for item in manifest.objects(None) if item.split == "train"}
     rows = ObjectRows(directory.root, ["source_file", "source_sha256"], "test")
     return tuple(name for name in rows.object_ids if learned & {str(rows.read(array, name)) for array in ("source_file", "source_sha256")})
 

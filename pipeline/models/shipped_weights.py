@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -99,8 +100,9 @@ class ModelCard(_Entry):
     ----------
     network
         Its configuration.
-    manifest, objects, trained_on
-        The objects that it learned from: the manifest's name, how many, and each source with its licence.
+    learned_from, trained_on
+        The objects that it learned from, and those of a network that its training began with: how many of each manifest, by its name; and
+        each source with its licence.
     commit, command
         Which code trained it, and how.
     errors
@@ -110,8 +112,7 @@ class ModelCard(_Entry):
     """
 
     network: str
-    manifest: str
-    objects: int = Field(ge=1)
+    learned_from: dict[str, Annotated[int, Field(ge=1)]] = Field(min_length=1)
     trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
     commit: str
     command: str

@@ -19,6 +19,7 @@ from pipeline.inference.read_touch import TouchReader
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
+from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import (
     SENSORS,
     SensorCard,
@@ -29,6 +30,7 @@ from pipeline.models.shipped_weights import (
     shipped_sensor_network,
 )
 from pipeline.models.touch_model import save_touch_model
+from pipeline.store.directory import DataDirectory
 from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
@@ -70,13 +72,19 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
 
 def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_class(shipped):
     card = read_card(NETWORK, shipped)
-    assert card.objects == 2
+    assert card.learned_from == {"toy": 2}
     assert [source.licence for source in card.trained_on] == [source.licence for source in ship_weights.load_manifest("toy").sources[:-1]]
     assert {f"{NETWORK}-touch", f"{NETWORK}-occluded-touch", "training object, by touch"} <= card.errors.keys()
     of_all = card.errors[f"{NETWORK}-touch"]["all"]
     assert of_all.objects == 1
     assert of_all.mean == of_all.median > 0
     assert card.not_for
+
+
+def test_card_counts_what_the_network_that_a_training_began_with_learned_from(data):
+    record = DataDirectory(data).folder(model_name(NETWORK))
+    later = record.model_copy(update={"settings": {"pretrained": f"{data}/models"}, "manifest": "more", "facts": {"items": 7}})
+    assert [(one.manifest, one.facts["items"]) for one in ship_weights._trainings(later)] == [("tiny", 2), ("more", 7)]
 
 
 def test_shipping_replaces_its_files_and_keeps_the_networks_of_sensors(shipped):

@@ -270,7 +270,15 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     description = {"configuration": name, "network": config.model_dump(mode="json"), "camera": camera}
     save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
-    facts = {"parameters": 1000, "epochs": 3, "best_epoch": 1, "best": {"loss": 2.5}, "training_seconds": 1.5, "hardware": hardware}
+    facts = {
+        "parameters": 1000,
+        "items": 2,
+        "epochs": 3,
+        "best_epoch": 1,
+        "best": {"loss": 2.5},
+        "training_seconds": 1.5,
+        "hardware": hardware,
+    }
     return publish(
         data, model_name(name, training_seed), folder, "train-implicit" if name in IMPLICIT_CONFIGURATIONS else "train-gcn", facts
     )
