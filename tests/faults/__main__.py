@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 import torch
@@ -82,15 +83,7 @@ def main() -> None:
     print(page)
     if chosen.write:
         chosen.write.write_text(page, encoding="utf-8")
-    wrong = [
-        f"{kind}: {verdict.what}: {verdict.fault_of_ours}"
-        for kind, verdicts_of_kind in verdicts.items()
-        for verdict in verdicts_of_kind
-        if verdict.fault_of_ours
-    ]
-    for line in wrong:
-        print(line, file=sys.stderr)
-    sys.exit(bool(wrong))
+    sys.exit(any(verdict.fault_of_ours for verdicts_of_kind in verdicts.values() for verdict in verdicts_of_kind))
 
 
 def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int) -> dict[str, list[Verdict]]:
@@ -112,10 +105,10 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     faults = [(kind, number) for kind in possible for number in range(max(1, round(share * FAULTS[kind][1])))]
     expected = answer(lambda: digests(whole), root / "log")
     logs = [root / f"lane-{lane}.log" for lane in range(lanes)]
-    processes = []
+    processes, progress = [], os.fdopen(os.dup(sys.stderr.fileno()), "w", buffering=1)  # the output of a lane goes to its log
     for lane, log in enumerate(logs):
         trial = Trial(sandbox, whole, expected, seconds, root / f"lane-{lane}", np.random.default_rng(0))
-        processes.append(fork(lambda lane=lane, trial=trial: _lane(faults[lane::lanes], trial, seed), log))
+        processes.append(fork(lambda lane=lane, trial=trial: _lane(faults[lane::lanes], trial, seed, progress), log))
     for process, log in zip(processes, logs, strict=True):
         end = finish(process, log, limit=10_000)
         assert end.status == OK, end.output
@@ -127,7 +120,9 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
         private = private_folder()
     leftovers = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
     if leftovers := [_described(path) for path in leftovers if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
-        verdicts["all of these"] = [Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(leftovers[:5])}")]
+        left_behind = Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(leftovers[:5])}")
+        print(f"{left_behind.what}: {left_behind.fault_of_ours}", file=progress)
+        verdicts["all of these"] = [left_behind]
     return verdicts
 
 
@@ -146,14 +141,18 @@ def _described(path: Path) -> str:
     return f"{path.name} ({path.stat().st_size} bytes, starts with {path.read_bytes()[:8]!r})"
 
 
-def _lane(faults: Sequence[tuple[str, int]], trial: Trial, seed: int) -> None:
+def _lane(faults: Sequence[tuple[str, int]], trial: Trial, seed: int, progress: TextIO) -> None:
     """Inject faults one after the other; the seed of each follows from its kind and number."""
-    for kind, number in faults:
+    for done, (kind, number) in enumerate(faults):
+        if not done or faults[done - 1][0] != kind:
+            print(f"{done} of {len(faults)} faults of this process done, next: {kind}", file=progress)
         trial.rng = np.random.default_rng([seed, number, *kind.encode()])
         try:
             verdict = FAULTS[kind][0](trial)
         except Exception as error:
             verdict = Verdict(f"number {number}", fault_of_ours=f"the harness: {type(error).__name__}: {error}")
+        if verdict.fault_of_ours:
+            print(f"{kind}: {verdict.what}: {verdict.fault_of_ours}", file=progress)
         print(json.dumps({"kind": kind, "verdict": vars(verdict)}), flush=True)
 
 
