@@ -17,6 +17,9 @@ from pipeline.kernels.touch.tactile_image import tactile_image
 from vt_pipeline.objects import Source, TouchObject, as_object
 from vt_pipeline.touching import Touch, as_pose, as_rng, as_sensor, touch
 
+DEPTH_TOLERANCE = 1e-6
+"""m, within which an object is pressed to the depth that was asked for; rays meet the same points from everywhere along the normal."""
+
 
 def image(depth: np.ndarray, sensor: Sensor | str | Path, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
     """Compute the tactile image of a depth map.
@@ -71,7 +74,7 @@ def press(
         Of an object: (4, 4) sensor frame to object frame, m. A relief has none: it lies on the sensor's pixels.
     depth
         How deep the deepest point lies in the gel, m. A relief needs it; with an object, the sensor is moved along its normal until it
-        is so, from where `pose` says; by default it stays there.
+        is so, from where `pose` says, which is outside the object; by default it stays there.
     rng
         Draws the pixel noise of a sensor that has some; None for an image without noise.
 
@@ -82,8 +85,8 @@ def press(
     Raises
     ------
     InvalidInput
-        A relief has another shape than the sensor, or no surface; a pose is not a rigid motion, or no surface is in front of it; the
-        depth is not between 0 and the gel's thickness.
+        A relief has another shape than the sensor, or no surface; a pose is not a rigid motion, or no surface is in front of it, or
+        a part of the object behind it; the depth is not between 0 and the gel's thickness.
 
     Examples
     --------
@@ -114,8 +117,18 @@ def press(
         raise InvalidInput(f"no surface lies within {sensor.range} m in front of the pose; move it towards the object:\n{pose}")
     press_relief(-depth_map, sensor, depth)  # checks the depth
     pose = pose.copy()
-    pose[:3, 3] += (depth - float((gel_surface(sensor) - depth_map).max())) * pose[:3, 2]
-    return touch(object_, sensor, pose, rng=rng)
+    pose[:3, 3] += (depth - _deepest(depth_map, sensor)) * pose[:3, 2]
+    touched = touch(object_, sensor, pose, rng=rng)
+    if abs((reached := _deepest(touched.depth, sensor)) - depth) > DEPTH_TOLERANCE:
+        raise InvalidInput(
+            f"a part of the object begins behind the pose's plane and would lie {reached:.3g} m deep; let the pose begin outside"
+        )
+    return touched
+
+
+def _deepest(depth_map: NDArray[np.floating], sensor: Sensor) -> float:
+    """Compute how deep the deepest point of a depth map lies in the gel, m."""
+    return float((gel_surface(sensor) - depth_map).max())
 
 
 def _as_map(name: str, array: np.ndarray) -> np.ndarray:

@@ -202,15 +202,17 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
     names = [joint.name for joint in roles.independent]
     entry_of = {joint: names.index(joint) for joint in names}
     entry_of |= {roles.joints[follower.link - 1].name: follower.entry for follower in roles.followers}
-    groups: dict[int, list[_FingerEntry]] = {}  # by the first entry of the joint vector that moves them
-    for entry in file.fingers:
-        indices = {entry_of[joint] for joint in entry.joints}
-        shared = (first for first, members in groups.items() if indices & {entry_of[name] for member in members for name in member.joints})
-        groups.setdefault(next(shared, min(indices)), []).append(entry)
-    fingers, mounts = [], list[Mount]()
-    for entries in groups.values():
+    fingers, mounts = list[Finger](), list[Mount]()
+    for entries in _with_shared_motors(file.fingers, entry_of):
         joints = sorted({entry_of[joint] for entry in entries for joint in entry.joints})
         moved = moved_links(roles.joints, [name for name, entry in entry_of.items() if entry in joints])
+        for other in fingers:
+            if both := set(other.links) & set(moved):
+                link = next(name for name, number in numbers.items() if number in both)
+                raise InvalidInput(
+                    f"fingers {other.name!r} and {entries[0].name!r} both move link {link!r}, but fingers move by themselves; "
+                    "freeze the joint that moves both, or make them one finger"
+                )
         first_mount = len(mounts)
         for entry in entries:
             for mount in _mounts(entry.name, entry.mounts, numbers, file, path):
@@ -229,6 +231,21 @@ def _fingers(file: HandFile, roles: JointRoles, numbers: Mapping[str, int], path
     if twice := [mount.name for mount in mounts if [other.name for other in mounts].count(mount.name) > 1]:
         raise InvalidInput(f"two sensors are called {twice[0]}; give each a name")
     return tuple(fingers), tuple(mounts)
+
+
+def _with_shared_motors(entries: Sequence[_FingerEntry], entry_of: Mapping[str, int]) -> list[list[_FingerEntry]]:
+    """Group the fingers that share a motor, given by the entry of the joint vector that moves each joint."""
+    groups: list[list[_FingerEntry]] = []
+    for entry in entries:
+        motors = {entry_of[joint] for joint in entry.joints}
+        sharing = [group for group in groups if motors & {entry_of[joint] for member in group for joint in member.joints}]
+        if sharing:
+            first, *others = sharing
+            first.extend([*(member for other in others for member in other), entry])
+            groups = [group for group in groups if group not in others]
+        else:
+            groups.append([entry])
+    return groups
 
 
 def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, int], file: HandFile, path: Path) -> list[Mount]:

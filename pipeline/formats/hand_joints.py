@@ -49,6 +49,9 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
     angles = dict(frozen) | {
         name: mimic.multiplier * frozen[mimic.joint] + mimic.offset for name, mimic in leaders.items() if mimic.joint in frozen
     }
+    if stuck := [name for name in used if name in angles]:
+        leader = leaders[stuck[0]].joint
+        raise InvalidInput(f"joint {stuck[0]} follows {leader!r}, which is frozen; leave it out of the finger, or do not freeze that one")
     entries = [name for name in used if name not in leaders]
     if idle := [name for name in moving if name not in (*entries, *leaders, *angles)]:
         together = ", ".join(f"{name}: 0" for name in idle)

@@ -29,8 +29,18 @@ MAX_NAMES = 1000
 MAX_ENTRIES = 1_000_000
 """Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
 
+HARMLESS_EXTENSIONS = re.compile("material|texture|light|KHR_mesh_quantization", re.IGNORECASE)
+"""Of glTF, required ones that leave the shape as it is read."""
+
+TRIANGLE_FAN = 6
+"""The mode of such a primitive (glTF 2.0, section 5.24)."""
+
 MAX_NON_ASCII = 2**25
 """Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
+
+
+TEXTURE_OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
+"""What may stand before the name of a texture in an MTL file, as `-s 1 1 1`."""
 
 
 class Companions(Mapping[str, bytes]):
@@ -113,7 +123,9 @@ class Companions(Mapping[str, bytes]):
         for candidate in (name, plain, name.lstrip("/"), plain.rpartition("/")[2]):
             if path := self._regular(self._folder / candidate):
                 return path
-        return self._regular(elsewhere) if (elsewhere := find_below(self._root, self._folder.resolve(), plain)) else None
+        if elsewhere := find_below(self._root, self._folder.resolve(), plain):
+            return self._regular(elsewhere)
+        return self._find(plain[match.end() :]) if (match := TEXTURE_OPTIONS.match(plain)) else None
 
     def _regular(self, path: Path) -> Path | None:
         """Resolve a path to a regular file below the root; None where there is none."""
@@ -164,9 +176,28 @@ def _read_gltf(file: Path) -> dict[str, Any]:
 def _gltf_names(file: Path) -> Iterator[str]:
     """List the URIs of a glTF's buffers and images that name files."""
     tree = _read_gltf(file)
+    _check_geometry(file.name, tree)
     parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
     uris = (part.get("uri") for part in parts if isinstance(part, dict))
     return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)
+
+
+def _check_geometry(name: str, tree: Mapping[str, Any]) -> None:
+    """Refuse a glTF whose shape would be read wrongly: encoded by an extension, as normalised integers, or as triangle fans."""
+    encoded = [one for one in map(str, _list(tree.get("extensionsRequired"))) if not HARMLESS_EXTENSIONS.search(one)]
+    if encoded:
+        raise InvalidInput(f"{name} requires {encoded[0]}, which cannot be read; export it without compression and extensions")
+    accessors = dict(enumerate(_list(tree.get("accessors"))))
+    for primitive in (part for mesh in _list(tree.get("meshes")) for part in _list(_get(mesh, "primitives"))):
+        if _get(primitive, "mode") == TRIANGLE_FAN:
+            raise InvalidInput(f"{name} has triangle fans, which cannot be read; export it as triangles")
+        position = _get(_get(primitive, "attributes"), "POSITION")
+        if isinstance(position, int) and _get(accessors.get(position), "normalized"):
+            raise InvalidInput(f"{name} has positions as normalised integers, which cannot be read; export it without quantisation")
+
+
+def _get(value: Any, name: str) -> Any:
+    return value.get(name) if isinstance(value, dict) else None
 
 
 def _list(value: Any) -> list[Any]:
@@ -174,9 +205,9 @@ def _list(value: Any) -> list[Any]:
 
 
 def _names_after(word: bytes, content: bytes) -> Iterator[str]:
-    """List the names that follow a word (lower case) in lines that contain it."""
+    """List the names that follow a word (lower case) in lines that contain it, except for comments of an MTL file."""
     for line in BytesIO(content.replace(b"\r", b"\n")):
-        if (start := line.lower().find(word)) >= 0:
+        if (start := line.lower().find(word)) >= 0 and not line.lstrip().startswith(b"#"):
             yield _decode(line[start + len(word) :])
 
 

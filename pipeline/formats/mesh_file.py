@@ -17,6 +17,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_reader import read_in_subprocess
+from pipeline.formats.obj_faces import rewrite_faces
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -89,14 +90,16 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
+    content = rewrite_faces(companions.content) if file.suffix.lower() == ".obj" else file
     try:
-        return _read(file, file, companions)
+        return _read(content, file, companions)
     except (InvalidInput, MemoryError):
         raise
     except ModuleNotFoundError:  # text that is not UTF-8: trimesh needs a package to guess its encoding, of comments and names
-        return _read(BytesIO(companions.content.decode("latin-1").encode()), file, companions)
+        text = companions.content if isinstance(content, Path) else content
+        return _read(text.decode("latin-1").encode(), file, companions)
     except Exception:
-        return _read(file, file, companions, skip_materials=True)
+        return _read(content, file, companions, skip_materials=True)
 
 
 def _check(what: str, number: int, limit: int, remedy: str) -> None:
@@ -128,8 +131,13 @@ class _Textures:
                 raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
             self._pixels += image.width * image.height
             _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
-            self._decoded[digest] = np.array(image.convert("RGBA"))
+            self._decoded[digest] = np.array(_eight_bits(image).convert("RGBA"))
         return self._decoded[digest]
+
+
+def _eight_bits(image: Image.Image) -> Image.Image:
+    """Scale an image of 16 bits of grey, which Pillow's conversion would cut off at 255."""
+    return Image.fromarray(np.rint(np.asarray(image) / 257).astype(np.uint8)) if image.mode.startswith("I;16") else image
 
 
 def _digest(image: Image.Image) -> str:
@@ -137,11 +145,11 @@ def _digest(image: Image.Image) -> str:
     return hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
 
 
-def _read(content: Path | BytesIO, file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
-    """Read the parts of a file, or of its content as UTF-8, each in its pose."""
+def _read(content: Path | bytes, file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
+    """Read the parts of a file, from its path or from content in its place, each in its pose."""
     suffix = file.suffix.lower()
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions, "file_type": suffix[1:]}
-    scene: Any = trimesh.load_scene(content, **options)
+    scene: Any = trimesh.load_scene(content if isinstance(content, Path) else BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")

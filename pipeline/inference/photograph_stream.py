@@ -86,7 +86,7 @@ def camera_frames(number: int) -> Iterator[NamedPhotograph]:
     try:
         import cv2
     except ImportError as error:
-        raise InvalidInput("a camera needs OpenCV: pip install opencv-python-headless") from error
+        raise InvalidInput("a camera needs OpenCV; `pip install -c constraints.txt -e '.[camera]'` installs it (50 MB)") from error
     capture: Any = cv2.VideoCapture(number)
     try:
         if not capture.isOpened():

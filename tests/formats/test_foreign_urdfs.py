@@ -50,15 +50,20 @@ CLAW = f"""<robot name="claw">
   {joint("third", "revolute", "two", "tip", '<mimic joint="second" multiplier="-0.5"/>')}
   {joint("brake", "revolute", "palm", "lever", xyz="0.05 0 0.02")}
 </robot>"""
+
+
+def finger(name: str, tip: str, *joints: str) -> dict[str, object]:
+    sensor = {"name": name, "link": tip, "origin": [0, 0, 0], "normal": [0, 0, 1], "columns": [1, 0, 0]}
+    return {"name": name, "joints": list(joints), "sensor": sensor}
+
+
 HAND = {
     "name": "claw",
     "urdf": "urdf/claw.urdf",
     "sensor": "gel_16mm",
     "palm": {"link": "palm", "facing": [0, 0, 1], "centre": [0, 0, 0.04]},
     "frozen": {"brake": 0.25},
-    "fingers": [
-        {"name": "only", "joints": ["first"], "sensor": {"link": "tip", "origin": [0, 0, 0], "normal": [0, 0, 1], "columns": [1, 0, 0]}}
-    ],
+    "fingers": [finger("only", "tip", "first")],
 }
 
 
@@ -88,6 +93,17 @@ def test_mimic_joint_follows_another_mimic_joint(hand: Hand) -> None:
     turned = forward_kinematics(hand, np.eye(4), np.array([0.3]))[[1, 3, 4], :3, :3]
     angles = np.arctan2(turned[:, 2, 1], turned[:, 2, 2])
     np.testing.assert_allclose(angles, [0.3, 0.3 + 0.7, 0.3 + 0.7 - 0.35], atol=1e-12)
+
+
+def test_fingers_that_share_motors_with_a_third_one_are_one_finger(tmp_path: Path) -> None:
+    followers = (
+        f'<link name="near">{BODY}</link><link name="far">{BODY}</link>'
+        f"""{joint("nearer", "revolute", "palm", "near", '<mimic joint="first"/>', xyz="0.1 0 0")}"""
+        f"""{joint("farther", "revolute", "near", "far", '<mimic joint="brake"/>')}</robot>"""
+    )
+    fingers = [finger("one", "tip", "first"), finger("two", "lever", "brake"), finger("three", "far", "nearer", "farther")]
+    hand = load_hand(claw(tmp_path, CLAW.replace("</robot>", followers), frozen={}, fingers=fingers))
+    assert [(one.name, one.joints, len(one.sensors)) for one in hand.fingers] == [("one+two+three", (0, 1), 3)]
 
 
 def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
@@ -132,6 +148,18 @@ def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_pa
         ({}, 'mimic joint="first"', 'mimic joint="third"', "mimics itself"),
         ({}, 'multiplier="2"', 'multiplier="0"', "joint second mimics 'first' with multiplier 0; make it fixed"),
         ({}, 'mimic joint="first"', 'mimic joint="shoulder"', "joint second follows 'shoulder', which no finger uses"),
+        (
+            {"frozen": {"brake": 0, "first": 0.1}, "fingers": [finger("only", "tip", "second")]},
+            "",
+            "",
+            "joint second follows 'first', which is frozen; leave it out of the finger, or do not freeze that one",
+        ),
+        (
+            {"frozen": {}, "fingers": [finger("only", "tip", "first"), finger("side", "lever", "brake")]},
+            '<parent link="palm"/><child link="lever"/>',
+            '<parent link="one"/><child link="lever"/>',
+            "fingers 'only' and 'side' both move link 'lever', but fingers move by themselves; freeze the joint that moves both",
+        ),
         ({}, "package://claw/meshes", "package://paw/meshes", "put package 'paw' beside the URDF"),
     ],
 )

@@ -54,6 +54,14 @@ def test_texture_elsewhere_below_the_root_is_found_by_name(tmp_path: Path, named
     assert load_mesh(file, tmp_path / "root").look.textures[0][0, 0, 0] == 9
 
 
+@pytest.mark.parametrize("options", ["-s 1 1 1", "-clamp on -o 0.5 -.5", "-bm 2"])
+def test_options_before_a_texture_and_comments_are_no_names(tmp_path: Path, options: str) -> None:
+    file = textured(tmp_path, f"{options} paint.png\n# map_Kd none.png")
+    Image.new("RGB", (2, 2), (9, 9, 9)).save(file.with_name("paint.png"))
+    assert Companions(file).missing == []
+    assert load_mesh(file).look.textures[0][0, 0, 0] == 9
+
+
 def test_texture_of_another_mesh_and_ambiguous_texture_are_not_taken(tmp_path: Path) -> None:
     file = textured(tmp_path, "../textures/soda.png")
     texture_of_can = tmp_path / "can" / "textures" / "soda.png"

@@ -13,6 +13,7 @@ from PIL import EpsImagePlugin, Image
 from pipeline.dataset.mesh_rows import mesh_row, read_mesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import _join, load_mesh, parse_mesh
+from pipeline.formats.obj_faces import rewrite_faces
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 
@@ -239,3 +240,46 @@ def test_comments_and_names_that_are_not_utf8_are_read(tmp_path: Path, monkeypat
     path = tmp_path / f"box.{suffix}"
     path.write_bytes(lines.format(body).encode("latin-1"))
     assert len(parse_mesh(path, tmp_path).faces) == len(BOX.faces)
+
+
+@pytest.mark.parametrize("first", range(8))
+@pytest.mark.parametrize("numbered", ["", "/1", "//1"])
+def test_concave_polygon_is_not_filled(tmp_path: Path, first: int, numbered: str) -> None:
+    """A U of 3 x 3 with a notch of 1 x 2, whose corners are named from any first one, before and after, by positive or negative numbers."""
+    outline = np.roll([(0, 0), (3, 0), (3, 3), (2, 3), (2, 1), (1, 1), (1, 3), (0, 3)], -first, axis=0)
+    corners = "".join(f"v {x} {y} {x + y}\n" for x, y in outline)
+    for numbers in (range(1, 9), range(-8, 0)):
+        first_part, second_part = (" ".join(f"{number}{numbered}" for number in part) for part in (numbers[:4], numbers[4:]))
+        path = tmp_path / "u.obj"
+        path.write_text(f"vt 0 0\nvn 0 0 1\n{corners}f {first_part} \\\n{second_part}\nv 9 9 9\n")
+        mesh = load_mesh(path)
+        assert len(mesh.faces) == 6
+        sides = np.diff(mesh.triangles, axis=1)
+        assert np.abs(np.cross(sides[:, 0], sides[:, 1])[:, 2]).sum() / 2 == pytest.approx(7)  # as seen from above
+
+
+def test_polygons_that_are_convex_or_damaged_stay_as_they_are() -> None:
+    square = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+    for polygon in (b"f 1 2 3 4\n", b"f 1 2 3 9\n", b"f 0 1 2 3\n", b"f 1 1 1 1\n", b"f - / 2 3\n"):
+        assert rewrite_faces(square + polygon) == square + polygon
+    assert rewrite_faces(b"v 0 0 x\nf 1 1 1 1\n") == b"v 0 0 x\nf 1 1 1 1\n"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "requires KHR_draco_mesh_compression, which cannot be read"),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}, "indices": 0, "mode": 6}]}]}, "triangle fans"),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}}]}], "accessors": [{}, {"normalized": True}]}, "normalised integers"),
+    ],
+)
+def test_gltf_whose_shape_would_be_read_wrongly_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        load_mesh(gltf(tmp_path, **changes))
+    assert len(load_mesh(gltf(tmp_path, extensionsRequired=["KHR_materials_unlit"])).faces) == 12
+
+
+def test_grey_of_sixteen_bits_is_scaled(tmp_path: Path) -> None:
+    path = textured_quad(tmp_path)
+    Image.fromarray(np.full((2, 2), 40_000, np.uint16)).save(tmp_path / "paint.png")
+    assert load_mesh(path).look.textures[0][0, 0].tolist() == [156, 156, 156, 255]

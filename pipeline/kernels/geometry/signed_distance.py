@@ -5,9 +5,11 @@ from __future__ import annotations
 import igl
 import numpy as np
 from numpy.typing import NDArray
+from trimesh import graph
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Points, check_coordinates, without_slivers
+from pipeline.kernels.geometry.mesh import Points, check_coordinates, directed_edges, face_cross_products, without_slivers
+from pipeline.kernels.geometry.mesh_cleaning import number_positions
 
 INSIDE_WINDING = 0.5
 """Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
@@ -21,7 +23,7 @@ def signed_distances(points: Points, vertices: Points, faces: NDArray[np.integer
     points
         (N, 3) finite, m.
     vertices, faces
-        (V, 3) finite, m; (F, 3), F at least 1, all wound outwards or all inwards.
+        (V, 3) finite, m; (F, 3), F at least 1, wound as for `is_inside`.
 
     Returns
     -------
@@ -51,7 +53,8 @@ def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> N
     points
         (N, 3) finite, m.
     vertices, faces
-        (V, 3) finite, m; (F, 3), F at least 1. Parts that are turned inside out count as inside too.
+        (V, 3) finite, m; (F, 3), F at least 1. Neighbouring faces may be wound against each other: the smaller area of a part is turned
+        over. Parts that are turned inside out count as inside too.
 
     Returns
     -------
@@ -66,8 +69,21 @@ def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> N
         raise InvalidInput("a mesh without faces has neither surface nor inside")
     check_coordinates(points, "points")
     check_coordinates(vertices, "vertices")
-    winding = igl.fast_winding_number(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64), np.ascontiguousarray(points))
+    faces = _consistently_wound(vertices, np.ascontiguousarray(faces, np.int64))
+    winding = igl.fast_winding_number(np.ascontiguousarray(vertices), faces, np.ascontiguousarray(points))
     return np.asarray(np.abs(winding) > INSIDE_WINDING)
+
+
+def _consistently_wound(vertices: Points, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Turn faces over so that those on both sides of an edge agree; a part keeps the side that most of its area has."""
+    positions = number_positions(vertices)[faces]
+    if graph.is_watertight(directed_edges(positions))[1]:
+        return faces
+    agreeing, part = igl.bfs_orient(positions)
+    turned = (agreeing != positions).any(axis=1)
+    areas = np.linalg.norm(face_cross_products(vertices[faces]), axis=1)
+    turned ^= (np.bincount(part, np.where(turned, areas, -areas)) > 0)[part]
+    return np.where(turned[:, None], faces[:, ::-1], faces)
 
 
 def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.integer]) -> float:

@@ -24,8 +24,9 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
 
     Returns
     -------
-    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place. Depths beyond the gel
-    stay beyond it: one that would be rounded into it becomes the least float32 beyond it. +inf stays.
+    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place. Depths beyond the
+    gel's highest point stay beyond it: one that would be rounded into it becomes the least float32 beyond it; where a curved gel is
+    lower, a depth beyond it may be rounded into it. +inf stays.
 
     Raises
     ------

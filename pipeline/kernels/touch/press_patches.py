@@ -10,12 +10,9 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import length, unit_vectors
 from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.press_shapes import Press, PressRanges, draw_mostly_small, press_relief
+from pipeline.kernels.touch.press_shapes import ATTEMPTS, Press, PressRanges, draw_mostly_small, press_relief
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor
-
-ATTEMPTS = 20
-"""Points that are tried before an object counts as having no patch: rays may pass thin parts between two pixels."""
 
 
 def random_patch(
@@ -52,7 +49,7 @@ def random_patch(
     Raises
     ------
     InvalidInput
-        No ray meets the object at `ATTEMPTS` points.
+        At `ATTEMPTS` points, no ray meets the object, or it is deeper than the gel.
     """
     ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
@@ -63,9 +60,11 @@ def random_patch(
         pose = _facing(points, normals, distance, ranges.tilt, rng)
         distances = ray_depth(faces, pose, sensor.model_copy(update=sides))
         depth = rng.uniform(*ranges.depth)
-        if np.isfinite(distances).any():
+        try:
             return Press("patch", press_relief(-size * distances, sensor, depth))
-    raise InvalidInput(f"no ray of {ATTEMPTS} sensors meets the object; it is thinner than a pixel")
+        except InvalidInput as error:  # rays pass thin parts between two pixels, or the gel is thin there
+            refused = error
+    raise InvalidInput(f"none of {ATTEMPTS} patches that were drawn can be pressed: {refused}")
 
 
 def _facing(

@@ -21,6 +21,8 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 Array = NDArray[np.float64]
 WALLS = (3.0, 30.0)
 """Height over length of a solid's walls: nearly upright, so that they fall within a few pixels."""
+ATTEMPTS = 20
+"""Presses that are drawn before a sensor counts as one that none of them fits."""
 TILTED = 0.3
 """Share of the presses whose shape does not lie flat on the gel."""
 
@@ -97,8 +99,8 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     sensor
         Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
     rng
-        Draws everything. Equal states give equal presses, also with other pixel counts, except for a shape that lies between the pixels at
-        the rim: another is drawn in its place.
+        Draws everything. Equal states give equal presses, also with other pixel counts, except for a shape at the rim that lies between
+        the pixels, or deeper than the gel is thick there: another is drawn in its place.
     ranges
         By default those of `PressRanges`.
     shapes
@@ -111,7 +113,7 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     Raises
     ------
     InvalidInput
-        A shape is unknown, or the depth is more than the gel.
+        A shape is unknown, or no shape of `ATTEMPTS` meets a pixel and is less deep than the gel.
 
     Examples
     --------
@@ -122,18 +124,21 @@ def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges |
     ranges, names = ranges or PressRanges(), tuple(shapes or SHAPES)
     if unknown := [name for name in names if name not in SHAPES]:
         raise InvalidInput(f"there is no shape {unknown[0]!r}; there are {', '.join(SHAPES)}")
-    name = names[int(rng.integers(len(names)))]
-    depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
-    middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
-    turn, towards = draw_direction(rng), draw_direction(rng)
-    slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
     x, y = np.meshgrid(*pixel_centres(sensor))
-    x, y = x - middle[0], y - middle[1]
-    u, v = turn[1] * x + turn[0] * y, turn[1] * y - turn[0] * x
-    relief = SHAPES[name](u, v, ShapeDraw(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
-    if not (relief > -np.inf).any():  # at the rim, between the pixels
-        return random_press(sensor, rng, ranges, names)
-    return Press(name, press_relief(relief, sensor, depth))
+    for _ in range(ATTEMPTS):
+        name = names[int(rng.integers(len(names)))]
+        depth, size = rng.uniform(*ranges.depth), draw_mostly_small(ranges.size, rng)
+        middle = rng.uniform(-0.5, 0.5, 2) * (sensor.width, sensor.height)
+        turn, towards = draw_direction(rng), draw_direction(rng)
+        slope = rng.uniform(0, math.tan(ranges.tilt)) if rng.random() < TILTED else 0.0
+        across, along = x - middle[0], y - middle[1]
+        u, v = turn[1] * across + turn[0] * along, turn[1] * along - turn[0] * across
+        relief = SHAPES[name](u, v, ShapeDraw(size, depth, rng)) + slope * (towards[1] * u + towards[0] * v)
+        try:
+            return Press(name, press_relief(relief, sensor, depth))
+        except InvalidInput as error:  # at the rim: between the pixels, or where the gel is thin
+            refused = error
+    raise InvalidInput(f"none of {ATTEMPTS} shapes that were drawn can be pressed: {refused}; draw larger ones, and press less deep")
 
 
 def draw_mostly_small(limits: tuple[float, float], rng: np.random.Generator) -> float:

@@ -38,6 +38,15 @@ def test_mesh_wound_inwards_has_the_same_inside():
     assert (distances[0] < 0).any()
 
 
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_faces_wound_against_their_neighbours_change_nothing(share):
+    queries, turned = points(500, 1.2), np.random.default_rng(1).random(len(BALL.faces)) < share
+    two = trimesh.util.concatenate([BALL, BALL.copy().apply_translation([3, 0, 0])])  # a part of its own, which agrees
+    faces = np.where(np.append(turned, np.zeros_like(turned))[:, None], two.faces[:, ::-1], two.faces)
+    expected = signed_distances(queries, two.vertices, two.faces)
+    np.testing.assert_allclose(signed_distances(queries, two.vertices, faces), expected, rtol=0, atol=1e-12)
+
+
 def test_sign_in_an_open_box_follows_the_solid_angle():
     """Seen from height h above or below its middle, the lid fills 4 asin(a b / sqrt((a² + h²) (b² + h²))): less than half of all around."""
     faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]

@@ -94,6 +94,15 @@ def test_relief_of_wrong_shape_or_with_nan_raises_value_error():
         random_press(GELSIGHT, np.random.default_rng(0), shapes=["bal"])
 
 
+def test_presses_are_drawn_anew_where_the_gel_is_thin_and_end_where_none_fits():
+    dome = GELSIGHT.model_copy(update={"surface": DIGIT.surface.model_copy(update={"radius": 0.0125, "along": "both"})})
+    rng, rim = np.random.default_rng(0), gel_surface(dome).min()
+    assert rim < PressRanges().depth[1]
+    assert all((gel_surface(dome) - random_press(dome, rng).depth).max() > 0 for _ in range(200))
+    with pytest.raises(InvalidInput, match="none of 20 shapes that were drawn can be pressed: the relief has no surface"):
+        random_press(GELSIGHT, rng, PressRanges(size=(1e-6, 1e-6)), ["ball"])
+
+
 def test_a_patch_of_a_ball_is_a_smaller_ball():
     faces, rng = box_faces(ball(5, 0.1)), np.random.default_rng(3)
     normals = rng.normal(size=(50, 3))
@@ -113,7 +122,7 @@ def test_a_patch_of_a_ball_is_a_smaller_ball():
 
 def test_object_without_a_patch_is_named():
     edge_on = box_faces(sheet(0.0, 0.1))
-    with pytest.raises(InvalidInput, match="no ray of 20 sensors meets the object"):
+    with pytest.raises(InvalidInput, match="none of 20 patches that were drawn can be pressed: the relief has no surface"):
         random_patch(edge_on, np.zeros((1, 3)), np.array([[1.0, 0, 0]]), GELSIGHT, np.random.default_rng(0), ranges=PressRanges(tilt=0.0))
 
 

@@ -1,0 +1,110 @@
+"""Faces of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, and counts relative numbers from the file's end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import mapbox_earcut
+import numpy as np
+from numpy.typing import NDArray
+
+VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
+FACE = re.compile(rb"^[ \t]*f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
+MISREAD = re.compile(rb"^[ \t]*f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
+"""A face of more than three corners, or with relative numbers."""
+TURN = 1e-6
+"""Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
+
+
+def rewrite_faces(content: bytes) -> bytes:
+    """Write concave polygons of an OBJ file as triangles between the same corners, and relative numbers as absolute ones.
+
+    Parameters
+    ----------
+    content
+        Of the file.
+
+    Returns
+    -------
+    The same content if there are none. Faces that cannot be understood, or have no area, stay as they are.
+    """
+    text = content.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")  # lines that continue
+    if MISREAD.search(text) is None:
+        return content
+    try:
+        vertices = np.array([match.groups() for match in VERTEX.finditer(text)]).astype(np.float64).reshape(-1, 3)
+    except ValueError:  # its reader says what is wrong
+        return content
+    faces = list(FACE.finditer(text))
+    triangles = _cut_concave(faces, _offsets(b"v", text), vertices)
+    relative = [number for number, face in enumerate(faces) if b"-" in face[1]]
+    listed = [_offsets(kind, text) for kind in (b"v", b"vt", b"vn")] if relative else []
+    pieces, end = list[bytes](), 0
+    for number in sorted({*triangles, *relative}):
+        face = faces[number]
+        corners = [_absolute(corner, face.start(), listed) if relative else corner for corner in face[1].split()]
+        parts = [[corners[index] for index in triangle] for triangle in triangles.get(number, [range(len(corners))])]
+        pieces += [text[end : face.start()], b"\n".join(b"f " + b" ".join(part) for part in parts)]
+        end = face.end()
+    return b"".join([*pieces, text[end:]]) if pieces else content
+
+
+def _offsets(kind: bytes, text: bytes) -> NDArray[np.int64]:
+    """Find where the lines of a kind begin."""
+    return np.array([match.start() for match in re.finditer(rb"^[ \t]*" + kind + rb"[ \t]", text, re.MULTILINE)], np.int64)
+
+
+def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -> bytes:
+    """Write a corner of a face at this offset with absolute numbers of vertex, texture coordinate and normal."""
+    parts = [
+        b"%d" % (np.searchsorted(offsets, offset) + 1 + int(part)) if part[:1] == b"-" else part
+        for part, offsets in zip(corner.split(b"/"), listed, strict=False)  # the latter two may be missing
+    ]
+    return b"/".join(parts)
+
+
+def _cut_concave(
+    faces: Sequence[re.Match[bytes]], offsets: NDArray[np.int64], vertices: NDArray[np.float64]
+) -> dict[int, NDArray[np.integer]]:
+    """Cut the concave ones of some faces into triangles (T, 3) of their corners, by the number of the face."""
+    listed = np.fromstring(re.sub(rb"/\S*", b"", b" ".join(face[1] for face in faces)), np.int64, sep=" ")
+    sizes = np.array([len(face[1].split()) for face in faces], np.int64)
+    before = np.searchsorted(offsets, np.array([face.start() for face in faces], np.int64))
+    named = np.where(listed < 0, listed + np.repeat(before, sizes), listed - 1)
+    firsts, triangles = np.cumsum(sizes) - sizes, {}
+    for size in np.unique(sizes[sizes > 3]):
+        numbers = np.flatnonzero(sizes == size)
+        indices = named[firsts[numbers, None] + np.arange(size)]
+        known = ((indices >= 0) & (indices < len(vertices))).all(axis=1)
+        corners = vertices[indices[known]]  # (faces, size, 3)
+        for place in np.flatnonzero(_is_concave(corners)):
+            cut = _ear_clip(corners[place])
+            if len(cut) == size - 2:
+                triangles[int(numbers[known][place])] = cut
+    return triangles
+
+
+def _is_concave(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether polygons (P, N, 3) turn against their own sense at a corner."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    lengths, normal = np.linalg.norm(sides, axis=2), _normal(corners)
+    turns = (np.cross(np.roll(sides, 1, axis=1), sides) * normal[:, None]).sum(axis=2)
+    limit = TURN * lengths * np.roll(lengths, 1, axis=1) * np.linalg.norm(normal, axis=1)[:, None]
+    return np.asarray((turns < -limit).any(axis=1))
+
+
+def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute twice the area of polygons (…, N, 3) as vectors (…, 3)."""
+    spokes = corners - corners[..., :1, :]
+    return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=-2)).sum(axis=-2))
+
+
+def _ear_clip(corners: NDArray[np.float64]) -> NDArray[np.integer]:
+    """Cut a polygon (N, 3), as seen along its normal, into triangles (T, 3) of its corners."""
+    normal, sides = _normal(corners), np.roll(corners, -1, axis=0) - corners
+    across = sides[np.linalg.norm(sides, axis=1).argmax()]
+    plane = np.stack([across / np.linalg.norm(across), np.cross(normal, across) / np.linalg.norm(np.cross(normal, across))], axis=1)
+    return np.asarray(
+        mapbox_earcut.triangulate_float64(np.ascontiguousarray(corners @ plane), np.array([len(corners)], np.uint32))
+    ).reshape(-1, 3)
