@@ -35,7 +35,7 @@ space   := $(subst ,, )
 quoted   = '$(subst ','\'',$(1))'
 
 $(foreach name,$(VARIABLES),$(if $(findstring $(newline),$(value $(name))),$(error $(name) has a line break; write it on one line)))
-$(foreach name,$(VARIABLES),$(if $(filter-out undefined,$(origin $(name))),$(eval override $(name) := $$(value $(name)))))
+$(foreach name,$(VARIABLES),$(if $(filter-out undefined,$(origin $(name))),$(eval override $(if $(value $(name)),$(name) := $$(value $(name)),undefine $(name)))))
 
 unknown := $(strip $(foreach name,$(.VARIABLES),$(if $(filter command,$(firstword $(origin $(name)))),$(filter-out $(VARIABLES),$(name)))))
 $(foreach name,$(unknown),$(eval unexport $(subst $$,,$(name))))  # make 4.4 expands what it exports to `shell`

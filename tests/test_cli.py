@@ -205,7 +205,7 @@ def test_one_object_with_other_settings_is_not_published_and_names_the_remedy(tm
     assert invoke(*command, "points=100")[0] == 0
     code, output = invoke(*command, "points=90", "--object", "a")
     assert code == 0
-    assert "not published, because the others are damaged, or were made with other settings" in output
+    assert "not published, because the others are damaged, have left the manifest, or were made with other settings" in output
     assert "to look at a alone, run each stage from sample-surfaces with another --data" in output
 
 

@@ -223,6 +223,14 @@ def test_tables_are_printed_once(target, pages, workplace):
     assert [call for call in workplace.calls() if call[0] == "report"] == [["report", "d", *pages]]
 
 
+def test_empty_variable_counts_as_none(workplace):
+    for given in ({}, {"DATA": "", "PRESET": ""}):
+        workplace.make("summary", *(f"{name}={value}" for name, value in given.items()))
+        workplace.make("summary", **given)
+    calls = {tuple(call) for call in workplace.calls() if call[0] == "summary"}
+    assert calls == {("summary", "data/toy/draft")}
+
+
 def test_configurations_are_passed_to_every_stage(workplace):
     option = ["--set", "evaluate.configurations=[toch,none]"]
     for targets in (["report"], ["train"], ["evaluate.0"], ["train-gcn.none.0", "dataset"]):

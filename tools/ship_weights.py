@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,8 @@ from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.record import FolderRecord
 from pipeline.store.storage import place
+from pipeline.training.reconstruction import learned_from
 from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
 
@@ -39,7 +38,7 @@ def ship(data: Path) -> ModelCard:
     directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
     sources = commit()  # before files change
     check_origins(directory, [model_name(network)])
-    trainings = list(_trainings(directory.folder(model_name(network))))
+    training = directory.folder(model_name(network))
     for path in models.glob("*"):
         if path.name != SENSORS:  # which has a command of its own
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -52,28 +51,21 @@ def ship(data: Path) -> ModelCard:
         destination.with_name(f"{destination.name}.json").write_bytes(record.read_bytes())
     for left_out in score_shipped(place(data), progress):
         raise StageError(f"{data}: the network was not given everything, {left_out}")
-    manifests = [load_manifest(training.options.get("--manifest", training.manifest)) for training in trainings]
+    learned = learned_from(training)
+    manifests = [load_manifest(one["manifest"]) for one in learned]
     origins = {(one.kind, one.licence) for manifest in manifests for one in manifest.sources if one.split in (None, "train")}
     card = ModelCard(
         network=network,
-        learned_from={one.name: training.facts["items"] for one, training in zip(manifests, trainings, strict=True)},  # an item per object
+        learned_from={manifest.name: one["items"] for manifest, one in zip(manifests, learned, strict=True)},  # an item per object
         trained_on=tuple(TrainedOn(source=source, licence=licence) for source, licence in sorted(origins)),
         commit=sources,
-        command=f"make weights; settings: {_settings(trainings[-1].settings)}",
+        command=f"make weights; settings: {_settings(training.settings)}",
         errors=_errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network),
         not_for=NOT_FOR,
     )
     card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))
     check_size(models)
     return card
-
-
-def _trainings(record: FolderRecord) -> Iterator[FolderRecord]:
-    """Yield the records of a network and, before it, of the one that its training began with."""
-    if pretrained := record.settings.get("pretrained"):
-        models = SHIPPED if pretrained == "shipped" else Path(pretrained)
-        yield from _trainings(DataDirectory(models).folder(model_name(DEFAULT).removeprefix("models/")))
-    yield record
 
 
 def check_size(weights: Path) -> None:

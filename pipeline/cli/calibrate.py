@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from pydantic import ValidationError
+from rich.markup import escape
 from rich.table import Table
 
 from pipeline.console import console, errors, print_line
@@ -72,7 +73,7 @@ def calibrate_sensor(
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error
     for name, reason in result.left_out.items():
-        errors.print(f"[yellow]left out[/] {name}: {reason}")
+        errors.print(f"[yellow]left out[/] {escape(name)}: {escape(reason)}")
     fit, half_fit = result.fit, result.half
     note = f"Fitted by `vt-pipeline calibrate-sensor` to {len(result.photographs)} photographs of a ball of {ball_radius:g} mm radius."
     write_sensor(result, out, untouched, background_degree=background_degree, note=note)
@@ -89,9 +90,9 @@ def calibrate_sensor(
     for line in fitted_range(fit.calibration):
         print_line(line)
     for line in fit.at_end:
-        errors.print(f"[yellow]at the end of its range:[/] {line}")
+        errors.print(f"[yellow]at the end of its range:[/] {escape(line)}")
     for line in missing_photographs(fit.sensor, fit.calibration, [photograph.contact for photograph in result.photographs]):
-        errors.print(f"[yellow]missing:[/] {line}")
+        errors.print(f"[yellow]missing:[/] {escape(line)}")
     images = [render_contact(half_fit.sensor, half_fit.calibration, photograph, image, radius) for photograph in result.tested]
     draw_calibration(result.tested, images, report := out.with_name(f"{out.stem}-calibration.png"))
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")

@@ -73,7 +73,7 @@ def export(
     if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, objects or []), 'scene')}")
+        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, list(dict.fromkeys(objects or []))), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")

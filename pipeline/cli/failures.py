@@ -48,7 +48,7 @@ def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
     with _stoppable(then) as stopped:
         try:
             yield
-        except typer.Exit:
+        except (typer.Exit, BrokenPipeError):  # who reads the output has seen enough: click ends without a word
             raise
         except Exception as error:
             if stopped:  # a library turned it into another error

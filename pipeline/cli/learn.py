@@ -124,7 +124,7 @@ def predict(
     if data is None and (grasps or view):
         fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
     directory = place(data) if data else None
-    folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration)
+    folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration, training_seed)
     result = prediction.predict(
         out,
         folder,
@@ -204,7 +204,8 @@ def report(
     """
     from pipeline.reports.html_report import write_report
     from pipeline.reports.results import results_tables, training_facts, training_table
-    from pipeline.reports.training_seeds import evaluations, outdated_scores, scores
+    from pipeline.reports.training_seeds import outdated_scores, scores
+    from stages.evaluate.evaluation_files import evaluations
     from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)

@@ -106,7 +106,7 @@ def make_request(
     up: str | None = None,
 ) -> Request[S]:
     """Make a request from the shared options."""
-    where = place(data or default_place(manifest, objects) / preset)
+    where = place(default_place(manifest, objects) / preset if data is None else data)
     if folder := on_disk(where):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():

@@ -125,7 +125,7 @@ def run_plan(plan: Plan[Any]) -> None:
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
     else:
         _warn_of_low_disk_space(plan)
-        if isinstance(plan.output, ShardOutput) and (line := _changed_rows(plan)):
+        if isinstance(plan.output, ShardOutput) and request.only is None and (line := _changed_rows(plan)):
             print_line(f"{stage} {plan.path}: {line}")
         for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
@@ -136,8 +136,9 @@ def run_plan(plan: Plan[Any]) -> None:
         note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
         if result.held_back:
             note = (
-                "; not published, because the others are damaged, or were made with other settings, inputs or code: run without --object, "
-                f"or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
+                "; not published, because the others are damaged, have left the manifest, or were made with other settings, inputs or "
+                f"code: run without --object, or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another "
+                "--data"
             )
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)

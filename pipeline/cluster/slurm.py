@@ -79,7 +79,7 @@ class JobState:
 def slurm_folder(data: Place) -> Path:
     """Return the folder of scripts, logs, exit statuses and the list of jobs: with the data, or the current folder for object storage."""
     folder = DataDirectory(data).work("slurm")
-    return on_disk(folder) or Path("slurm") / "-".join(part.strip("/") for part in data.parts)
+    return on_disk(folder) or Path("slurm", *str(data).split("://"))
 
 
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:

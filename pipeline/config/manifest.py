@@ -22,6 +22,8 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
+TOTAL = "all"
+"""What tables call all categories together."""
 OBJECT_ID = re.compile(r"(?!\.|zarr\.json$)[A-Za-z0-9._-]{1,120}")
 """What names an object: it also names files and Zarr groups, where `zarr.json` is taken."""
 
@@ -89,8 +91,8 @@ class Manifest(BaseModel):
         Raises
         ------
         InvalidInput
-            No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters,
-            counts that do not match: with the place that was looked at and the way out.
+            No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters
+            or called `all`, counts that do not match: with the place that was looked at and the way out.
         """
         sources = self._with_roots(root)
         try:
@@ -185,6 +187,8 @@ def _check_names(objects: Sequence[Object]) -> None:
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
         without_controls(item.category)
+        if item.category == TOTAL:
+            raise InvalidInput(f"{item.object_id} is of category {TOTAL!r}, as tables call the total; rename its folder, or its category")
     for one, other in pairwise(objects):
         if one.object_id == other.object_id:
             origins = " and ".join(str(item.source.get("file", "a procedural one")) for item in (one, other))

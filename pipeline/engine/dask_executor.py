@@ -10,7 +10,9 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 
-from distributed import CancelledError, Client, Future, KilledWorker, wait
+from distributed import CancelledError, Client, Future, KilledWorker, Security, wait
+from distributed.comm import parse_address, parse_host_port
+from distributed.comm.registry import get_backend
 
 from pipeline.engine import dask_worker, keys
 from pipeline.engine.executor import Executor
@@ -150,12 +152,15 @@ class Dask(Executor):
 def _client_of(scheduler: str) -> Client:
     """Connect to a scheduler that has workers."""
     try:
+        protocol, address = parse_address(scheduler)
+        get_backend(protocol)
+        parse_host_port(address)
+        if protocol == "tls" and not Security().get_connection_args("client").get("ssl_context"):
+            raise StageError(
+                f"{scheduler} asks for certificates, and Dask's configuration names none; see docs/guide/speed-and-accuracy.md"
+            )
         client = Client(scheduler, set_as_default=False, timeout=CONNECT_SECONDS)
         client.wait_for_workers(1, timeout=JOIN_SECONDS)
-    except TypeError as error:  # Dask's error for a TLS address without certificates
-        raise StageError(
-            f"{scheduler} asks for certificates, and Dask's configuration names none ({error}); see docs/guide/speed-and-accuracy.md"
-        ) from error
     except (OSError, ValueError) as error:
         raise StageError(f"there is no Dask scheduler with workers at {scheduler}: {error}; start both first") from error
     if any(threads > 1 for threads in client.nthreads().values()):

@@ -35,7 +35,7 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
     """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`; return the number of frames."""
     pa = import_arrow()
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
-    tasks = sorted({f"grasp a {category}" for category in frames.rows.categories})
+    tasks = sorted({_task(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
     statistics = {name: _Statistics(column) for name, column in columns.items() if column.kind != "string"}
     files, splits, index = _DataFiles(pa, folder, schema_of(columns)), {}, 0
@@ -45,7 +45,7 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
             for object_id in ids:
                 rows, start = [], index
                 for grasp, frame in enumerate(frames.frames(object_id, split)):
-                    task, episode = tasks.index(f"grasp a {frame['category']}"), len(episodes)
+                    task, episode = tasks.index(_task(frame["category"])), len(episodes)
                     numbers = {"timestamp": grasp / FPS, "frame_index": grasp, "episode_index": episode, "index": index, "task_index": task}
                     named = {_name(name): value for name, value in frame.items()} | numbers
                     for name, column_statistics in statistics.items():
@@ -90,6 +90,10 @@ def _name(name: str) -> str:
 def _feature(column: Column) -> dict[str, Any]:
     names = ["height", "width", "channels"] if column.kind == "image" else (list(column.names) or None)
     return {"dtype": column.kind, "shape": list(column.shape or (1,)), "names": names}
+
+
+def _task(category: str) -> str:
+    return f"grasp {'an' if category[:1].lower() in 'aeiou' else 'a'} {category}"
 
 
 class _DataFiles:

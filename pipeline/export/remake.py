@@ -89,8 +89,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
             raise InvalidInput("the recipe has hand, sensor or scene files of its own; name a folder for them with --descriptions FOLDER")
         place_files(recipe, descriptions)
     settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
-    if misplaced := [name for name, expected in zip(recipe.stages, DATASET, strict=False) if name != expected]:
-        raise InvalidInput(f"the recipe's stages must be {', '.join(DATASET)}, or the first of them; {misplaced[0]} is out of place")
+    _check_stages(recipe)
     manifest = _with_folders(recipe.manifest, objects)
     items = _listed(recipe, manifest, objects)
     if sample is not None and sample < len(items):
@@ -98,6 +97,20 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
         items = [item for item in items if item.object_id in drawn]
     _check_sources(recipe, items)
     return Remake(recipe, items, settings, sampled=len(items) < len(recipe.rows))
+
+
+def _check_stages(recipe: Recipe) -> None:
+    """Check that the stages stand in their order, each after those whose artifacts it reads."""
+    made: set[str] = set()
+    for name, expected in zip(recipe.stages, [name for name in DATASET if name in recipe.stages], strict=True):
+        stage = load_stage(name)
+        lacking = [artifact.stage for artifact in stage.inputs(stage.settings_type()) if artifact.stage not in made]
+        if name != expected or lacking:
+            raise InvalidInput(
+                f"the recipe's stages must be {', '.join(DATASET)}, or some of them in this order, each with those that it reads from; "
+                f"{name} is out of place"
+            )
+        made.add(name)
 
 
 def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:

@@ -9,7 +9,7 @@ from pipeline.errors import StoreError
 from pipeline.inference.observation_reader import ObservationReader
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.implicit_network import ImplicitConfig
-from pipeline.models.families import ROWS, model_name
+from pipeline.models.families import ROWS, model_name, network_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
@@ -39,7 +39,9 @@ def error_note(reader: ObservationReader) -> str:
     if card and (overall := card.errors.get(name, {}).get("all")):
         mm, objects = _rms_distance(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
-    return f"{name}: {_by_training(reader, name)}; `evaluate` compares it with looking up the nearest training object"
+    over_all = f"{network_of(name)}, over all combinations of inputs" if name in ROWS else name
+    advice = "" if card else "; `evaluate` compares it with looking up the nearest training object"
+    return f"{over_all}: {_by_training(reader, name)}{advice}"
 
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:

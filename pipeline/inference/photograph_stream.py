@@ -70,8 +70,12 @@ def watched(folder: Path, leave_out: Path) -> Iterator[NamedPhotograph]:
                     errors.print(f"[yellow]warning:[/] left out until it changes: {escape(str(error))}")
                     reported[path] = changed
                 continue
+            twin = next((other for other in read_paths if other.stem == path.stem), None)
             read_paths.add(path)
-            yield path.stem, image
+            if twin is None:
+                yield path.stem, image
+            else:
+                errors.print(f"[yellow]warning:[/] left out: {escape(path.name)}, as {escape(twin.name)} has the same name; rename it")
         time.sleep(POLL_SECONDS)
 
 

@@ -167,7 +167,7 @@ def _grasps(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequ
     return [0] if grasps is None else grasps
 
 
-def chosen_models(models: Place | None, data: Place | None, configuration: str | None) -> tuple[Place, str]:
+def chosen_models(models: Place | None, data: Place | None, configuration: str | None, training_seed: int = 0) -> tuple[Place, str]:
     """Choose the folder of models, and the network.
 
     Parameters
@@ -176,14 +176,18 @@ def chosen_models(models: Place | None, data: Place | None, configuration: str |
         As they were named: a folder of models, else that of a data directory if it holds some, else the weights that ship.
     configuration
         The network; by default `occluded-touch`, of shipped weights the one that takes whatever there is.
+    training_seed
+        Of its training.
 
     Raises
     ------
     StageError
-        Nothing is named, and no weights ship.
+        Nothing is named, and no weights ship, or not of this training.
     """
-    if models is None and data is not None and (trained_models(data / "models") or not trained_models(SHIPPED)):
+    if models is None and data is not None and (trained_models(data / "models", training_seed) or not trained_models(SHIPPED)):
         models = data / "models"
+    if models is None and training_seed:
+        raise StageError(f"the network that ships has one training; name models of training seed {training_seed}, or leave it out")
     return (shipped_models(), configuration or DEFAULT) if models is None else (models, configuration or "occluded-touch")
 
 

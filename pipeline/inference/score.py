@@ -23,11 +23,11 @@ from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, withdraw
-from pipeline.store.storage import Place, exists
+from pipeline.store.storage import Place
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import evaluation_name, read_root
+from stages.evaluate.evaluation_files import evaluations, read_root
 from stages.evaluate.score import Score
 from stages.evaluate.scored_files import SUFFIXES, surface_files
 from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuringSettings, ScoreSettings, ShippedSettings
@@ -128,8 +128,8 @@ def _learned_from(directory: DataDirectory) -> tuple[str, ...]:
 
 def _settings(directory: DataDirectory) -> dict[str, Any]:
     """Choose the measuring settings: those of the networks' evaluation if there is one."""
-    if exists(directory.folder_record(evaluation_name())):
-        settings = read_root(directory.verified_folder(evaluation_name()))["settings"]
+    if evaluated := evaluations(directory):
+        settings = read_root(directory.verified_folder(evaluated[0]))["settings"]
         measuring = {key: value for key, value in settings.items() if key in GraspMeasuringSettings.model_fields}
     else:
         points = directory.collection(SURFACES).first.array("points").shape[1]
@@ -141,8 +141,8 @@ def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, cons
     """Run a stage that measures, if it is not up to date, with the seed of the evaluation or else of the dataset."""
     surfaces = directory.collection(SURFACES)
     record, seed = surfaces.first.record, surfaces.first.record.seed
-    if exists(directory.folder_record(evaluation_name())):
-        seed = read_root(directory.verified_folder(evaluation_name()))["seed"]
+    if evaluated := evaluations(directory):
+        seed = read_root(directory.verified_folder(evaluated[0]))["seed"]
     request = Request(
         stage=stage,
         settings=settings,

@@ -79,7 +79,7 @@ def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
-        common = {"objects": len(objects), "evaluated": source.evaluation is not None}
+        common = {"objects": len(objects), "evaluated": source.evaluation is not None, "has_images": "vision" in source.collections}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         paper = has_paper_sizes(data)
         tables = touch_tables(source.tallies, sensors_of(data), paper=paper)

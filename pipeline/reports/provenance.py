@@ -41,7 +41,7 @@ def settings_tables(directory: DataDirectory, origins: dict[str, Provenance]) ->
     tables = []
     for name, origin in origins.items():
         preset = _preset_values(directory, origin)
-        rows = [Row([key, _yaml(value), "" if preset.get(key) == value else "set"]) for key, value in origin.settings.items()]
+        rows = [Row([key, _yaml(value), "" if preset.get(key, value) == value else "set"]) for key, value in origin.settings.items()]
         if rows:
             tables.append(Table(f"{name} ({origin.stage})", ["setting", "value", "other than the preset's"], rows))
     return tables

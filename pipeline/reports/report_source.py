@@ -19,14 +19,24 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
-from pipeline.reports.training_seeds import evaluations, scores
+from pipeline.reports.training_seeds import scores
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import Place
 from schemas.catalogue import ARTIFACTS
 from schemas.vision import VISION
 from stages.evaluate.comparison import difference
-from stages.evaluate.evaluation_files import Arrays, Figures, has_surfaces, read_figures, read_root, read_surfaces, read_table, surface_of
+from stages.evaluate.evaluation_files import (
+    Arrays,
+    Figures,
+    evaluations,
+    has_surfaces,
+    read_figures,
+    read_root,
+    read_surfaces,
+    read_table,
+    surface_of,
+)
 from stages.evaluate.settings import SHIPPED_SCORES
 from stages.evaluate.tables import ACCURACY
 

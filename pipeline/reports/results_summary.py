@@ -70,7 +70,10 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
         for name in trainings.keys() & further_figures.keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
+    methods = {read_root(place)["settings"].get("method") for place in (folder, *scored)}
     for name, way in _ways(network_inputs).items():
+        if name in methods and name == way:  # it would be taken for a graph network
+            continue
         if all(1 in network.grasps for network in trainings[name]):
             series = name.removesuffix(way).rstrip("-") or DEFAULT_SERIES
             values = 1e3 * np.stack([network.per_object("mean_distance") for network in trainings[name]])
@@ -108,7 +111,7 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         (series, way) for series, of_series in errors.items() for way, error in of_series.items() if error.mean < retrieved.get(way, 0)
     ]
     compared = sum(way in retrieved for of_series in errors.values() for way in of_series)
-    verb = "is" if len(nearer) == 1 else "are"
+    verb = "is" if 1 in (len(nearer), compared) else "are"
     return [
         f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
         "reconstruction and object.",

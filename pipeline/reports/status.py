@@ -90,7 +90,8 @@ def read_account(data: Place) -> Account:
     StoreError
         The path is not a data directory.
     """
-    if not list_folder(data) and not ((folder := on_disk(data)) and folder.is_dir()):
+    is_folder = (folder := on_disk(data)) and folder.is_dir()
+    if not list_folder(data) and not is_folder and not submitted_jobs(slurm_folder(data)):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
     directory = DataDirectory(data)
     account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)), damaged=[], jobs=[])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -17,9 +16,8 @@ from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import list_folder
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.evaluation_files import Figures, evaluation_name, read_figures, read_root, read_table
+from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 from stages.evaluate.settings import SHIPPED_SCORES
 from stages.evaluate.shipped import shipped_digest
 from stages.evaluate.tables import QUALITY_UNITS
@@ -29,12 +27,6 @@ MAY_DIFFER = ("training_seed", "configurations")
 
 Values = dict[str, dict[int, Figures]]
 """By configuration, the figures of each of its trainings, by seed."""
-
-
-def evaluations(directory: DataDirectory) -> list[str]:
-    """Name the evaluations of a data directory, that of training seed 0 first."""
-    matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in list_folder(directory.root)]
-    return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
 def scores(directory: DataDirectory) -> list[str]:

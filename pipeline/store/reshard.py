@@ -61,6 +61,9 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
 def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     root, old_shards = directory.root, directory.shards()
     if old_shards in (None, shards):
+        for record in directory.shard_records():  # those of other numbers: a run of this command was killed towards its end
+            if not has_shard_count(record, old_shards):
+                withdraw(record)
         return
     _check_no_runs(directory, old_shards)
     _discard_records(directory, shards)  # of a run of this command that was killed

@@ -75,8 +75,10 @@ def place(text: str | Place) -> Place:
     Raises
     ------
     InvalidInput
-        The URL names no object storage that can be written to.
+        It is empty, or the URL names no object storage that can be written to.
     """
+    if not str(text):
+        raise InvalidInput("the name of a data directory is empty; name a folder, or object storage")
     protocol, separator, rest = str(text).partition("://")
     if not separator:
         return Path(str(text)).expanduser()
@@ -84,7 +86,7 @@ def place(text: str | Place) -> Place:
         raise InvalidInput(
             f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"
         )
-    return UPath(str(text).rstrip("/"))
+    return UPath(f"{protocol}://{'/'.join(filter(None, rest.split('/')))}")
 
 
 def is_machine_fault(error: Exception) -> bool:

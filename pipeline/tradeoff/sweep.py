@@ -11,7 +11,11 @@ import yaml
 from rich.console import Console
 
 from pipeline.console import print_table
+from pipeline.store.digest import of_json
 from pipeline.store.record import FolderRecord
+
+LONGEST_NAME = 150
+"""Characters of the name of a point's folder: records allow 200, with those of a version."""
 
 
 def grid_points(grid: Mapping[str, Iterable[Any]]) -> Iterator[dict[str, Any]]:
@@ -44,8 +48,9 @@ def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
 
 
 def file_name(label: str) -> str:
-    """Turn a label of settings and values into the name of a folder."""
-    return re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
+    """Turn a label of settings and values into the name of a folder; a long one ends with a digest of the label."""
+    name = re.sub(r"[^A-Za-z0-9=,._+-]", "_", label)
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 17]}-{of_json(label)[:16]}"
 
 
 def show_sweep(results: list[tuple[dict[str, Any], FolderRecord]], console: Console) -> None:

@@ -85,7 +85,7 @@ def retrieve(
     by touch
         The one nearest to the touched points of the first grasp.
     by truth
-        The nearest one: no retrieval is better.
+        The nearest one by the Chamfer distance of `POINTS` points: no retrieval is nearer by that distance.
     """
     ids, names = objects.rows.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)

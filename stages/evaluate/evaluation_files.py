@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -17,8 +18,9 @@ from zarr.storage import LocalStore
 from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import array_spec, numpy_dtype
-from pipeline.store.storage import zarr_store
+from pipeline.store.storage import list_folder, zarr_store
 from schemas.evaluation import GROUPS, VERSION
 
 TABLES_ZARR = "tables.zarr"
@@ -127,6 +129,12 @@ def chamfer_by_object(folder: Path) -> dict[str, float]:
 def evaluation_name(training_seed: int = 0) -> str:
     """Name the folder of an evaluation, below a data directory."""
     return f"evaluation-seed-{training_seed}" if training_seed else "evaluation"
+
+
+def evaluations(directory: DataDirectory) -> list[str]:
+    """Name the evaluations of a data directory, that of training seed 0 first."""
+    matches = [re.fullmatch(r"evaluation(?:-seed-(\d+))?\.json", name) for name in list_folder(directory.root)]
+    return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
 def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:

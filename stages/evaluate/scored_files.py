@@ -158,7 +158,7 @@ def _read_mesh(path: Path) -> Surface:
     vertices, faces = mesh.vertices, mesh.faces.astype(np.int64)
     if not is_watertight(faces):  # STL stores each corner by itself
         number = number_positions(vertices)
-        if is_watertight(number[faces]):
+        if path.suffix.lower() == ".stl" or is_watertight(number[faces]):
             vertices, faces = vertices[np.unique(number, return_index=True)[1]], number[faces]
     if not (used := np.isin(np.arange(len(vertices)), faces)).all():  # others would count for the box around the surface
         vertices, faces = vertices[used], (np.cumsum(used) - 1)[faces]

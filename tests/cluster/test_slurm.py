@@ -120,8 +120,10 @@ def test_script_passes_arguments_unchanged_and_writes_its_exit_status(setup, tmp
 
 
 def test_each_bucket_has_a_separate_folder(tmp_path):
-    assert slurm.slurm_folder(place("s3://team-a/toy")) == Path("slurm/team-a-toy")
-    assert slurm.slurm_folder(place("s3://team-b")) == Path("slurm/team-b")
+    assert slurm.slurm_folder(place("s3://team-a/toy")) == Path("slurm/s3/team-a/toy")
+    assert slurm.slurm_folder(place("s3://team-b")) == Path("slurm/s3/team-b")
+    assert slurm.slurm_folder(place("s3://team-a//toy/")) == Path("slurm/s3/team-a/toy")  # as storage takes it
+    assert slurm.slurm_folder(place("s3://team/a-toy")) != slurm.slurm_folder(place("s3://team/a/toy"))
 
 
 def test_folder_with_a_line_break_is_refused(tmp_path):

@@ -19,7 +19,7 @@ from pipeline.store import validate
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.reshard import reshard
+from pipeline.store.reshard import _set_shards, reshard
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import MEAN, NOISE, MakeNoise, TakeMean, digest, objects, published, request, run
 
@@ -56,6 +56,20 @@ def test_killed_reshard_changes_nothing_for_readers(tmp_path):
     run(request(tmp_path, items=objects(3)))
     list(reshard(DataDirectory(tmp_path), 4))
     assert list(published(tmp_path)) == ["a", "b", "c"], "records of the one that was killed are gone"
+
+
+def test_reshard_that_was_killed_towards_its_end_is_finished_by_the_same_command(tmp_path, monkeypatch):
+    run(request(tmp_path, shards=2))
+    whole = digest(tmp_path)
+    with monkeypatch.context() as killed:
+        killed.setattr("pipeline.store.reshard._set_shards", lambda *given: (_set_shards(*given), killed.undo(), 1 / 0))
+        with pytest.raises(ZeroDivisionError):
+            list(reshard(DataDirectory(tmp_path), 4))
+    assert DataDirectory(tmp_path).shards() == 4
+    assert list((tmp_path / "noise").glob("*-of-0002.json"))
+    assert list(reshard(DataDirectory(tmp_path), 4)) == []
+    assert not list((tmp_path / "noise").glob("*-of-0002.json"))
+    assert digest(tmp_path) == whole
 
 
 def test_replaced_groups_are_kept_for_their_readers(tmp_path):

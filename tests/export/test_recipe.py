@@ -25,6 +25,7 @@ import pipeline
 from pipeline.cli import app
 from pipeline.dataset.recipe import Recipe, read_recipe
 from pipeline.errors import InvalidInput
+from pipeline.export.remake import _check_stages
 
 OWN = {"simulate-grasps.hand": "robot/hand.yaml", "simulate-grasps.sensor": "gels/my_gel.yaml", "render-vision.scene": "my_scene.yaml"}
 """Description files of the publisher."""
@@ -328,6 +329,19 @@ def test_dataset_of_other_inputs_or_without_rows_has_no_recipe(published: Path, 
     assert "has licence 'CC0' and file 'ball.ply' there, and others in the manifest; delete that folder" in " ".join(output.split())
     code, output = vt("recipe", tmp_path)
     assert (code, "sample-surfaces has made nothing here" in output) == (1, True)
+
+
+def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_cannot(published: Path, remade: tuple[Path, str]) -> None:
+    recipe = read_recipe(published)
+    names = list(recipe.stages)
+
+    def with_stages(*chosen: str) -> Recipe:
+        return recipe.model_copy(update={"stages": {name: recipe.stages[name] for name in chosen}})
+
+    _check_stages(with_stages(*(name for name in names if name != "render-vision")))
+    for chosen in (names[1:], [names[0], names[-1]], names[::-1]):
+        with pytest.raises(InvalidInput, match="is out of place"):
+            _check_stages(with_stages(*chosen))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ from pipeline.inference.read_touch import TouchReader
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
-from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import (
     SENSORS,
     SensorCard,
@@ -30,7 +29,6 @@ from pipeline.models.shipped_weights import (
     shipped_sensor_network,
 )
 from pipeline.models.touch_model import save_touch_model
-from pipeline.store.directory import DataDirectory
 from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
@@ -81,12 +79,6 @@ def test_shipped_network_has_a_card_with_sources_licences_and_errors_by_row_and_
     assert card.not_for
 
 
-def test_card_counts_what_the_network_that_a_training_began_with_learned_from(data):
-    record = DataDirectory(data).folder(model_name(NETWORK))
-    later = record.model_copy(update={"settings": {"pretrained": f"{data}/models"}, "manifest": "more", "facts": {"items": 7}})
-    assert [(one.manifest, one.facts["items"]) for one in ship_weights._trainings(later)] == [("tiny", 2), ("more", 7)]
-
-
 def test_shipping_replaces_its_files_and_keeps_the_networks_of_sensors(shipped):
     assert (shipped / "sensors" / "gelsight.card.yaml").read_text() == "old"
     assert not (shipped / "implicit" / "old.json").exists()
@@ -102,6 +94,8 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     assert chosen_models(None, None, None) == (shipped, NETWORK)
     assert chosen_models(None, data, None) == (data / "models", "occluded-touch")  # its own
     assert chosen_models(None, bare, f"{NETWORK}-touch") == (shipped, f"{NETWORK}-touch")
+    with pytest.raises(StageError, match="the network that ships has one training; name models of training seed 1"):
+        chosen_models(None, data, None, training_seed=1)
 
 
 def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import trimesh
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -154,6 +155,21 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
     assert "2 test objects" in found.sentences[0]
     assert "mm with touch alone" in found.sentences[1]
     assert " of 7 networks " in found.sentences[2]
+
+
+def test_method_that_is_called_as_a_graph_network_is_not_in_the_summary(data, tmp_path):
+    directory = DataDirectory(shutil.copytree(data, tmp_path / "data"))
+    tested = read_figures(directory.verified_folder("evaluation"))[f"{DEFAULT}-touch"].object_ids
+    for name in ("touch", "mine-touch"):
+        (tmp_path / name).mkdir()
+        for object_id in tested:
+            trimesh.creation.icosphere(2, 0.1).apply_translation(spheres.CENTRE).export(tmp_path / name / f"{object_id}.ply")
+        vt("score", tmp_path / name, directory.root, "--misplaced")
+    scored = [directory.verified_folder(f"scores/{name}") for name in ("touch", "mine-touch")]
+    assert summarise(scored[0], []) is None
+    summary = summarise(scored[0], scored[1:])
+    assert summary is not None
+    assert set(summary.errors) == {"mine"}
 
 
 def test_summary_places_a_method_by_name_only_if_its_inputs_match():

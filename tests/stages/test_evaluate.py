@@ -26,12 +26,12 @@ from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.reports.orderings import Verdict, orderings, orderings_table
-from pipeline.reports.training_seeds import evaluations, read_values, trainings_table
+from pipeline.reports.training_seeds import read_values, trainings_table
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard, shard_of
 from stages.evaluate.baselines import BASELINE_PREFIX
-from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, read_figures, read_root, read_table, write_evaluation
+from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import MEASURED, Evaluate

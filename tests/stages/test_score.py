@@ -277,7 +277,7 @@ def test_closed_surface_counts_as_closed_in_a_format_without_shared_vertices(tmp
     assert len(read_surface(tmp_path / "ball.stl").vertices) == 162
     half = trimesh.creation.icosphere(2).submesh([range(100)], append=True)
     half.export(tmp_path / "half.stl")
-    assert len(read_surface(tmp_path / "half.stl").vertices) == 300  # as it is
+    assert len(read_surface(tmp_path / "half.stl").vertices) == len(half.vertices) < 100
 
 
 def test_invalid_array_file_is_named(tmp_path):

@@ -69,6 +69,9 @@ def test_training_begins_with_the_weights_of_a_trained_network(data, tmp_path):
     network, pretrained = (load_reconstructor(NAME, folder_of(one, f"models/implicit/{NAME}")).network for one in (tmp_path, data))
     for weight, first in zip(network.parameters(), pretrained.parameters(), strict=True):
         assert torch.allclose(weight, first, atol=1e-6)
+    assert DataDirectory(tmp_path).folder(f"models/implicit/{NAME}").facts["learned_before"] == [{"manifest": "balls", "items": 4}]
+    with pytest.raises(StageError, match="would replace the network that it begins with; train with another training_seed"):
+        run_stage(data, "train-implicit", begun, "train-implicit.epochs=1")
     with pytest.raises(StageError, match=r"other sizes; to begin with it, set train-implicit\.features=32$"):
         run_stage(tmp_path, "train-implicit", begun, "train-implicit.features=64")
     with pytest.raises(StageError, match=r"nowhere does not exist, or is empty; name a folder of models"):
