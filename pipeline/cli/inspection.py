@@ -69,9 +69,9 @@ def collect_garbage(
     data: DataArgument,
     older_than: Annotated[float, typer.Option(min=0, help="Minimum age in minutes: readers may still use newer files.")] = 60.0,
 ) -> None:
-    """Remove replaced groups and folders, and what killed runs left.
+    """Remove replaced groups and folders, and those that killed runs wrote.
 
-    Symbolic links are not followed.
+    Unfinished objects and trainings stay for the run that continues them, except in object storage. Symbolic links are not followed.
     """
     from pipeline.store.garbage import collect_everything, links
 
