@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.cli.request import ExecutorName, make_executor, make_request
 from pipeline.formats.description_file import shipped_files
+from pipeline.tradeoff.sweep import point_folder
 from stages.registry import STAGES, load_settings_type, load_stage
 
 RUN = ["run", "sample-surfaces"]
@@ -159,6 +160,14 @@ def test_sweep_with_an_invalid_point_runs_none(tmp_path):
     assert code == 1
     assert "gcn_layers" in output
     assert "sweeps/" not in output
+
+
+def test_folder_of_a_point_of_a_sweep_has_a_short_name_of_its_own():
+    short = point_folder("train-gcn", "models/gcn/touch", {"gcn_layers": 3})
+    assert short == "sweeps/train-gcn/touch/gcn_layers=3"
+    long = [point_folder("train-gcn", "models/gcn/touch", {"pretrained": f"/{'x' * 300}/{number}"}) for number in range(2)]
+    assert long[0] != long[1]
+    assert max(map(len, long)) < 180
 
 
 def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):

@@ -36,6 +36,13 @@ def test_warehouse_layout_is_read_and_counted(tmp_path):
     assert objects[0].source["up"] == "y"
 
 
+def test_category_that_tables_could_not_tell_from_the_total_is_refused(tmp_path):
+    (tmp_path / "all").mkdir()
+    (tmp_path / "all" / "cube.obj").write_text(CUBE)
+    with pytest.raises(InvalidInput, match=r"cube is of category 'all', as tables call the total; rename its folder"):
+        manifest(folder("directory", tmp_path)).objects()
+
+
 def test_model_without_a_file_is_listed_and_fails_when_read(tmp_path):
     root = warehouse(tmp_path, bottle=2)
     synset = load_manifest("warehouse").sources[0].synsets["bottle"]

@@ -241,6 +241,12 @@ def test_unreachable_scheduler_is_named(monkeypatch):
 
 def test_scheduler_that_needs_certificates_gives_an_error_with_the_guide():
     with pytest.raises(
-        StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none .*speed-and-accuracy"
+        StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none; see .*speed-and-accuracy"
     ):
         Dask(scheduler="tls://127.0.0.1:9")._connect()
+
+
+@pytest.mark.parametrize(("address", "why"), [("nowhere", "missing port number"), ("smtp://x:1", "unknown address scheme 'smtp'")])
+def test_invalid_address_of_a_scheduler_is_named_at_once(address, why):
+    with pytest.raises(StageError, match=f"there is no Dask scheduler with workers at {address}: {why}"):
+        Dask(scheduler=address)._connect()

@@ -79,7 +79,7 @@ def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tm
             f"tactile_image.{FINGERS[1]}": (255 * image).round().permute(1, 2, 0),
         }
         check(stored, item["object_id"], int(item["grasp"]), arrays, single=True)
-        assert item["task"] == f"grasp a {item['category']}"
+        assert item["task"] == f"grasp {'an' if item['category'] == 'object' else 'a'} {item['category']}"
 
 
 @pytest.fixture

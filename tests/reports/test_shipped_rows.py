@@ -19,7 +19,7 @@ from pipeline.config.objects import identity
 from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from pipeline.inference.score import _learned_from
+from pipeline.inference.score import _learned_from, _settings
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
@@ -155,6 +155,12 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
     assert "2 test objects" in found.sentences[0]
     assert "mm with touch alone" in found.sentences[1]
     assert " of 7 networks " in found.sentences[2]
+
+
+def test_scores_take_the_settings_of_the_first_evaluation_whatever_its_seed(data, tmp_path):
+    copy = shutil.copytree(data, tmp_path / "data")
+    (copy / "evaluation.json").rename(copy / "evaluation-seed-1.json")
+    assert _settings(DataDirectory(copy))["points"] == 300
 
 
 def test_method_that_is_called_as_a_graph_network_is_not_in_the_summary(data, tmp_path):
