@@ -9,25 +9,22 @@ from pathlib import Path, PurePath
 from typing import Any, ClassVar
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
-from pipeline.models.families import model_name, trained_folder, trained_models
+from pipeline.models.families import model_name
 from pipeline.models.model_files import DESCRIPTION, WEIGHTS, save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.shipped_weights import shipped_models
 from pipeline.rng import torch_generator
-from pipeline.store.directory import DataDirectory
-from pipeline.store.record import FolderRecord
-from pipeline.store.storage import Place, place
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
+from pipeline.training.pretrained import LEARNED_BEFORE, give_weights, learned_before, pretrained_folder
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -37,10 +34,6 @@ from schemas.vision import VISION
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
-LEARNED_BEFORE = "learned_before"
-"""The fact of a training that lists what its pretrained network had learned from."""
-OF_MESHES = ("spacing", "touch_reach")
-"""What of a network's description decides how its predictions are meshed, and nothing about its weights."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +149,10 @@ class ReconstructionTraining(DatasetStage):
 
     def assets(self, settings: Any) -> list[Path]:
         """List the files of the network that the training begins with."""
-        return [self._pretrained(settings) / file for file in (DESCRIPTION, WEIGHTS)] if settings.pretrained else []
-
-    def _pretrained(self, settings: Any) -> Path:
-        """Find the folder of the network that the training begins with."""
-        return trained_folder(_pretrained_models(settings), self._network_name(settings))
+        if settings.pretrained is None:
+            return []
+        folder = pretrained_folder(settings.pretrained, self._network_name(settings))
+        return [folder / file for file in (DESCRIPTION, WEIGHTS)]
 
     def _network_name(self, settings: Any) -> str:
         """Name the network as folders of models do: not that of single images as the settings do, by a table of the supplement."""
@@ -192,52 +184,28 @@ class ReconstructionTraining(DatasetStage):
         name = f"{self.name} {settings.configuration}{settings.label}"
         config = settings.network(learning.side)
         network: Any = self.family.network_type(config, torch_generator(job.seed, name, "weights"))
-        learned_before = self._begin_with_pretrained(network, job, name) if settings.pretrained else []
+        before = self._begin_with_pretrained(network, job, name) if settings.pretrained else None
         for line in (*setting_remarks(settings, learning), *self.remarks(network, learning)):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
         save_model(job.folder, network, learning.description(settings.configuration, network.config))
-        return facts | ({LEARNED_BEFORE: learned_before} if learned_before else {})
+        return facts | ({LEARNED_BEFORE: before} if before else {})
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
-        """Give a network the weights of a trained one; return what that one learned from: manifests, and numbers of items."""
-        folder, settings = self._pretrained(job.settings), job.settings
-        if folder.resolve().parent == Path(str(job.data / self.writes(settings))).resolve().parent:
+        """Give a network the weights of a trained one; return what that one has learned from."""
+        models, trained = job.settings.pretrained, self._network_name(job.settings)
+        folder = pretrained_folder(models, trained)
+        if folder.resolve().parent == Path(str(job.data / self.writes(job.settings))).resolve().parent:
             raise StageError(
-                f"pretrained={settings.pretrained}: this training would replace the network that it begins with; train with another "
-                f"training_seed, or name a copy of these models"
+                f"pretrained={models}: this training would replace the network that it begins with; train with another training_seed, or "
+                "name a copy of these models"
             )
-        load_pretrained(network, self.family(folder), self.name)
-        network_name = self._network_name(settings)
-        learned = learned_from(DataDirectory(trained_models(_pretrained_models(settings))[network_name]).folder(network_name))
-        names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in learned))
+        give_weights(network, self.family(folder), self.name)
+        before = learned_before(models, trained)
+        names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in before))
         job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among those test nothing")
-        return learned
-
-
-def _pretrained_models(settings: ReconstructionSettings) -> Place:
-    return shipped_models() if settings.pretrained == "shipped" else place(settings.pretrained or "")
-
-
-def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
-    """List what a network has learned from, before its training and in it: the manifest and the items of each training."""
-    manifest = record.options.get("--manifest", record.manifest)
-    return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
-
-
-def load_pretrained(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
-    """Give a network the weights of a trained one; raise a `StageError` that names the settings if it has other sizes."""
-    config: Any = network.config
-    stages = {"side": "fit-charts"}
-    differing = [
-        f"{stages.get(name, stage)}.{name}={value}"
-        for name, value in pretrained.config
-        if name not in OF_MESHES and value != getattr(config, name)
-    ]
-    if differing:
-        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(differing)}")
-    network.load_state_dict(pretrained.network.state_dict())
+        return before
 
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:

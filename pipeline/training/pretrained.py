@@ -1,0 +1,57 @@
+"""The trained network whose weights a training begins with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from pipeline.errors import StageError
+from pipeline.models.families import trained_folder, trained_models
+from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.shipped_weights import shipped_models
+from pipeline.store.directory import DataDirectory
+from pipeline.store.record import FolderRecord
+from pipeline.store.storage import Place, place
+
+LEARNED_BEFORE = "learned_before"
+"""The fact of a training that lists what the network that it began with had learned from."""
+OF_MESHES = ("spacing", "touch_reach")
+"""What of a network's description decides how its predictions are meshed, and nothing about its weights."""
+OTHER_STAGES = {"side": "fit-charts"}
+"""The stage whose setting an entry of a network's description is, unless it is that of its training."""
+
+
+def pretrained_folder(models: str, network: str) -> Path:
+    """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
+    return trained_folder(_place(models), network)
+
+
+def learned_before(models: str, network: str) -> list[dict[str, Any]]:
+    """List what a trained network has learned from, as `learned_from`."""
+    folder = _place(models)
+    return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
+
+
+def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
+    """List what the network of a record has learned from, before its training and in it: the manifest and the items of each training."""
+    manifest = record.options.get("--manifest", record.manifest)
+    return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
+
+
+def give_weights(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
+    """Give a network the weights of a trained one; raise a `StageError` that names the settings of the training if it has other sizes."""
+    config: Any = network.config
+    settings = [
+        f"{OTHER_STAGES.get(name, stage)}.{name}={value}"
+        for name, value in pretrained.config
+        if name not in OF_MESHES and value != getattr(config, name)
+    ]
+    if settings:
+        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(settings)}")
+    network.load_state_dict(pretrained.network.state_dict())
+
+
+def _place(models: str) -> Place:
+    return shipped_models() if models == "shipped" else place(models)
