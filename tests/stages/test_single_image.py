@@ -201,6 +201,13 @@ def test_mean_of_classes_counts_each_class_once():
     assert {name: value.tolist() for name, value in means.items()} == {"a": [3.0], "b": [10.0], "mean": [6.5]}
 
 
+def test_training_may_begin_with_the_network_of_single_images(data):
+    settings = resolve("train-single-image", "draft", [*SMALL, f"train-single-image.pretrained={data}/models"])
+    description, weights = load_stage("train-single-image").assets(settings)
+    assert description.parent.name.startswith("single-image-")
+    assert weights.is_file()
+
+
 def test_paper_has_the_supplements_training():
     settings = resolve("train-single-image", "paper", [])
     assert isinstance(settings, SingleImageSettings)
