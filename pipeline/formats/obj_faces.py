@@ -9,6 +9,8 @@ import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import InvalidInput
+
 VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^[ \t]*f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^[ \t]*f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
@@ -28,6 +30,11 @@ def rewrite_faces(content: bytes) -> bytes:
     Returns
     -------
     The same content if there are none. Faces that cannot be understood, or have no area, stay as they are.
+
+    Raises
+    ------
+    InvalidInput
+        A relative number leads before the first vertex.
     """
     text = content.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")  # lines that continue
     if MISREAD.search(text) is None:
@@ -61,6 +68,8 @@ def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -
         b"%d" % (np.searchsorted(offsets, offset) + 1 + int(part)) if part[:1] == b"-" else part
         for part, offsets in zip(corner.split(b"/"), listed, strict=False)  # the latter two may be missing
     ]
+    if int(parts[0]) < 1:
+        raise InvalidInput(f"a face counts back to vertex {int(parts[0])}, the first one is 1; the file is damaged")
     return b"/".join(parts)
 
 

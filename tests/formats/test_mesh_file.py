@@ -258,6 +258,15 @@ def test_concave_polygon_is_not_filled(tmp_path: Path, first: int, numbered: str
         assert np.abs(np.cross(sides[:, 0], sides[:, 1])[:, 2]).sum() / 2 == pytest.approx(7)  # as seen from above
 
 
+def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> None:
+    corners = ["v 0 0 0\nv 1 0 0\nv 0 1 0\n", "v 5 0 0\nv 6 0 0\nv 5 1 0\n"]
+    (tmp_path / "two.obj").write_text("f -3 -2 -1\n".join([*corners, ""]))
+    assert load_mesh(tmp_path / "two.obj").triangles[:, 0].tolist() == [[0, 0, 0], [5, 0, 0]]
+    (tmp_path / "two.obj").write_text(f"{corners[0]}f -1 -2 -4\n")
+    with pytest.raises(InvalidInput, match="a face counts back to vertex 0, the first one is 1; the file is damaged"):
+        load_mesh(tmp_path / "two.obj")
+
+
 def test_polygons_that_are_convex_or_damaged_stay_as_they_are() -> None:
     square = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
     for polygon in (b"f 1 2 3 4\n", b"f 1 2 3 9\n", b"f 0 1 2 3\n", b"f 1 1 1 1\n", b"f - / 2 3\n"):
