@@ -52,8 +52,8 @@ def advise(
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
     choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
     show_tables(console, [_table(choices, workload)])
-    fewest, most = (function(len(trade.objects) for trade in trades) for function in (min, max))
-    measured_on = pluralise(most) if fewest == most else f"{fewest} to {most} objects"
+    counts = [len(trade.objects) for trade in trades]
+    measured_on = pluralise(max(counts)) if min(counts) == max(counts) else f"{min(counts)} to {max(counts)} objects"
     print_line(f"measured on {measured_on}, {', '.join(sorted({trade.machine for trade in trades}))}")
     work = f"{pluralise(workload.objects)} on {pluralise(workload.cores, 'core')}"
     print_line(f"{work}: {_duration(sum(choice.seconds for choice in choices))}, and seconds to start each stage, with these settings:")

@@ -39,9 +39,9 @@ def error_note(reader: ObservationReader) -> str:
     if card and (overall := card.errors.get(name, {}).get("all")):
         mm, objects = _rms_distance(overall.mean), overall.objects
         return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
-    over_all = f"{network_of(name)}, over all combinations of inputs" if name in ROWS else name
+    subject = f"{network_of(name)}, over all combinations of inputs" if name in ROWS else name
     advice = "" if card else "; `evaluate` compares it with looking up the nearest training object"
-    return f"{over_all}: {_by_training(reader, name)}{advice}"
+    return f"{subject}: {_by_training(reader, name)}{advice}"
 
 
 def _by_evaluation(reader: ObservationReader, name: str) -> str | None:

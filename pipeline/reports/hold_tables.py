@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.manifest import TOTAL
 from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import Tally
 
@@ -24,7 +25,7 @@ def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
     if not total.lifted:
         return []
     by_size = [(name, total.part(numbers)) for name, numbers in size_bins(np.array(total.diagonals)).items()]
-    parts = {"class": [*tallies.items(), ("all", total)], "diagonal": by_size}
+    parts = {"class": [*tallies.items(), (TOTAL, total)], "diagonal": by_size}
     titles = {"class": "Kept grasps that hold the object, by class", "diagonal": "The same, by the diagonal of the object's bounding box"}
     return [_table(titles[grouping], grouping, entries, by_direction=bool(total.directions)) for grouping, entries in parts.items()]
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.manifest import TOTAL
 from pipeline.console import Row, Table
 from pipeline.dataset.touch_statistics import PAPER, SUPPLEMENT_SUCCESS, Tally
 from pipeline.reports.hold_tables import hold_tables
@@ -25,7 +26,7 @@ def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) 
     """
     total = Tally.joined(tallies.values())
     rows = []
-    for name, entry in [*tallies.items(), ("all", total)]:
+    for name, entry in [*tallies.items(), (TOTAL, total)]:
         *counts, successful, attempted = entry.row()
         theirs = SUPPLEMENT_SUCCESS.get(name)
         rows.append(Row([name, *counts, f"{successful:.1f}", *([theirs] if paper else []), f"{attempted:.1f}"]))
@@ -65,7 +66,7 @@ def _contacts(tallies: dict[str, Tally], total: Tally) -> list[Table]:
     if not total.held:
         return []
     rows = []
-    for name, entry in [*tallies.items(), ("all", total)]:
+    for name, entry in [*tallies.items(), (TOTAL, total)]:
         area, angle, margin = np.concatenate(entry.held).T
         rows.append(Row([name, f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]

@@ -204,7 +204,7 @@ class ReconstructionTraining(DatasetStage):
         give_weights(network, self.family(folder), self.name)
         before = learned_before(models, trained)
         names = ", ".join(dict.fromkeys(str(one["manifest"]) for one in before))
-        job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among those test nothing")
+        job.console.print(f"{name} begins with weights that have learned from objects of {names}: test objects among these are not unseen")
         return before
 
 

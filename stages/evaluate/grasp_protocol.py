@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.manifest import TOTAL
 from pipeline.console import pluralise
 from pipeline.dataset.grasping_hand import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
@@ -40,7 +41,7 @@ from stages.evaluate.ground_truth import TestObjects
 from stages.evaluate.measure import Case, MeasuredCase, Protocol
 from stages.evaluate.settings import GraspMeasuringSettings
 
-ALL = "all"
+ALL = TOTAL
 """The class of every object, the stop rule of every chart."""
 NEAR, NEAR_SHARE = 5e-3, 0.01
 """Distances of the F-scores: m, and a share of the object's diagonal."""

@@ -94,7 +94,7 @@ def test_relief_of_wrong_shape_or_with_nan_raises_value_error():
         random_press(GELSIGHT, np.random.default_rng(0), shapes=["bal"])
 
 
-def test_presses_are_drawn_anew_where_the_gel_is_thin_and_end_where_none_fits():
+def test_presses_are_drawn_again_where_the_gel_is_thin_and_end_where_none_fits():
     dome = GELSIGHT.model_copy(update={"surface": DIGIT.surface.model_copy(update={"radius": 0.0125, "along": "both"})})
     rng, rim = np.random.default_rng(0), gel_surface(dome).min()
     assert rim < PressRanges().depth[1]
