@@ -49,8 +49,6 @@ def ship(data: Path) -> ModelCard:
             (copied := destination.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(folder / file, copied)
         destination.with_name(f"{destination.name}.json").write_bytes(record.read_bytes())
-    for left_out in score_shipped(place(data), progress):
-        raise StageError(f"{data}: the network was not given everything, {left_out}")
     learned = learned_from(training)
     manifests = [load_manifest(one["manifest"]) for one in learned]
     origins = {(one.kind, one.licence) for manifest in manifests for one in manifest.sources if one.split in (None, "train")}
@@ -60,12 +58,21 @@ def ship(data: Path) -> ModelCard:
         trained_on=tuple(TrainedOn(source=source, licence=licence) for source, licence in sorted(origins)),
         commit=sources,
         command=f"make weights; settings: {_settings(training.settings)}",
-        errors=_errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network),
+        errors={},
         not_for=NOT_FOR,
     )
-    card_path(models, network).write_text(yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True))
+    _write(card)  # scores name the test objects that it has learned from
+    for left_out in score_shipped(place(data), progress):
+        raise StageError(f"{data}: the network was not given everything, {left_out}")
+    card = card.model_copy(update={"errors": _errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network)})
+    _write(card)
     check_size(models)
     return card
+
+
+def _write(card: ModelCard) -> None:
+    content = yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True)
+    card_path(SHIPPED, card.network).write_text(content)
 
 
 def check_size(weights: Path) -> None:

@@ -141,9 +141,9 @@ def shipped_sensor_network(sensor: str, weights: Path = SHIPPED) -> Path | None:
     return folder if (folder / DESCRIPTION).is_file() else None
 
 
-def read_card(configuration: str, models: Path = SHIPPED) -> ModelCard:
+def read_card(configuration: str, models: Path | None = None) -> ModelCard:
     """Read the card of a shipped network; raise a `StoreError` if there is none, or it cannot be used."""
-    path = card_path(models, configuration)
+    path = card_path(models or SHIPPED, configuration)
     try:
         return ModelCard.model_validate(yaml.safe_load(read_file(path, MAX_BYTES)))
     except ValidationError as error:

@@ -100,7 +100,8 @@ def surfaces(unit: Unit) -> Row:
     points = (CENTRE + radius_of(unit) * directions).astype(np.float32)
     placement = np.block([[SCALE * TURN, CENTRE[:, None]], [np.eye(4)[3:]]])
     described = {"points": points, "normals": directions.astype(np.float32), "watertight": np.array(True), "placement": placement}
-    return described | flags | mesh | look
+    source = {"source_file": np.array(f"ball {unit.name}"), "source_sha256": np.array("")}
+    return described | flags | mesh | look | source
 
 
 def distances(unit: Unit) -> Row:
