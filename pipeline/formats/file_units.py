@@ -52,6 +52,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
         head = stream.read(HEAD_BYTES)
+    head = re.sub(rb"<!--.*?-->", b"", head, flags=re.DOTALL)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
     return _positive(unit) if unit else None, axis[1].decode().lower() if axis else "y"

@@ -29,6 +29,8 @@ Vector = tuple[Coordinate, Coordinate, Coordinate]
 Label = Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")]
 """A name of an array's entry, and of exported files."""
 Value = TypeVar("Value")
+MAX_SKEW = 1e-2
+"""Cosine of the angle between a sensor's normal and columns from which it is no rounding: directions of three digits are read."""
 
 
 class _Entry(BaseModel):
@@ -88,7 +90,12 @@ class HandFile(_Entry):
         description="Hollow or bent links, each of whose meshes is cut into this many slabs; other meshes become one convex hull.",
     )
     torque: float = Field(0.7, gt=0, le=1e6, description="Maximum torque of the motors, N m (N for a joint that slides).")
-    friction: float = Field(0.5, ge=0, le=100, description="Friction coefficient of the hand's surfaces.")
+    friction: float = Field(
+        0.5,
+        ge=0,
+        le=100,
+        description="Friction coefficient of the hand against the object; while fingers close around the fixed object, half of it counts.",
+    )
 
 
 def load_hand(name: str | Path) -> Hand:
@@ -263,8 +270,11 @@ def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, i
 
 def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
     z, x = _unit(entry.normal, f"{name}: normal"), _unit(entry.columns, f"{name}: columns")
-    if abs(x @ z) > 1e-6:  # a typing slip, not a rounding: the two are written by hand
-        raise InvalidInput(f"{name}: normal {entry.normal} and columns {entry.columns} are not perpendicular")
+    if abs(x @ z) > MAX_SKEW:
+        angle = np.degrees(np.arccos(x @ z))
+        raise InvalidInput(f"{name}: normal {entry.normal} and columns {entry.columns} are {angle:.1f}° apart; make it 90°")
+    x = x - (x @ z) * z  # they were rounded
+    x /= length(x)
     pose = np.eye(4)
     pose[:3, :3] = np.column_stack([x, np.cross(z, x), z])
     pose[:3, 3] = entry.origin

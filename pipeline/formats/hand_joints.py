@@ -58,6 +58,8 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
         raise InvalidInput(f"{', '.join(idle)} belong to no finger; list them under a finger's joints, or freeze them: {{{together}}}")
     if lost := [name for name, mimic in leaders.items() if mimic.joint not in (*entries, *angles)]:
         leader = leaders[lost[0]].joint
+        if leader not in moving:
+            raise InvalidInput(f"joint {lost[0]} follows {leader!r}, which is no moving joint of the hand; freeze it: {{{lost[0]}: 0}}")
         raise InvalidInput(f"joint {lost[0]} follows {leader!r}, which no finger uses; list that one under a finger, or freeze both")
     _check_angles(frozen, moving)
     followers = [(moving[name], mimic) for name, mimic in leaders.items() if name not in angles]
@@ -85,7 +87,8 @@ def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) 
 def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> None:
     for name, angle in frozen.items():
         joint = moving[name]
-        if not joint.lower <= angle <= joint.upper:
+        limited = joint.mimic is None or joint.lower < joint.upper  # a follower needs no limits
+        if limited and not joint.lower <= angle <= joint.upper:
             raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {joint.lower:g} … {joint.upper:g}")
 
 

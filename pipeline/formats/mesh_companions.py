@@ -29,15 +29,21 @@ MAX_NAMES = 1000
 MAX_ENTRIES = 1_000_000
 """Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
 
-HARMLESS_EXTENSIONS = re.compile("material|texture|light|KHR_mesh_quantization", re.IGNORECASE)
+HARMLESS_EXTENSIONS = re.compile("material|(?<!KHR_)texture|KHR_texture_basisu|light|KHR_mesh_quantization", re.IGNORECASE)
 """Of glTF, required ones that leave the shape as it is read."""
 
-TRIANGLE_FAN = 6
-"""The mode of such a primitive (glTF 2.0, section 5.24)."""
+TRIANGLE_FAN, UNSIGNED_SHORT = 6, 5123
+"""The mode of such a primitive, and the type of such a component (glTF 2.0, sections 5.24 and 5.1)."""
+
+MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
+"""A line of an OBJ that names material libraries."""
 
 MAX_NON_ASCII = 2**25
 """Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 
+
+ALL_LIBRARIES = "*"
+"""Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
 
 TEXTURE_OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
 """What may stand before the name of a texture in an MTL file, as `-s 1 1 1`."""
@@ -69,6 +75,7 @@ class Companions(Mapping[str, bytes]):
         self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
         self.missing: list[str] = []
+        self._libraries: list[str] = []
         names = set[str]()
         for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
             if name in names:
@@ -83,6 +90,8 @@ class Companions(Mapping[str, bytes]):
                 self.missing.append(name)
 
     def __getitem__(self, name: str) -> bytes:
+        if name == ALL_LIBRARIES and self._libraries:
+            return b"\n".join(self[library] for library in self._libraries)
         if name not in self.paths:
             raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
@@ -110,12 +119,14 @@ class Companions(Mapping[str, bytes]):
             case ".ply":
                 yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
-                line = content.partition(b"mtllib")[2].partition(b"\n")[0]  # readers take the first one
-                library = _decode(line)
-                yield library
-                if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
-                    check_file(path)
-                    yield from _names_after(b"map_kd", path.read_bytes())
+                for line in MATERIAL_LIBRARY.finditer(content):
+                    name = _decode(line[1])
+                    for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
+                        yield library
+                        if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
+                            check_file(path)
+                            self._libraries.append(library)
+                            yield from _names_after(b"map_kd", path.read_bytes())
 
     def _find(self, name: str) -> Path | None:
         """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
@@ -183,7 +194,7 @@ def _gltf_names(file: Path) -> Iterator[str]:
 
 
 def _check_geometry(name: str, tree: Mapping[str, Any]) -> None:
-    """Refuse a glTF whose shape would be read wrongly: encoded by an extension, as normalised integers, or as triangle fans."""
+    """Refuse a glTF whose shape or look would be read wrongly: encoded by an extension, as integers or sparsely, or as triangle fans."""
     encoded = [one for one in map(str, _list(tree.get("extensionsRequired"))) if not HARMLESS_EXTENSIONS.search(one)]
     if encoded:
         raise InvalidInput(f"{name} requires {encoded[0]}, which cannot be read; export it without compression and extensions")
@@ -191,9 +202,18 @@ def _check_geometry(name: str, tree: Mapping[str, Any]) -> None:
     for primitive in (part for mesh in _list(tree.get("meshes")) for part in _list(_get(mesh, "primitives"))):
         if _get(primitive, "mode") == TRIANGLE_FAN:
             raise InvalidInput(f"{name} has triangle fans, which cannot be read; export it as triangles")
-        position = _get(_get(primitive, "attributes"), "POSITION")
-        if isinstance(position, int) and _get(accessors.get(position), "normalized"):
-            raise InvalidInput(f"{name} has positions as normalised integers, which cannot be read; export it without quantisation")
+        attributes = _get(primitive, "attributes")
+        position, uv, colors, indices = (
+            accessors.get(index) if isinstance(index, int) else None
+            for index in (*(_get(attributes, of) for of in ("POSITION", "TEXCOORD_0", "COLOR_0")), _get(primitive, "indices"))
+        )
+        if any(_get(part, "sparse") for part in (position, uv, colors, indices)):
+            raise InvalidInput(f"{name} has sparse accessors, which cannot be read; export it without them")
+        for what, part in (("positions", position), ("texture coordinates", uv)):
+            if _get(part, "normalized"):
+                raise InvalidInput(f"{name} has {what} as normalised integers, which cannot be read; export it without quantisation")
+        if _get(colors, "componentType") == UNSIGNED_SHORT and _get(primitive, "material") is None:
+            raise InvalidInput(f"{name} has vertices with colours of 16 bits and no material, which cannot be read; give it a material")
 
 
 def _get(value: Any, name: str) -> Any:

@@ -15,9 +15,9 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
-from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
 from pipeline.formats.mesh_reader import read_in_subprocess
-from pipeline.formats.obj_faces import rewrite_faces
+from pipeline.formats.obj_lines import rewrite_lines
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -82,7 +82,8 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
             raise MemoryError from error
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}") from error
+        reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
+        raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
         raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
     return _join(meshes)
@@ -90,7 +91,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
-    content = rewrite_faces(companions.content) if file.suffix.lower() == ".obj" else file
+    content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content)) if file.suffix.lower() == ".obj" else file
     try:
         return _read(content, file, companions)
     except (InvalidInput, MemoryError):
@@ -239,6 +240,7 @@ def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8]
     stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
     if stored is None or len(stored) != count:
         return None
+    stored = np.rint(stored / 257).astype(np.uint8) if stored.dtype == np.uint16 else stored  # trimesh would take the lower eight bits
     colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
     if linear:
         colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))

@@ -103,7 +103,7 @@ def _check_size(content: bytes) -> None:
     """Refuse content that no hand has, and that would take minutes or gigabytes to read."""
     if len(content) > MAX_BYTES:
         raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
-    if b"\0" in content or b"<!" in content.replace(b"<!--", b""):
+    if b"\0" in content or b"<!" in content.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
         raise InvalidInput("it declares a document type or entities, or is not UTF-8; write out their content")
     if (parts := sum(content.count(tag) for tag in (b"<link", b"<joint", b"<visual", b"<collision"))) > MAX_PARTS:
         raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
@@ -181,7 +181,7 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     lower, upper = (float(numbers_of(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
-    if kind in MOVING and not lower < upper:
+    if kind in MOVING and element.find("mimic") is None and not lower < upper:  # a follower's are its leader's
         raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
     return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
 

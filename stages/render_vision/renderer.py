@@ -20,6 +20,8 @@ from stages.render_vision.opengl_context import OpenGLContext
 
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0
 """Surfaces between these distances from the camera are drawn, m: enough for a hand and an object a metre away."""
+CLOSE_PLANE = 0.005
+"""The least distance for a camera that meshes come nearer to, as one at the wrist, m: its depth is a tenth as exact."""
 REACH = 10.0
 """Distance from the world's origin within which a camera farther away draws all surfaces, m."""
 
@@ -133,7 +135,7 @@ class Renderer(AbstractContextManager["Renderer"]):
 
     def _place(self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector) -> None:
         """Show only the given meshes, where they are posed, to a camera."""
-        self._camera_node.camera = _gl_camera(self._gl, camera)
+        self._camera_node.camera = _gl_camera(self._gl, camera, _least_depth(meshes, camera))
         self._scene.set_pose(self._camera_node, camera_pose(camera))
         lamp_pose = np.eye(4)
         lamp_pose[:3, 3] = lamp
@@ -146,9 +148,21 @@ class Renderer(AbstractContextManager["Renderer"]):
         self._scene.nodes_in_order = [handle for handle, _ in meshes]
 
 
-def _gl_camera(gl: Any, camera: Camera) -> Any:
+def _least_depth(meshes: Sequence[PosedMesh], camera: Camera) -> float:
+    """Find the least depth of the boxes around meshes, m; +inf without meshes."""
+    backwards, least = camera_pose(camera)[:3, 2], np.inf
+    for handle, pose in meshes:
+        if not handle.mesh.primitives:
+            continue
+        low, high = handle.mesh.bounds
+        middle, half = pose[:3, :3] @ (low + high) / 2 + pose[:3, 3], np.abs(backwards @ pose[:3, :3]) @ (high - low) / 2
+        least = min(least, float((camera.position - middle) @ backwards - half))
+    return least
+
+
+def _gl_camera(gl: Any, camera: Camera, least_depth: float = np.inf) -> Any:
     (fx, fy), (cx, cy), away = camera.focal, camera.centre, float(length(camera.position))
-    near, far = max(NEAR_PLANE, away - REACH), max(FAR_PLANE, away + REACH)
+    near, far = max(float(np.clip(least_depth, CLOSE_PLANE, NEAR_PLANE)), away - REACH), max(FAR_PLANE, away + REACH)
     return gl.IntrinsicsCamera(fx=fx, fy=fy, cx=cx, cy=cy, znear=near, zfar=far)
 
 

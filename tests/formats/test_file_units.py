@@ -35,6 +35,7 @@ def collada(path: Path, *assets: str) -> Path:
     [
         (("<unit name='inch' meter='0.0254'/>", "<up_axis>Z_UP</up_axis>"), (0.0254, "z")),
         (('<unit meter="1e-3" name="mm"/>',), (0.001, "y")),
+        (("<!-- <unit meter='1'/> <up_axis>Z_UP</up_axis> -->", "<unit meter='0.0254'/>"), (0.0254, "y")),
         (("<up_axis>X_UP</up_axis>",), (None, "x")),
         (("<unit meter='0'/>",), (None, "y")),
         (("<unit meter='nan'/>",), (None, "y")),

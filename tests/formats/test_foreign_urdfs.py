@@ -106,6 +106,16 @@ def test_fingers_that_share_motors_with_a_third_one_are_one_finger(tmp_path: Pat
     assert [(one.name, one.joints, len(one.sensors)) for one in hand.fingers] == [("one+two+three", (0, 1), 3)]
 
 
+def test_a_follower_needs_no_limits_of_its_own(tmp_path: Path) -> None:
+    limits = '<limit lower="-0.5" upper="1" effort="0"/>'
+    second = CLAW.index('name="second"')
+    text = CLAW[:second] + CLAW[second:].replace(limits, "", 1)
+    free = load_hand(claw(tmp_path, text))
+    limited = load_hand(claw(tmp_path))
+    np.testing.assert_array_equal([free.lower, free.upper], [limited.lower, limited.upper])
+    assert load_hand(claw(tmp_path, text, frozen={"brake": 0, "second": 0.3})).frozen["second"] == 0.3
+
+
 def test_frozen_joint_stays_at_its_angle(hand: Hand) -> None:
     for angle in (-0.4, 0.9):
         lever = forward_kinematics(hand, np.eye(4), np.array([angle]))[2]
@@ -147,7 +157,12 @@ def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_pa
         ({"frozen": {"brake": 2}}, "", "", "frozen: brake is 2, outside its limits -0.5 … 1"),
         ({}, 'mimic joint="first"', 'mimic joint="third"', "mimics itself"),
         ({}, 'multiplier="2"', 'multiplier="0"', "joint second mimics 'first' with multiplier 0; make it fixed"),
-        ({}, 'mimic joint="first"', 'mimic joint="shoulder"', "joint second follows 'shoulder', which no finger uses"),
+        (
+            {},
+            'mimic joint="first"',
+            'mimic joint="shoulder"',
+            "joint second follows 'shoulder', which is no moving joint of the hand; freeze it: {second: 0}",
+        ),
         (
             {"frozen": {"brake": 0, "first": 0.1}, "fingers": [finger("only", "tip", "second")]},
             "",

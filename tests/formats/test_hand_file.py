@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
@@ -57,7 +58,7 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
         ),
         ("fingers:", "allowed_contacts: [[link_0.0, link_9]]\nfingers:", "there is no link 'link_9'"),
         ("fingers:", "convex_parts: {link_9: 3}\nfingers:", "there is no link 'link_9'"),
-        ("normal: [1, 0, 0]", "normal: [0, 1, 0]", "not perpendicular"),
+        ("normal: [1, 0, 0]", "normal: [0, 1, 0.1]", "and columns (0.0, 1.0, 0.0) are 5.7° apart; make it 90°"),
         ("urdf: allegro_right.urdf", "urdf: nowhere.urdf", "there is no urdf 'nowhere.urdf'"),
         ("palm:", "palms:", "palms"),
         ("name: index", 'name: "my/index"', "fingers.0.name: String should match pattern"),
@@ -77,6 +78,16 @@ def test_unusable_hand_file_is_refused_with_the_entry(hand: Hand, tmp_path: Path
     with pytest.raises(InvalidInput, match=re.escape(message)) as error:
         load_hand(path)
     assert str(path) in str(error.value)
+
+
+def test_rounded_directions_of_a_sensor_are_made_perpendicular(hand: Hand, tmp_path: Path) -> None:
+    turn = Rotation.from_euler("xyz", [0.3, 0.5, 0.7]).as_matrix()
+    normal, columns = ([round(float(value), 3) for value in turn[:, axis]] for axis in (2, 0))
+    text = hand.path.read_text().replace("normal: [1, 0, 0], columns: [0, 1, 0]", f"normal: {normal}, columns: {columns}", 1)
+    (path := tmp_path / "turned.yaml").write_text(text.replace("urdf: allegro_right.urdf", f"urdf: {hand.urdf}"))
+    read = load_hand(path).sensors[0].pose[:3, :3]
+    np.testing.assert_allclose(read.T @ read, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(read, turn, atol=2e-3)
 
 
 def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:

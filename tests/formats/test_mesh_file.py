@@ -13,7 +13,7 @@ from PIL import EpsImagePlugin, Image
 from pipeline.dataset.mesh_rows import mesh_row, read_mesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import _join, load_mesh, parse_mesh
-from pipeline.formats.obj_faces import rewrite_faces
+from pipeline.formats.obj_lines import rewrite_lines
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
 
@@ -270,8 +270,66 @@ def test_relative_numbers_count_from_their_place_in_the_file(tmp_path: Path) -> 
 def test_polygons_that_are_convex_or_damaged_stay_as_they_are() -> None:
     square = b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
     for polygon in (b"f 1 2 3 4\n", b"f 1 2 3 9\n", b"f 0 1 2 3\n", b"f 1 1 1 1\n", b"f - / 2 3\n"):
-        assert rewrite_faces(square + polygon) == square + polygon
-    assert rewrite_faces(b"v 0 0 x\nf 1 1 1 1\n") == b"v 0 0 x\nf 1 1 1 1\n"
+        assert rewrite_lines(square + polygon) == square + polygon
+    assert rewrite_lines(b"v 0 0 x\nf 1 1 1 1\n") == b"v 0 0 x\nf 1 1 1 1\n"
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("  v", "\tf"), ("v\t", "f"), ("v", "f\t"), (" \tv ", " f ")], ids=["indented", "tab", "tab of face", "blanks"]
+)
+@pytest.mark.parametrize("comment", ["", "  # of the roof"])
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_lines_with_other_blanks_and_comments_are_read(tmp_path: Path, first: str, second: str, comment: str, end: str) -> None:
+    lines = ["# a square", f"{first} 0 0 0", f"{first} 1 0 0{comment}", "v 1 1 0", "v 0 1 0", f"{second} 1 2 3{comment}", "f 1 3 4"]
+    (tmp_path / "square.obj").write_text(end.join([*lines, ""]), newline="")
+    mesh = load_mesh(tmp_path / "square.obj")
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    "lines", ["mtllib a.mtl\nmtllib b.mtl", "mtllib a.mtl b.mtl", "# mtllib none.mtl\n mtllib b.mtl  a.mtl", "mtllib a b.mtl"]
+)
+def test_all_material_libraries_of_an_obj_are_read(tmp_path: Path, lines: str) -> None:
+    one, two = "newmtl one\nKd 1 0 0\n", "newmtl two\nKd 0 0 1\n"
+    for name, content in {"a.mtl": one, "b.mtl": two, "a b.mtl": one + two}.items():
+        (tmp_path / name).write_text(content)
+    square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl one\nf 1 2 3\nusemtl two\nf 1 3 4\n"
+    (tmp_path / "square.obj").write_text(f"{lines}\n{square}")
+    assert sorted(load_mesh(tmp_path / "square.obj").look.base_color[:, :3].tolist()) == [[0, 0, 255], [255, 0, 0]]
+
+
+@pytest.mark.parametrize("stored", [np.array([0.5, 0.25, 1, 1], np.float32), np.array([32768, 16384, 65535, 65535], np.uint16)])
+def test_colours_of_vertices_of_any_type_are_read_beside_a_material(tmp_path: Path, stored: np.ndarray) -> None:
+    corners, colors = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), np.tile(stored, (3, 1))
+    content = corners.tobytes() + colors.tobytes()
+    (tmp_path / "a.bin").write_bytes(content)
+    kind = {"componentType": 5126} if stored.dtype == np.float32 else {"componentType": 5123, "normalized": True}
+    tree = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 1]}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "count": 3, "type": "VEC4"} | kind,
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": corners.nbytes},
+            {"buffer": 0, "byteOffset": corners.nbytes, "byteLength": colors.nbytes},
+        ],
+        "buffers": [{"uri": "a.bin", "byteLength": len(content)}],
+    }
+    (tmp_path / "a.gltf").write_text(json.dumps(tree))
+    colors_read = load_mesh(tmp_path / "a.gltf").look.vertex_color
+    assert colors_read is not None
+    np.testing.assert_allclose(colors_read, np.tile([188, 137, 255, 255], (3, 1)), atol=1)
+    del tree["meshes"][0]["primitives"][0]["material"]
+    (tmp_path / "a.gltf").write_text(json.dumps(tree))
+    if stored.dtype == np.uint16:
+        with pytest.raises(InvalidInput, match="colours of 16 bits and no material"):
+            load_mesh(tmp_path / "a.gltf")
 
 
 @pytest.mark.parametrize(
@@ -280,6 +338,12 @@ def test_polygons_that_are_convex_or_damaged_stay_as_they_are() -> None:
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "requires KHR_draco_mesh_compression, which cannot be read"),
         ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}, "indices": 0, "mode": 6}]}]}, "triangle fans"),
         ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}}]}], "accessors": [{}, {"normalized": True}]}, "normalised integers"),
+        (
+            {"meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}}]}], "accessors": [{}, {"normalized": True}]},
+            "texture coordinates as normalised integers",
+        ),
+        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "accessors": [{"sparse": {"count": 1}}]}, "sparse accessors"),
+        ({"extensionsRequired": ["KHR_texture_transform"]}, "requires KHR_texture_transform, which cannot be read"),
     ],
 )
 def test_gltf_whose_shape_would_be_read_wrongly_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:

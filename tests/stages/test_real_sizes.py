@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.unit import Unit
+from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.families import load_reconstructor
@@ -110,6 +112,14 @@ def test_objects_that_are_small_or_cut_off_with_a_set_zoom_are_named():
     assert line.startswith("1 object smaller than 10 % of the image of camera front (ball-0.01): leave render-vision.zoom (1) out, or")
     (line,) = warnings(plain.model_copy(update={"zoom": 3.0}), 0.144)
     assert line.startswith("1 object not whole in the image of camera front (ball-0.144): leave render-vision.zoom (3) out, or")
+
+
+def test_a_hand_without_visual_shapes_is_named(monkeypatch):
+    bare = replace(load_hand("allegro_right"), links=tuple(replace(link, visuals=()) for link in load_hand("allegro_right").links))
+    monkeypatch.setattr("stages.render_vision.stage.load_hand", lambda name: bare)
+    (line,) = RenderVision().warnings(VisionSettings(hand="allegro_right"), ())
+    assert line == "hand allegro_right has no visual shapes, so no image shows it: give its URDF <visual> elements"
+    assert list(RenderVision().warnings(VisionSettings(hand="allegro_right", occluded=False), ())) == []
 
 
 def test_diagonals_of_objects_that_were_scaled_are_exact():

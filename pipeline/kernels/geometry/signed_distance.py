@@ -54,7 +54,7 @@ def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> N
         (N, 3) finite, m.
     vertices, faces
         (V, 3) finite, m; (F, 3), F at least 1. Neighbouring faces may be wound against each other: the smaller area of a part is turned
-        over. Parts that are turned inside out count as inside too.
+        over. Parts that are turned inside out count as inside too, unless they lie within another: then they are its cavities.
 
     Returns
     -------
@@ -77,13 +77,36 @@ def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> N
 def _consistently_wound(vertices: Points, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Turn faces over so that those on both sides of an edge agree; a part keeps the side that most of its area has."""
     positions = number_positions(vertices)[faces]
-    if graph.is_watertight(directed_edges(positions))[1]:
+    if not graph.is_watertight(directed_edges(positions))[1]:
+        agreeing, part = igl.bfs_orient(positions)
+        turned = (agreeing != positions).any(axis=1)
+        areas = np.linalg.norm(face_cross_products(vertices[faces]), axis=1)
+        turned ^= (np.bincount(part, np.where(turned, areas, -areas)) > 0)[part]
+        faces, positions = (np.where(turned[:, None], one[:, ::-1], one) for one in (faces, positions))
+    return _with_parts_alike(vertices, faces, positions)
+
+
+def _with_parts_alike(vertices: Points, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Turn over closed parts that are inside out where most of the volume is not, or the reverse, unless they are cavities.
+
+    Where two parts overlap that are wound differently, their winding numbers would cancel.
+    """
+    count, part = igl.facet_components(positions)
+    volumes = np.bincount(part, np.linalg.det(vertices[faces] - vertices.mean(axis=0)), count)  # six times those of closed parts
+    turned = ((volumes * volumes.sum() < 0) & _are_closed(positions, part))[part] if count > 1 else np.zeros(1, bool)
+    if not turned.any():
         return faces
-    agreeing, part = igl.bfs_orient(positions)
-    turned = (agreeing != positions).any(axis=1)
-    areas = np.linalg.norm(face_cross_products(vertices[faces]), axis=1)
-    turned ^= (np.bincount(part, np.where(turned, areas, -areas)) > 0)[part]
-    return np.where(turned[:, None], faces[:, ::-1], faces)
+    corners, within = np.unique(faces[turned]), np.zeros(len(vertices), bool)
+    winding = igl.fast_winding_number(np.ascontiguousarray(vertices), np.ascontiguousarray(faces[~turned]), vertices[corners])
+    within[corners] = np.abs(winding) > INSIDE_WINDING
+    cavity = np.bincount(part, ~within[faces].all(axis=1), count) == 0
+    return np.where((turned & ~cavity[part])[:, None], faces[:, ::-1], faces)
+
+
+def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(P,) whether an even number of faces (F, 3) meets at each edge of a part, given the part of each face (F,)."""
+    edges, faces_of_edge = np.unique(np.sort(directed_edges(faces), axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
+    return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
 def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.integer]) -> float:

@@ -97,7 +97,8 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
             except (QhullError, ValueError) as error:
                 shape_name = shape.path or f"{shape.kind} of size {shape.size}"
                 raise InvalidInput(
-                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite: {error}"
+                    f"{hand.urdf}: collision shape {shape_name} of link {link.name} is flat or not finite; give it a thickness, or "
+                    "put a box in its place"
                 ) from error
             extent = np.ptp(hull.points, axis=0)
             if (extent / spacing + 1).prod() > MAX_LATTICE:

@@ -47,6 +47,29 @@ def test_faces_wound_against_their_neighbours_change_nothing(share):
     np.testing.assert_allclose(signed_distances(queries, two.vertices, faces), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("turned", [(False, True), (True, False), (True, True)])
+def test_parts_that_overlap_may_be_wound_against_each_other(turned):
+    queries = points(500, 1.5)
+    parts = [BALL, BALL.copy().apply_translation([1.3, 0, 0])]
+    expected = signed_distances(queries, *_joined(parts, (False, False)))
+    np.testing.assert_allclose(signed_distances(queries, *_joined(parts, turned)), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [(False, True), (True, False)])
+def test_a_closed_part_within_another_that_is_wound_against_it_is_a_cavity(turned):
+    queries = points(500, 1.2)
+    distances = signed_distances(queries, *_joined([BALL, BALL.copy().apply_scale(0.5)], turned))
+    radii = np.linalg.norm(queries, axis=1)
+    np.testing.assert_allclose(distances, np.abs(radii - 0.75) - 0.25, atol=1e-3)
+
+
+def _joined(parts, turned):
+    """Join parts to vertices and faces, some of them turned inside out."""
+    joined = trimesh.util.concatenate(parts)
+    against = np.repeat(turned, [len(part.faces) for part in parts])[:, None]
+    return joined.vertices, np.where(against, joined.faces[:, ::-1], joined.faces)
+
+
 def test_sign_in_an_open_box_follows_the_solid_angle():
     """Seen from height h above or below its middle, the lid fills 4 asin(a b / sqrt((a² + h²) (b² + h²))): less than half of all around."""
     faces = BOX.faces[BOX.triangles_center[:, 2] < 0.29]

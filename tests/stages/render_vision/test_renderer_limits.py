@@ -8,7 +8,7 @@ import pytest
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
-from stages.render_vision.renderer import FAR_PLANE, NEAR_PLANE, RenderedImage, Renderer
+from stages.render_vision.renderer import CLOSE_PLANE, FAR_PLANE, RenderedImage, Renderer
 from tests.kernels.vision.shapes import HERE, SCENE
 
 DOWN = Camera(position=(0.0, 0.0, 1.0), rotation=(0.0, 0.0, 0.0), focal=(64.0, 64.0), centre=(16.5, 16.5), resolution=33)
@@ -69,7 +69,7 @@ def test_objects_larger_than_the_image_and_smaller_than_a_pixel(renderer) -> Non
 
 @pytest.mark.parametrize(
     ("depth", "shown"),
-    [(0.99 * NEAR_PLANE, False), (1.01 * NEAR_PLANE, True), (0.99 * FAR_PLANE, True), (1.01 * FAR_PLANE, False)],
+    [(0.99 * CLOSE_PLANE, False), (1.01 * CLOSE_PLANE, True), (0.03, True), (0.99 * FAR_PLANE, True), (1.01 * FAR_PLANE, False)],
 )
 def test_surfaces_outside_near_and_far_plane_are_not_drawn(renderer, depth, shown) -> None:
     assert (seen(renderer, floor(scale=100, at=(0, 0, 1 - depth))).segmentation == Label.OBJECT).all() == shown

@@ -1,4 +1,5 @@
-"""Faces of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, and counts relative numbers from the file's end."""
+"""Lines of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, counts relative numbers from the file's end, and skips
+lines that begin with a blank."""
 
 from __future__ import annotations
 
@@ -11,16 +12,20 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 
-VERTEX = re.compile(rb"^[ \t]*v[ \t]+(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
-FACE = re.compile(rb"^[ \t]*f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
-MISREAD = re.compile(rb"^[ \t]*f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
+UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
+"""A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
+INDENT = re.compile(rb"^[ \t]+", re.MULTILINE)
+GEOMETRY = re.compile(rb"^(v[tn]?|f)[ \t]+([^#\r\n]*)(?:#[^\r\n]*)?", re.MULTILINE)
+VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
+FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
+MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
 TURN = 1e-6
 """Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
 
 
-def rewrite_faces(content: bytes) -> bytes:
-    """Write concave polygons of an OBJ file as triangles between the same corners, and relative numbers as absolute ones.
+def rewrite_lines(content: bytes) -> bytes:
+    """Write an OBJ file's concave polygons as triangles between the same corners, relative numbers as absolute ones, lines without indent.
 
     Parameters
     ----------
@@ -29,7 +34,7 @@ def rewrite_faces(content: bytes) -> bytes:
 
     Returns
     -------
-    The same content if there are none. Faces that cannot be understood, or have no area, stay as they are.
+    The same content if there is nothing of that. Faces that cannot be understood, or have no area, stay as they are.
 
     Raises
     ------
@@ -37,6 +42,8 @@ def rewrite_faces(content: bytes) -> bytes:
         A relative number leads before the first vertex.
     """
     text = content.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")  # lines that continue
+    if UNUSUAL.search(text):
+        content = text = GEOMETRY.sub(rb"\1 \2", INDENT.sub(b"", text))
     if MISREAD.search(text) is None:
         return content
     try:
@@ -59,7 +66,7 @@ def rewrite_faces(content: bytes) -> bytes:
 
 def _offsets(kind: bytes, text: bytes) -> NDArray[np.int64]:
     """Find where the lines of a kind begin."""
-    return np.array([match.start() for match in re.finditer(rb"^[ \t]*" + kind + rb"[ \t]", text, re.MULTILINE)], np.int64)
+    return np.array([match.start() for match in re.finditer(rb"^" + kind + b" ", text, re.MULTILINE)], np.int64)
 
 
 def _absolute(corner: bytes, offset: int, listed: Sequence[NDArray[np.int64]]) -> bytes:
