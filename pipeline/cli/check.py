@@ -10,7 +10,7 @@ import typer
 from pipeline.cli.completion import complete_described
 from pipeline.cli.request import ObjectsOption, UnitsOption, UpOption
 from pipeline.console import print_line
-from pipeline.store.storage import place
+from pipeline.models.shipped_weights import models_place
 
 
 def check(
@@ -44,7 +44,7 @@ def check(
     if models is not None or is_observation(file):
         from pipeline.inference.predict import chosen_models, model_reader
 
-        inputs = model_reader(*chosen_models(None if models is None else place(models), None, configuration)).inputs
+        inputs = model_reader(*chosen_models(None if models is None else models_place(models), None, configuration)).inputs
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
     lines = check_file(file, picture, inputs, meshes)
     for line in lines:

@@ -29,6 +29,7 @@ from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
+from pipeline.models.shipped_weights import models_place
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
@@ -98,7 +99,8 @@ def predict(
     ] = None,
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[
-        str | None, typer.Option(help="Folder of trained models; by default DATA/models, or those that ship where there are none.")
+        str | None,
+        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, or shipped where there are none."),
     ] = None,
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
@@ -124,7 +126,7 @@ def predict(
     if data is None and (grasps or view):
         fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
     directory = place(data) if data else None
-    folder, network = prediction.chosen_models(place(models) if models else None, directory, configuration, training_seed)
+    folder, network = prediction.chosen_models(models_place(models) if models else None, directory, configuration, training_seed)
     result = prediction.predict(
         out,
         folder,

@@ -104,7 +104,7 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
 def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Console) -> FolderRecord:
     began, (unit,) = time.perf_counter(), plan.units
     _verify_inputs(plan, console)
-    facts = plan.stage.make(DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console))
+    facts = plan.stage.make(DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console, unit.name))
     record = FolderRecord(
         **plan.provenance(),
         splits=plan.stage.splits(plan.settings),

@@ -124,7 +124,7 @@ class ObjectStage(Stage):
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """The job of a dataset stage: what to read, and the folder to fill.
+    """The job of a dataset stage: what to read, the folder to fill, and its name below the data directory once it is published.
 
     `folder` may hold files of a killed run, which the stage may continue. Hidden files in it are kept until it is finished, then removed.
     Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.
@@ -136,6 +136,7 @@ class DatasetJob:
     seed: int
     models: Mapping[str, Path]
     console: Console
+    name: str
 
 
 class DatasetStage(Stage):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from pipeline.console import pluralise
 from pipeline.errors import StoreError
 from pipeline.inference.observation_reader import ObservationReader
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
@@ -59,8 +60,9 @@ def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
         return None
     ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
     nearer = "" if ours < theirs else "warning: worse than looking up: "
+    objects = pluralise(len(figures[name].object_ids), "test object")
     return (
-        f"{nearer}{name}: {ours:.1f} mm from the surfaces of {len(figures[name].object_ids)} test objects on average; "
+        f"{nearer}{name}: {ours:.1f} mm from the surfaces of {objects} on average, with one grasp of each; "
         f"the {LABELS[baseline_name.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"
     )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, uniform_filter
 
 from pipeline.inference.model_inputs import ModelInputs, learned_size
 from pipeline.inference.observation_file import ObservedTouch, RobotObservation
@@ -21,6 +21,8 @@ OUTLIERS = 1.0
 
 CHANGED, CONTACT_SHARE = 8, 0.5
 """Levels by which a share of a tactile image's pixels, per cent, differs from the untouched image if something touches."""
+SMOOTHED = 1 / 33
+"""Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ def find_object(observation: RobotObservation, model: ModelInputs | None) -> Obj
         return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
     if visible is not None:
         return ObjectBox(visible[0], diagonal or visible[1], BY_DEPTH)
-    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if _touches(touch, observation)]
+    felt = [place for place, touch in zip(gel_centres(observation), observation.touches, strict=True) if shows_touch(touch, observation)]
     if len(felt) < 2:
         return None
     axes = network_axes(observation, model, np.mean(felt, axis=0))
@@ -60,10 +62,13 @@ def find_object(observation: RobotObservation, model: ModelInputs | None) -> Obj
     return ObjectBox((low + high) / 2 @ axes, diagonal, "estimated from the touches")
 
 
-def _touches(touch: ObservedTouch, observation: RobotObservation) -> bool:
+def shows_touch(touch: ObservedTouch, observation: RobotObservation) -> bool:
+    """Decide whether a touch counts: as it is stated, or by its image's difference from the untouched one, if there is one."""
     if touch.touched != "auto" or observation.untouched is None:
         return touch.touched is not False
-    changes = np.abs(touch.tactile_image.astype(np.int16) - observation.untouched).max(axis=2)
+    change = touch.tactile_image.astype(np.float32) - observation.untouched
+    side = max(3, round(SMOOTHED * min(change.shape[:2])))
+    changes = np.abs(uniform_filter(change, (side, side, 1))).max(axis=2)
     return bool(np.percentile(changes, 100 - CONTACT_SHARE) >= CHANGED)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inference.model_inputs import ModelInputs, used_inputs
-from pipeline.inference.object_box import BY_DEPTH, ObjectBox, find_object, gel_centres, size_factor
+from pipeline.inference.object_box import BY_DEPTH, ObjectBox, find_object, gel_centres, shows_touch, size_factor
 from pipeline.inference.observation_file import NOWHERE, RobotObservation
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.vision.camera import project_points
@@ -110,7 +110,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
     for number, place in enumerate(gel_centres(observation)):
         distance = float(np.linalg.norm(place - box.centre))
-        if observation.touches[number].touched is not False and distance > limit + margin:
+        if shows_touch(observation.touches[number], observation) and distance > limit + margin:
             yield (
                 f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose"
                 f"{' and camera.depth_scale' if box.source == BY_DEPTH else ''}, or write touched: false"

@@ -92,6 +92,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     box = find_object(observation, model)
     if box is None:
         raise InvalidInput("object.centre is missing, and cannot be estimated")
+    takes_touch = model.config.touch  # which depth can be given as
     model = replace(model, config=used_inputs(model.config, observation))
     centre, to_network = np.array(model.config.centre), np.eye(4)
     factor = size_factor(box, model)
@@ -116,8 +117,11 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
         causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
         few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
         remarks.append(f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}")
-    elif observation.camera is not None and observation.camera.metres is not None and model.config.touch:
-        remarks.append("the depth image is not given to the network; camera.depth_as_touch: true would give it")
+    elif observation.camera is not None and observation.camera.metres is not None:
+        if observation.camera.mask is None:
+            remarks.append("warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked")
+        elif takes_touch:
+            remarks.append("the depth image is not given to the network; camera.depth_as_touch: true would give it")
     remarks += [f"model {model.configuration} {fact}" for fact in _left_out(observation, model)]
     return placed
 

@@ -18,6 +18,7 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.inference.model_inputs import ModelInputs, used_inputs
+from pipeline.inference.object_box import shows_touch
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.inference.observation_placement import Placement, network_tactile_images
 from pipeline.kernels.charts.chart_fitting import fit_charts
@@ -96,7 +97,8 @@ class ObservationReader:
         vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
         if touches:
             images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
-            vertices, touched = self._charts(images, placed.sensor_poses, [touch.touched for touch in touches])
+            flags = [touch.touched if shows_touch(touch, placed.observation) else False for touch in touches]
+            vertices, touched = self._charts(images, placed.sensor_poses, flags)
         visible = placed.visible_charts(self.model.config.side)
         return Observation(
             placed.image, np.concatenate([vertices, visible]), np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera
@@ -161,11 +163,11 @@ class ObservationReader:
         try:
             settings = ChartSettings.model_validate(self.model.chart_settings)
         except ValidationError as error:
-            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; run train-gcn again") from error
+            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; train it again") from error
         if settings.side != self.model.config.side:
             raise StoreError(
                 f"model {self.model.configuration} takes charts of side {self.model.config.side}, but its record names fit-charts.side="
-                f"{settings.side}; run train-gcn again"
+                f"{settings.side}; train it again"
             )
         return settings
 

@@ -105,6 +105,10 @@ def score_shipped(data: Place, console: Console) -> list[str]:
         There is no dataset, or something of it is out of date.
     """
     directory = DataDirectory(data)
+    surfaces = directory.collection(SURFACES)
+    if surfaces.shards and not any(surfaces.row(name).split == "test" for name in surfaces):
+        withdraw(directory.folder_record(SHIPPED_SCORES))
+        return ["the dataset has no test objects (`splits` of its manifest)"]
     rows, reasons = fitting_rows(directory)
     if rows:
         settings = ShippedSettings(

@@ -87,8 +87,9 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
     with themed_svg(path) as figure:
         axes, width = figure.subplots(), 0.8 / len(bars)
         for number, (name, values) in enumerate(bars.items()):
+            color, hatch = _color(number), HATCHES[number % 2]
             places = np.arange(len(labels)) + (number - (len(bars) - 1) / 2) * width
-            axes.bar(places, values, width, label=name, color=_color(number), hatch=HATCHES[number % 2], edgecolor=INK, linewidth=0.6)
+            axes.bar(places, values, width, label=_label(name), color=color, hatch=hatch, edgecolor=INK, linewidth=0.6)
         axes.set(xlabel=x, ylabel=y, xticks=range(len(labels)), xticklabels=labels)
         axes.legend(frameon=False)
 
@@ -101,9 +102,14 @@ def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x:
         bins = np.linspace(0, highest, 25)
         for number, (name, series) in enumerate(values.items()):
             shares = 100 * np.histogram(series, bins)[0] / max(len(series), 1)
-            axes.stairs(shares, bins, label=name, color=_color(number), linewidth=1.6, linestyle=LINES[number % len(LINES)])
+            axes.stairs(shares, bins, label=_label(name), color=_color(number), linewidth=1.6, linestyle=LINES[number % len(LINES)])
         axes.set(xlabel=x, ylabel=y)
         axes.legend(frameon=False)
+
+
+def _label(name: str) -> str:
+    """Return the label of a series in a legend, which leaves out those that begin with an underscore."""
+    return f" {name}" if name.startswith("_") else name
 
 
 def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> None:
@@ -134,7 +140,7 @@ def draw_errors(
                 if np.isfinite([error.low, error.high]).all():
                     axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
             points = [(places.index(place) + shift, error.mean) for place, error in series.items()]
-            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=name)
+            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=_label(name))
         ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
         if len(ends):
             axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")

@@ -70,7 +70,9 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
         for name in trainings.keys() & further_figures.keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
-    methods = {read_root(place)["settings"].get("method") for place in (folder, *scored)}
+    root = read_root(folder)
+    own = () if "method" in root["settings"] else root["configurations"]
+    methods = {read_root(place)["settings"].get("method") for place in (folder, *scored)} - set(own)
     for name, way in _ways(network_inputs).items():
         if name in methods and name == way:  # it would be taken for a graph network
             continue

@@ -10,10 +10,9 @@ from torch import nn
 from pipeline.errors import StageError
 from pipeline.models.families import trained_folder, trained_models
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.models.shipped_weights import shipped_models
+from pipeline.models.shipped_weights import models_place
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import FolderRecord
-from pipeline.store.storage import Place, place
 
 LEARNED_BEFORE = "learned_before"
 """The fact of a training that lists what the network that it began with had learned from."""
@@ -25,12 +24,12 @@ OTHER_STAGES = {"side": "fit-charts"}
 
 def pretrained_folder(models: str, network: str) -> Path:
     """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
-    return trained_folder(_place(models), network)
+    return trained_folder(models_place(models), network)
 
 
 def learned_before(models: str, network: str) -> list[dict[str, Any]]:
     """List what a trained network has learned from, as `learned_from`."""
-    folder = _place(models)
+    folder = models_place(models)
     return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
 
 
@@ -51,7 +50,3 @@ def give_weights(network: nn.Module, pretrained: Reconstructor, stage: str) -> N
     if settings:
         raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(settings)}")
     network.load_state_dict(pretrained.network.state_dict())
-
-
-def _place(models: str) -> Place:
-    return shipped_models() if models == "shipped" else place(models)

@@ -196,7 +196,7 @@ class ReconstructionTraining(DatasetStage):
         """Give a network the weights of a trained one; return what that one has learned from."""
         models, trained = job.settings.pretrained, self._network_name(job.settings)
         folder = pretrained_folder(models, trained)
-        if folder.resolve().parent == Path(str(job.data / self.writes(job.settings))).resolve().parent:
+        if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:
             raise StageError(
                 f"pretrained={models}: this training would replace the network that it begins with; train with another training_seed, or "
                 "name a copy of these models"
@@ -211,7 +211,8 @@ class ReconstructionTraining(DatasetStage):
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
     """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
     inputs, fields = settings.named, type(settings).model_fields
-    uses = {"image_": inputs.image, "touch_reach": inputs.touch, "dropped_touches": inputs.touch}
+    uses: dict[str, object] = {name: inputs.image for name in ("image_", "encoder_")}
+    uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "min_grasps", "max_grasps")}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}
     uses |= {"placement_error": inputs.image and inputs.touch}
     for name, field in fields.items():

@@ -24,7 +24,7 @@ def difference(folder: Path, other: Path) -> str | None:
     if ours["seed"] != theirs["seed"]:
         return f"seed {theirs['seed']}, not {ours['seed']}"
     our_ids, their_ids = (read_table(place, "objects")["object_id"].tolist() for place in (folder, other))
-    return None if our_ids == their_ids else "other objects"
+    return None if our_ids == their_ids else f"other objects ({abbreviate(sorted({*our_ids} ^ {*their_ids}) or their_ids)})"
 
 
 def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures]]:

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config.manifest import TOTAL
 from pipeline.console import Row, Table, pluralise
 from stages.evaluate.baselines import label
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 from stages.evaluate.supplement_figures import TABLE_4
 
-MEAN = "mean"
-"""Name of the mean over classes."""
+MEAN = TOTAL
+"""Name of the mean over classes: no class has it."""
 
 
 def single_image_tables(folder: Path) -> Iterator[Table]:
@@ -54,7 +55,7 @@ def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDA
 
     Returns
     -------
-    (figure,) means by class, and under `mean` the mean over classes: each counts the same, however many objects it has.
+    (figure,) means by class, and under `MEAN` the mean over classes: each counts the same, however many objects it has.
     """
     names, per_object = np.array(categories), figures.mean(axis=1)
     means = {str(name): per_object[names == name].mean(axis=0) for name in np.unique(names)}

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.inference.model_inputs import ModelInputs
-from pipeline.inference.object_box import find_object, turn_to_z
+from pipeline.inference.object_box import find_object, shows_touch, turn_to_z
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
 from pipeline.inference.observation_placement import network_tactile_images, place_observation
@@ -188,6 +188,10 @@ def test_depth_that_the_network_does_not_get_and_surfaces_without_patches_are_re
     entries["camera"]["depth"] = "depth.npy"
     path = write_observation(tmp_path, entries)
     assert any("depth_as_touch: true would give it" in line for line in place_observation(load_observation(path), model()).remarks)
+    mask = entries["camera"].pop("mask")
+    unlocated = place_observation(load_observation(write_observation(tmp_path, entries)), model())
+    assert "warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked" in unlocated.remarks
+    entries["camera"]["mask"] = mask
     depth = np.load(tmp_path / "depth.npy") + np.random.default_rng(0).normal(0, 0.01, (120, 160))
     np.save(tmp_path / "depth.npy", depth)
     entries["camera"]["depth_as_touch"] = True
@@ -408,3 +412,19 @@ def test_a_sensor_whose_image_shows_no_contact_does_not_locate_the_object(tmp_pa
     assert expected is not None
     assert located is not None
     np.testing.assert_array_equal(located.centre, expected.centre)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2.5])
+def test_contact_shows_through_the_noise_of_single_pixels(tmp_path: Path, noise: float) -> None:
+    entries, rng = write_files(tmp_path), np.random.default_rng(0)
+    untouched, touched = (np.full((100, 100, 3), 100.0) for _ in range(2))
+    touched[40:60, 40:60] += 15
+    for name, image in (("untouched", untouched), ("empty", untouched), ("touched", touched)):
+        Image.fromarray(np.rint(image + rng.normal(0, noise, image.shape)).astype(np.uint8)).save(tmp_path / f"{name}.png")
+    entries["untouched"] = "untouched.png"
+    names = ["empty" if number % 2 else "touched" for number in range(len(entries["touches"]))]
+    entries["touches"] = [
+        touch | {"touched": "auto", "tactile_image": f"{name}.png"} for touch, name in zip(entries["touches"], names, strict=True)
+    ]
+    observation = load_observation(write_observation(tmp_path, entries))
+    assert [shows_touch(touch, observation) for touch in observation.touches] == [name == "touched" for name in names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from pipeline.inference.score import _learned_from, _settings
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
 from pipeline.reports.report_source import ReportSource
-from pipeline.reports.results_summary import _ways, summarise
+from pipeline.reports.results_summary import DEFAULT_SERIES, _ways, summarise
 from pipeline.reports.training_seeds import outdated_scores
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
@@ -138,6 +139,30 @@ def test_rows_name_the_test_objects_that_the_network_has_learned_from(data, tmp_
     pack(asked, lambda unit: given.row(unit) | {"source_file": np.array(sources[unit.name]), "source_sha256": np.array("")})
     assert _learned_from(DataDirectory(copy)) == ("b",)
     assert "shipped-…: the network that ships, given the first grasp of each object alone." in vt("report", data, "--no-pages")
+
+
+def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_path, monkeypatch):
+    spheres.make_data(tmp_path, 2, ("train",))
+    ship(monkeypatch, tmp_path)
+    printed = vt("report", tmp_path, "--shipped", "--no-pages")
+    assert "the network that ships is left out: the dataset has no test objects (`splits` of its manifest)" in printed
+
+
+def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):
+    spheres.make_data(tmp_path, 4, SPLITS)
+    spheres.make_model(tmp_path, "touch")
+    (plan,) = make_plans(
+        Request(Evaluate(), EvaluationSettings(points=300, grasps=(1,), configurations=("touch",)), "balls", OBJECTS, "draft", 3, tmp_path)
+    )
+    run(plan, Console(quiet=True))
+    folder = DataDirectory(tmp_path).verified_folder("evaluation")
+    scored = Path(shutil.copytree(folder, tmp_path / "scored"))
+    root = json.loads((scored / "metrics.json").read_text())
+    (scored / "metrics.json").write_text(json.dumps(root | {"settings": root["settings"] | {"method": "touch"}}))
+    found = summarise(folder, [scored])
+    assert found is not None
+    assert list(found.errors) == [DEFAULT_SERIES]
+    assert list(found.errors[DEFAULT_SERIES]) == ["touch"]
 
 
 def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):

@@ -118,7 +118,7 @@ def test_undeformed_sphere_has_the_chamfer_distance_of_two_spheres(evaluation):
 def test_f_scores_count_points_within_their_distance(data, apart, expected):
     """Shells of a ball of radius 0.1 m, of diagonal 0.346 m: 1 % of it is 3.5 mm."""
     model = DeformationReconstructor(DataDirectory(data).verified_folder("models/gcn/none"))
-    protocol = GraspProtocol(DatasetJob(data, data, EvaluationSettings(points=500), 0, {}, Console()), [model])
+    protocol = GraspProtocol(DatasetJob(data, data, EvaluationSettings(points=500), 0, {}, Console(), "evaluation"), [model])
     directions = protocol.objects.points(0) - spheres.CENTRE
     shell = spheres.CENTRE + directions * (1 + apart / 0.1)
     measured = protocol.distance_figures(cloud_distances(shell, protocol.objects.points(0)), 0)
@@ -164,7 +164,7 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
         spheres.make_model(tmp_path, name)
         models.append(DeformationReconstructor(DataDirectory(tmp_path).verified_folder(f"models/gcn/{name}")))
     settings = EvaluationSettings(points=500)
-    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console()), models)
+    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, settings, 0, {}, Console(), "evaluation"), models)
     objects = protocol.objects
     assert objects.rows.object_ids == [name for name, split in balls.items() if split == "test"]
     floors = [sampling_floor(objects.area(row), objects.count) for row in range(3)]
@@ -190,7 +190,7 @@ def test_objects_without_images_are_not_retrieved_by_silhouette(tmp_path):
     list(reshard(DataDirectory(tmp_path), alone))  # a shard without a row that came through has no sizes
     spheres.make_model(tmp_path, "unoccluded")
     models = [DeformationReconstructor(DataDirectory(tmp_path).verified_folder("models/gcn/unoccluded"))]
-    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console()), models)
+    protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console(), "evaluation"), models)
     assert f"{BASELINE_PREFIX}by silhouette" in protocol.baselines()
 
 

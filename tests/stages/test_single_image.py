@@ -198,7 +198,7 @@ def test_figures_of_two_points_equal_hand_computed_values():
 def test_mean_of_classes_counts_each_class_once():
     figures = np.array([[[1.0], [3.0]], [[4.0], [4.0]], [[10.0], [10.0]]])  # (object, view, figure)
     means = means_by_class(figures, ["a", "a", "b"])
-    assert {name: value.tolist() for name, value in means.items()} == {"a": [3.0], "b": [10.0], "mean": [6.5]}
+    assert {name: value.tolist() for name, value in means.items()} == {"a": [3.0], "b": [10.0], "all": [6.5]}
 
 
 def test_training_may_begin_with_the_network_of_single_images(data):

@@ -42,9 +42,9 @@ SETTINGS = (
 )
 
 
-def run_stage(data: Path, stage: str, *assignments: str) -> None:
+def run_stage(data: Path, stage: str, *assignments: str, folder: str | None = None) -> None:
     loaded = load_stage(stage)
-    request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data)
+    request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data, folder=folder)
     (plan,) = make_plans(request)
     run(plan, Console(record=True, width=200))
 
@@ -72,6 +72,7 @@ def test_training_begins_with_the_weights_of_a_trained_network(data, tmp_path):
     assert DataDirectory(tmp_path).folder(f"models/implicit/{NAME}").facts["learned_before"] == [{"manifest": "balls", "items": 4}]
     with pytest.raises(StageError, match="would replace the network that it begins with; train with another training_seed"):
         run_stage(data, "train-implicit", begun, "train-implicit.epochs=1")
+    run_stage(data, "train-implicit", begun, "train-implicit.epochs=1", folder="sweeps/train-implicit/one")
     with pytest.raises(StageError, match=r"other sizes; to begin with it, set train-implicit\.features=32$"):
         run_stage(tmp_path, "train-implicit", begun, "train-implicit.features=64")
     with pytest.raises(StageError, match=r"nowhere does not exist, or is empty; name a folder of models"):
@@ -168,7 +169,7 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"
-    assert remarks_of("implicit-unoccluded") == ["dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
+    assert remarks_of("implicit-unoccluded") == ["max_grasps=9", "dropped_touches=0.5", "touch_reach=0.02", "dropped_image=0.5"]
     assert remarks_of("implicit-touch") == ["image_noise=3.0", "dropped_image=0.5", few]
 
 

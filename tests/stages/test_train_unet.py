@@ -151,7 +151,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, A
 
 def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     folder.mkdir()
-    return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout)))
+    return TrainUnet().make(DatasetJob(data, folder, UnetSettings.model_validate(settings), 0, {}, console_on(sys.stdout), "models/unet"))
 
 
 def test_training_whose_inputs_are_removed_ends_with_an_error_and_resumes(

@@ -72,7 +72,7 @@ def test_two_processes_have_the_losses_of_one_with_batch_norm(
         folder = tmp_path / str(devices)
         folder.mkdir()
         settings = stage.settings_type.model_validate(values | EXACT | {"devices": devices})
-        stage.make(DatasetJob(balls, folder, settings, 0, {}, console_on(sys.stdout)))
+        stage.make(DatasetJob(balls, folder, settings, 0, {}, console_on(sys.stdout), "models/trained"))
     assert_same_curves(tmp_path / "1", tmp_path / "2")
 
 
