@@ -1,5 +1,6 @@
 """The library `vt_pipeline`: touches against closed forms, many at once, grasps, and packages that hide ours."""
 
+import multiprocessing
 import subprocess
 import sys
 from pathlib import Path
@@ -67,6 +68,16 @@ def test_touch_many_equals_single_touches_for_any_number_of_processes() -> None:
             assert (many[number].depth == single.depth).all()
             assert (many.image[number] == single.image).all()
     assert len(vt.touch_many(BALL, SENSOR, np.zeros((0, 4, 4)))) == 0
+
+
+def _many_touches(_: int) -> np.ndarray:
+    return vt.touch_many(BALL, SENSOR, poses(3), workers=2).depth
+
+
+def test_touch_many_works_in_a_process_that_may_start_none() -> None:
+    with multiprocessing.get_context("fork").Pool(1) as pool:  # as a DataLoader's
+        (depth,) = pool.map(_many_touches, [0])
+    np.testing.assert_array_equal(depth, vt.touch_many(BALL, SENSOR, poses(3)).depth)
 
 
 def test_pose_that_is_not_rigid_and_invalid_mesh_file_are_refused(tmp_path: Path) -> None:
@@ -164,6 +175,12 @@ def test_scale_converts_a_mesh_file_to_metres(tmp_path: Path) -> None:
     assert np.ptp(vt.load_object(tmp_path / "ball.stl", scale=1e-3).mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)
 
 
+def test_unit_that_a_file_states_is_kept(tmp_path: Path) -> None:
+    MESH.copy().apply_scale(1000).export(tmp_path / "ball.3mf")  # millimetres
+    assert np.ptp(vt.load_object(tmp_path / "ball.3mf").mesh.vertices) == pytest.approx(2 * RADIUS, rel=1e-3)
+    assert np.ptp(vt.load_object(tmp_path / "ball.3mf", scale=1).mesh.vertices) == pytest.approx(2000 * RADIUS, rel=1e-3)
+
+
 def test_user_package_that_hides_ours_is_named(tmp_path: Path) -> None:
     (tmp_path / "stages").mkdir()
     (tmp_path / "stages" / "__init__.py").write_text("")
@@ -186,3 +203,9 @@ def test_touched_fingers_of_grasps_match_simulated_touches() -> None:
         successes = [vt.touch(bar, sensor, pose).success for sensor, pose in zip(grasps.sensors, poses_of_grasp, strict=True)]
         assert successes == touched.tolist()
     assert grasps.touched.any()
+    assert grasps.squeeze_angles.shape == grasps.pregrasp_angles.shape == grasps.joint_angles.shape
+    assert grasps.held is None
+    tested = vt.grasp(bar, attempts=12, grasps=2, seed=1, hold_test="six")
+    assert tested.held is not None
+    assert tested.held_directions is not None
+    assert (tested.held.shape, tested.held_directions.shape) == ((2,), (2, 6))

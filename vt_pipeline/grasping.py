@@ -43,6 +43,12 @@ class Grasps:
         (G, S) bool, whether each sensor touches.
     penetration
         (G,) float32, depth of the deepest rigid point in the object, m.
+    pregrasp_angles, squeeze_angles
+        (G, J) float64, as `joint_angles`: before the fingers close, and what drives them to press.
+    held
+        (G,) bool, whether the object stays in the hand for a second of gravity; None without `hold_test`.
+    held_directions
+        (G, 6) bool, the same with gravity along -x, +x, -y, +y, -z, +z; None but with `hold_test="six"`.
     """
 
     fingers: tuple[str, ...]
@@ -52,6 +58,10 @@ class Grasps:
     sensor_pose: NDArray[np.float64]
     touched: NDArray[np.bool_]
     penetration: NDArray[np.float32]
+    pregrasp_angles: NDArray[np.float64]
+    squeeze_angles: NDArray[np.float64]
+    held: NDArray[np.bool_] | None = None
+    held_directions: NDArray[np.bool_] | None = None
 
     def __len__(self) -> int:
         return len(self.hand_pose)
@@ -120,4 +130,8 @@ def grasp(
         sensor_pose=row["sensor_pose"],
         touched=row["touch_success"],
         penetration=row["penetration"],
+        pregrasp_angles=row["pregrasp_angles"],
+        squeeze_angles=row["squeeze_angles"],
+        held=row.get("held"),
+        held_directions=row.get("held_directions"),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
@@ -29,7 +30,7 @@ class TouchObject:
         return f"TouchObject({len(self.mesh.faces)} faces, {' x '.join(f'{side:.3g}' for side in sides)} m)"
 
 
-def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
+def load_object(source: Source, *, scale: float | None = None) -> TouchObject:
     """Prepare an object.
 
     Parameters
@@ -37,7 +38,7 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
     source
         A mesh file (.obj, .stl, .ply, .glb, .dae, …), or vertices (V, 3) and faces (F, 3).
     scale
-        Metres per unit of the source.
+        Metres per unit of the source; by default what glTF, COLLADA and 3MF files state, else 1.
 
     Returns
     -------
@@ -55,6 +56,8 @@ def load_object(source: Source, *, scale: float = 1.0) -> TouchObject:
     >>> mug = load_object("mug.glb")
     >>> slab = load_object(([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]), scale=1e-3)
     """
+    if scale is None:
+        scale = (stated_units(Path(source))[0] if isinstance(source, str | Path) else None) or 1.0
     if isinstance(scale, bool) or not isinstance(scale, int | float | np.number):
         raise TypeError(f"scale is metres per unit of the source, a number; this is {type(scale).__name__}")
     if not 0 < scale < np.inf:

@@ -242,7 +242,7 @@ def as_sensor(sensor: Sensor | str | Path) -> Sensor:
 def _in_processes(fill: Callable[[range], None], count: int, workers: int) -> None:
     """Call `fill` for every number below `count`, in forked processes that write to shared memory."""
     fill(range(min(count, 1)))  # here: the processes inherit compiled and cached functions
-    if workers <= 1:
+    if workers <= 1 or multiprocessing.current_process().daemon:  # which may not start any, as a DataLoader's
         return fill(range(1, count))
     context: Any = multiprocessing.get_context("fork")
     started = [context.Process(target=fill, args=(range(1 + k, count, workers),), daemon=True) for k in range(workers)]

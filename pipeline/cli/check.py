@@ -10,7 +10,6 @@ import typer
 from pipeline.cli.completion import complete_described
 from pipeline.cli.request import ObjectsOption, UnitsOption, UpOption
 from pipeline.console import print_line
-from pipeline.models.shipped_weights import models_place
 
 
 def check(
@@ -43,6 +42,7 @@ def check(
     inputs = None
     if models is not None or is_observation(file):
         from pipeline.inference.predict import chosen_models, model_reader
+        from pipeline.models.shipped_weights import models_place
 
         inputs = model_reader(*chosen_models(None if models is None else models_place(models), None, configuration)).inputs
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)

@@ -71,7 +71,7 @@ def collect_garbage(
 ) -> None:
     """Remove replaced groups and folders, and those that killed runs wrote.
 
-    Unfinished objects and trainings stay for the run that continues them, except in object storage. Symbolic links are not followed.
+    Unfinished objects and trainings stay for the run that continues them, in object storage for a week. Symbolic links are not followed.
     """
     from pipeline.store.garbage import collect_everything, links
 

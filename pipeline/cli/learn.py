@@ -29,7 +29,6 @@ from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StageError
-from pipeline.models.shipped_weights import models_place
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
@@ -120,6 +119,7 @@ def predict(
     The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
     from pipeline.inference import predict as prediction
+    from pipeline.models.shipped_weights import models_place
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")

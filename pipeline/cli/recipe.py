@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 from rich.markup import escape
 
-from pipeline.cli.request import DataArgument, ExecutorName, ExecutorOption, ObjectsOption, ShardsOption, WorkersOption, make_executor
+from pipeline.cli.failures import fail
+from pipeline.cli.request import (
+    DataArgument,
+    ExecutorName,
+    ExecutorOption,
+    ObjectsOption,
+    ShardsOption,
+    UnitsOption,
+    UpOption,
+    WorkersOption,
+    make_executor,
+)
 from pipeline.cli.run import run_plan
 from pipeline.console import abbreviate, console, pluralise, print_line
 from pipeline.dataset.recipe import read_recipe
@@ -22,6 +33,8 @@ def recipe(
     data: DataArgument,
     manifest: Annotated[str | None, typer.Option(help="Its manifest; by default the one that its records name.")] = None,
     objects: ObjectsOption = None,
+    units: UnitsOption = None,
+    up: UpOption = None,
     files_url: Annotated[
         str | None, typer.Option(help="Web address of those files of your own hand, sensor and scene of which it has the SHA-256 alone.")
     ] = None,
@@ -33,7 +46,7 @@ def recipe(
     """
     from pipeline.export.recipe_writing import recipe_of
 
-    typer.echo(recipe_of(place(data), manifest, objects, files_url=files_url, full_digests=rows).text(), nl=False)
+    typer.echo(recipe_of(place(data), manifest, objects, units=units, up=up, files_url=files_url, full_digests=rows).text(), nl=False)
 
 
 def remake(
@@ -58,6 +71,8 @@ def remake(
     published, where = read_recipe(recipe), place(data)
     description_folder = descriptions.expanduser() if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
     prepared = prepare_remake(published, objects and objects.expanduser(), description_folder, sample)
+    if prepared.sampled and any(DataDirectory(where).artifact_names()):
+        fail(f"--data {where} holds a dataset, whose other rows a sample would replace; name a new folder")
     differences = reasons(published)
     print_line(f"{recipe}: {pluralise(len(prepared.items))} of {len(published.rows)} to make; their sources are those of the recipe")
     for line in differences:

@@ -157,11 +157,14 @@ def _warn_of_low_disk_space(plan: Plan[Any]) -> None:
     folder = on_disk(plan.request.data)
     if folder is None:
         return
-    _, cost = plan.stage.cost_of(plan.settings, [item for item in plan.request.objects if plan.request.only in (None, item.object_id)])
+    if isinstance(plan.output, ShardOutput):
+        kilobytes = plan.total * plan.stage.cost(plan.settings).kilobytes  # a shard is written as a whole
+    else:
+        kilobytes = plan.stage.cost_of(plan.settings, plan.request.objects)[1].kilobytes
     free = shutil.disk_usage(next(path for path in (folder, *folder.absolute().parents) if path.exists())).free
-    if 1000 * cost.kilobytes > free:
+    if 1000 * kilobytes > free:
         errors.print(
-            f"[yellow]warning:[/] {plan.stage.name} writes about {cost.kilobytes / 1e3:.0f} MB, and {free / 1e6:.0f} MB are free for "
+            f"[yellow]warning:[/] {plan.stage.name} writes about {kilobytes / 1e3:.0f} MB, and {free / 1e6:.0f} MB are free for "
             f"{escape(str(folder))}; make room, or name another --data (make: DATA=)"
         )
 

@@ -51,15 +51,16 @@ class Dask(Executor):
         self._count, self._scheduler = processes, scheduler
         self._tries = 1 if scheduler else TRIES  # a scheduler that is not ours has tried more than once itself
         self._client: Client | None = None
+        self._started = 0
 
     @property
     def processes(self) -> int:
         """The workers to be started, or those that the scheduler has."""
-        return max(1, len(self._connect().nthreads())) if self._scheduler else self._count
+        return max(1, len(self._connect(1).nthreads())) if self._scheduler else self._count
 
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Process units: each worker has one bundle at a time; after a crash its units are tried one by one, to find the faulty one."""
-        client = self._connect()
+        client = self._connect(len(units))
         # Each run opens its own sessions: those of the previous run hold its inputs.
         packed = pickle.dumps((uuid.uuid4(), keys.code_hash(work.stage), work))
         self._open_sessions(client, packed, work.stage.name)
@@ -98,12 +99,16 @@ class Dask(Executor):
                 done, seconds = done + len(results), seconds + sum(result.seconds for result in results)
                 yield from results
 
-    def _connect(self) -> Client:
-        """Connect to the scheduler, or start workers on this machine."""
+    def _connect(self, units: int) -> Client:
+        """Connect to the scheduler, or start workers on this machine, no more than there are units."""
         if self._client is None:
             for library in ("distributed", "asyncio"):  # dead workers and ended runs are reported here
                 logging.getLogger(library).setLevel(logging.CRITICAL)
-            self._client = _client_of(self._scheduler) if self._scheduler else start_workers(self._count)
+            self._client = _client_of(self._scheduler) if self._scheduler else start_workers(min(self._count, units))
+            self._started = min(self._count, units)
+        elif self._client.cluster is not None and self._started < (wanted := min(self._count, units)):
+            self._client.cluster.scale(wanted)
+            self._started = wanted
         return self._client
 
     def _workers(self, client: Client) -> int:
@@ -114,7 +119,7 @@ class Dask(Executor):
                 if time.monotonic() > deadline:
                     raise TimeoutError(f"none has joined for {JOIN_SECONDS} s")
                 if client.cluster is not None:  # Dask's nanny gives up on a worker that dies as soon as it has joined
-                    client.cluster.scale(self._count)
+                    client.cluster.scale(self._started)
                 with suppress(TimeoutError):
                     client.wait_for_workers(1, timeout=POLL_SECONDS)
             return len(workers)

@@ -16,6 +16,7 @@ from typing import Any
 import dask
 from distributed import Client, LocalCluster, Security
 
+from pipeline.console import pluralise
 from pipeline.engine.dask_worker import LocalWorker
 from pipeline.errors import StageError
 from pipeline.store.temporary import private_folder
@@ -72,7 +73,7 @@ def start_workers(processes: int) -> Client:
             return _start(processes)
         return _start(processes)
     except TimeoutError as error:
-        raise StageError(f"{processes} worker processes did not start in time on a machine this busy; {HINT}") from error
+        raise StageError(f"{pluralise(processes, 'worker process')} did not start in time on a machine this busy; {HINT}") from error
     except RuntimeError as error:
         raise StageError(f"worker processes cannot be started ({error}); {HINT}") from error
 

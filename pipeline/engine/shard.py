@@ -38,6 +38,8 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
     ------
     StoreError
         An input has not been made, or was not made from the current inputs.
+    InvalidInput
+        The shard is of another manifest, with objects that this one lacks.
     """
     stage: ObjectStage = request.stage
     directory = DataDirectory(request.data)
@@ -45,6 +47,7 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
     plan = Plan(request, directory, output, (stage.output.name, stage.output.version))
     items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
     plan.total = len(items)
+    _check_same_manifest(request, output)
     if request.only is not None:
         included = {request.only, *(output.shard.position if output.shard else ())}
         plan.missing = tuple(item.object_id for item in items if item.object_id not in included)
@@ -156,7 +159,7 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     objects is withdrawn.
     """
     plan.directory.set_shard_count(plan.output.shards)
-    _check_same_manifest(plan)
+    _check_shared_objects(plan)
     if not plan.units:  # all its objects are gone
         withdraw(plan.output.record_path)
         return Summary()
@@ -186,17 +189,21 @@ def _loses_rows(plan: Plan[ShardOutput], results: Mapping[str, Result]) -> bool:
     return not plan.output.shard.position.keys() <= results.keys()
 
 
-def _check_same_manifest(plan: Plan[ShardOutput]) -> None:
-    """Refuse to overwrite other objects: two folders of meshes may have one name, or a manifest may be forgotten."""
-    request, record = plan.request, plan.output.record
+def _check_same_manifest(request: Request[Any], output: ShardOutput) -> None:
+    """Refuse to overwrite objects that the manifest lacks: it may be forgotten."""
+    record = output.record
     if record is not None and record.manifest != request.manifest:
-        planned = {unit.name for unit in plan.units}
-        if lost := [row.object_id for row in record.rows if row.object_id not in planned]:
-            raise StoreError(
-                f"{plan.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
+        named = {item.object_id for item in request.objects}
+        if lost := [row.object_id for row in record.rows if row.object_id not in named]:
+            raise InvalidInput(
+                f"{output.path} is of manifest {record.manifest}; {request.manifest} lacks {pluralise(len(lost))} of it "
                 f"({abbreviate(lost)}); name that --manifest (make: MANIFEST=), or another --data (make: DATA=)"
             )
-    existing = published_collection(plan)
+
+
+def _check_shared_objects(plan: Plan[ShardOutput]) -> None:
+    """Refuse to overwrite other objects: two folders of meshes may have one name."""
+    request, existing = plan.request, published_collection(plan)
     if len(existing) and not any(item.object_id in existing for item in request.objects):
         raise StoreError(
             f"{plan.path.parent} holds other objects ({abbreviate(list(existing))}), and none of manifest "

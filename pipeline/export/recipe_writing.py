@@ -48,7 +48,14 @@ def source_hash(source: Mapping[str, Any]) -> str:
 
 
 def recipe_of(
-    data: Place, manifest: str | None = None, objects: Path | None = None, *, files_url: str | None = None, full_digests: bool = False
+    data: Place,
+    manifest: str | None = None,
+    objects: Path | None = None,
+    *,
+    units: str | None = None,
+    up: str | None = None,
+    files_url: str | None = None,
+    full_digests: bool = False,
 ) -> Recipe:
     """Make the recipe of a dataset.
 
@@ -58,8 +65,8 @@ def recipe_of(
         A data directory in which the stages of a dataset, or the first of them, have made all objects.
     manifest
         Its name or path; by default what the records say.
-    objects
-        The folder of meshes; by default what the records say.
+    objects, units, up
+        The folder of meshes, its files' unit and up-axis; by default what the records say.
     files_url
         The web address of the user's own hand, sensor and scene files of which the recipe has only the SHA-256.
     full_digests
@@ -80,7 +87,7 @@ def recipe_of(
         raise StoreError(f"{data}: {DATASET[0]} has made nothing here; name a data directory")
     first_record = by_stage[DATASET[0]].first.record
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
-    described = load_manifest(named).with_units(first_record.options.get("--units"), first_record.options.get("--up"))
+    described = load_manifest(named).with_units(units or first_record.options.get("--units"), up or first_record.options.get("--up"))
     folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
     items = described.objects(folder and folder.expanduser())
     shards = directory.check_shard_count(None)
@@ -137,7 +144,8 @@ def _check_current(request: Request[ObjectStage]) -> None:
             version = record.versions.get("vt-pipeline")
             raise StoreError(
                 f"{plan.path} is not what {request.stage.name} makes here and now: it was made by other code (vt-pipeline {version}), of "
-                "other files or manifest, or in part. Install that version, or run the stage again, then write the recipe"
+                "other files or manifest, or in part. Install that version, run the stage again, or state its --manifest, --objects, "
+                "--units and --up, then write the recipe"
             )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -220,9 +221,23 @@ def move_folder(source: Path, target: Place) -> None:
     shutil.rmtree(previous, ignore_errors=True)
     with suppress(FileNotFoundError):
         target.replace(previous)
-    source.replace(target)
+    try:
+        source.replace(target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        _move_to_other_disk(source, target)
     flush(target.parent)
     shutil.rmtree(previous, ignore_errors=True)
+
+
+def _move_to_other_disk(source: Path, target: Path) -> None:
+    """Move a folder to where a symbolic link leads to: readers see all of it, or nothing."""
+    beside = target.with_name(f"{target.name}.{uuid.uuid4().hex}{TEMPORARY}")
+    shutil.copytree(source, beside)
+    flush_folder(beside)
+    beside.replace(target)
+    shutil.rmtree(source)
 
 
 @contextmanager

@@ -17,6 +17,9 @@ from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, r
 GRACE_SECONDS = 3600.0
 """How long a replaced group is kept: readers may still have it open."""
 
+UNFINISHED_SECONDS = 7 * 24 * GRACE_SECONDS
+"""How long unfinished work in object storage is kept at least: the rows of a shard wait there until all of them are made."""
+
 REPLACED = ".replaced"
 """A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a
 race may leave one in the current folder; it is hidden, and does no harm there."""
@@ -78,12 +81,12 @@ def mark_replaced(path: Place) -> None:
 def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Place]:
     """Remove from a data directory what no record names and is older than `older_than`, s; return what was removed.
 
-    In object storage, this includes unfinished work: there, a run removes only its own.
+    In object storage, this includes unfinished work of a week ago or earlier: there, a run removes only its own.
     """
     removed = [path for folder in directory.record_folders() for path in collect(directory, folder, older_than)]
     work = directory.root / WORK
     if not isinstance(work, Path):
-        expired = [name for name, file in files_below(work).items() if time.time() - file.written > older_than]
+        expired = [name for name, file in files_below(work).items() if time.time() - file.written > max(older_than, UNFINISHED_SECONDS)]
         remove_files(work, expired)
         removed += [work / name for name in expired]
     return removed

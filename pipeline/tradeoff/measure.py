@@ -198,9 +198,11 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         No object of the sample came through the stages, or none has what the error is measured on.
     """
     trade, loaded = _declared(stage), load_stage(stage)
-    folder, inputs = setup.data / FOLDER / stage, setup.data / FOLDER / "inputs"
+    folder = setup.data / FOLDER / stage
     left_out = forecast(stage, setup, limit)[1]
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
+    if not listed:
+        raise InvalidInput(f"{stage}: every candidate takes longer than there is time for, even on few objects; give more --minutes")
     trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
@@ -208,6 +210,9 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     missing = {label: entry for label, entry in listed.items() if label not in measured_labels}
     if not missing:
         return measured
+    inputs = setup.data / FOLDER / f"inputs-{measured.sample[:16]}"
+    for other in set(inputs.parent.glob("inputs-*")) - {inputs}:  # of another sample
+        shutil.rmtree(other)
     for name in (before := stages_before(stage, setup)):
         setup.make(name, setup.settings(name), inputs, console)
     outputs = [load_stage(name).writes(setup.settings(name)) for name in before]

@@ -76,10 +76,22 @@ def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     units = plan.units
     with Dask() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
-        for process in executor._connect().run(os.getpid).values():
+        for process in executor._connect(1).run(os.getpid).values():
             os.kill(process, signal.SIGKILL)
         results = [*executor.run(work, units[1:])]
         assert [(result.failure, result.bug) for result in results] == [(None, None)] * 4
+
+
+def test_no_more_workers_start_than_there_are_units(tmp_path):
+    plan = plan_of(request(tmp_path))
+    work = Work(plan.stage, plan.settings, tmp_path, {})
+    with Dask(3) as executor:
+        list(executor.run(work, plan.units[:1]))
+        assert len(executor._connect(1).nthreads()) == 1
+        list(executor.run(work, plan.units[1:3]))
+        client = executor._connect(2)
+        client.wait_for_workers(2, timeout=60)
+        assert len(client.nthreads()) == 2
 
 
 def test_object_beyond_its_time_limit_fails_and_the_others_are_processed(tmp_path):
@@ -154,7 +166,7 @@ def test_worker_without_a_nanny_is_replaced(tmp_path):
     work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
-        executor._connect().cluster.sync(executor._connect().cluster.workers[0].close)
+        executor._connect(1).cluster.sync(executor._connect(1).cluster.workers[0].close)
         assert len([*executor.run(work, units[1:])]) == 4
 
 
@@ -218,9 +230,9 @@ def test_reused_workers_read_replaced_inputs_and_keep_temporary_files_in_dask_sc
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
             assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
-        profiling = executor._connect().run(dask.config.get, "distributed.worker.profile.enabled")
+        profiling = executor._connect(1).run(dask.config.get, "distributed.worker.profile.enabled")
         assert [*profiling.values()] == [False]  # profiling makes a worker grow by 0.1 MB per second
-        (temporary,) = executor._connect().run(tempfile.mkdtemp).values()
+        (temporary,) = executor._connect(1).run(tempfile.mkdtemp).values()
         assert Path(temporary).parent.parent.name == "dask-scratch-space"  # Dask clears this folder
 
 
@@ -230,23 +242,23 @@ def test_workers_that_start_too_late_give_an_error_with_a_remedy(monkeypatch):
 
     monkeypatch.setattr(local_cluster, "_cluster_of", late)
     with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
-        Dask(2)._connect()
+        Dask(2)._connect(2)
 
 
 def test_unreachable_scheduler_is_named(monkeypatch):
     monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
     with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
-        Dask(scheduler="tcp://127.0.0.1:9")._connect()
+        Dask(scheduler="tcp://127.0.0.1:9")._connect(1)
 
 
 def test_scheduler_that_needs_certificates_gives_an_error_with_the_guide():
     with pytest.raises(
         StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none; see .*speed-and-accuracy"
     ):
-        Dask(scheduler="tls://127.0.0.1:9")._connect()
+        Dask(scheduler="tls://127.0.0.1:9")._connect(1)
 
 
 @pytest.mark.parametrize(("address", "why"), [("nowhere", "missing port number"), ("smtp://x:1", "unknown address scheme 'smtp'")])
 def test_invalid_address_of_a_scheduler_is_named_at_once(address, why):
     with pytest.raises(StageError, match=f"there is no Dask scheduler with workers at {address}: {why}"):
-        Dask(scheduler=address)._connect()
+        Dask(scheduler=address)._connect(1)

@@ -49,7 +49,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Client]:
         patch.setattr(tempfile, "tempdir", str(folder))
         patch.setattr(distributed.security, "datetime", SimpleNamespace(**vars(datetime) | {"datetime": tomorrow}))
         with Dask() as executor:
-            yield executor._connect()
+            yield executor._connect(2)
 
 
 def test_scheduler_and_workers_refuse_clients_without_the_certificate_of_the_run(client):

@@ -14,7 +14,7 @@ from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
 from pipeline.engine.shard import pending_units
-from pipeline.errors import StageError, StoreError
+from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import exclusive_lock
@@ -183,8 +183,9 @@ def test_shard_without_remaining_objects_is_withdrawn(tmp_path):
 
 def test_objects_of_another_manifest_are_not_dropped(tmp_path):
     run(request(tmp_path))
-    with pytest.raises(StoreError, match=r"is of manifest tiny; other lacks 2 objects of it \(d, e\); name that --manifest"):
-        run(request(tmp_path, items=objects(3), manifest="other"))
+    for function in (run, lambda asked: list(forecast(asked))):
+        with pytest.raises(InvalidInput, match=r"is of manifest tiny; other lacks 2 objects of it \(d, e\); name that --manifest"):
+            function(request(tmp_path, items=objects(3), manifest="other"))
     assert list(published(tmp_path)) == list("abcde")
     assert run(request(tmp_path, items=objects(7), manifest="other")) == 2, "one that has more takes over"
 

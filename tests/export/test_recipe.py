@@ -209,6 +209,9 @@ def test_sample_is_made_and_compared(published: Path, remade: tuple[Path, str], 
     assert code == 0, output
     assert "1 object of 4 to make" in output
     assert "4 rows compared, all equal" in output
+    code, output = vt("remake", published, *options_of(remade[0], tmp_path / "d"), "--sample", 1)
+    assert code == 1
+    assert "holds a dataset, whose other rows a sample would replace; name a new folder" in output
 
 
 def test_changed_byte_of_a_mesh_is_named(published: Path, remade: tuple[Path, str], tmp_path: Path) -> None:

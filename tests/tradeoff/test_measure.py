@@ -19,10 +19,12 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.end_to_end import NETWORK, _key, coarse_sensor
 from pipeline.tradeoff.measure import Setup, candidates, forecast, measure_trade, stages_before, trade_key
-from pipeline.tradeoff.measured import MeasuredTrade, read_trade, trade_path
+from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, read_trade, trade_path
 from pipeline.tradeoff.sample import stratified
+from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
 from stages.simulate_grasps.trade import sensors_of_grasps
 from tests.stages import ball_dataset
@@ -48,6 +50,20 @@ def measured_data(tmp_path_factory) -> Path:
     data = tmp_path_factory.mktemp("trade")
     measure(setup(data))
     return data
+
+
+def test_time_that_is_too_short_for_any_candidate_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"sample-surfaces: every candidate takes longer than there is time for.*; give more --minutes"):
+        measure_trade(STAGE, setup(tmp_path), limit=0, deadline=LATER, console=console)
+
+
+def test_another_sample_may_share_no_object_with_the_first(tmp_path: Path) -> None:
+    items = load_manifest("toy").objects(None)
+    for objects in (items[:2], items[2:4]):
+        sample = setup(tmp_path, objects=objects, assignments=(FAST, "simulate-grasps.attempts=10"))
+        measure_trade("simulate-grasps", sample, limit=1e9, deadline=0, console=console)
+    (inputs,) = (tmp_path / FOLDER).glob("inputs-*")
+    assert list(DataDirectory(inputs).collection(SURFACES)) == sorted(item.object_id for item in items[2:4])
 
 
 def test_more_points_take_more_bytes_and_cover_better(measured_data: Path) -> None:

@@ -41,7 +41,7 @@ def visible_charts(
     Returns
     -------
     (T, side², 3) vertices, camera frame (+x along columns, +y along rows, +z ahead), m, ordered as those of touch charts, so that their
-    normals point to the camera; T may be 0.
+    normals point away from the camera, into the object; T may be 0.
 
     Notes
     -----
