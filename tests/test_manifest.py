@@ -22,6 +22,7 @@ def test_every_built_in_manifest_loads():
         "procedural",
         "pybullet-objects",
         "single-image",
+        "thirteen-classes",
         "toy",
         "warehouse",
         "weights",
