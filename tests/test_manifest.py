@@ -169,7 +169,8 @@ def test_fault_in_a_manifest_file_is_named(tmp_path, change, reason):
 def test_unknown_manifest_lists_the_built_in_ones():
     with pytest.raises(
         InvalidInput,
-        match="built in are directory, four-classes, household, one-of-each, procedural, pybullet-objects, single-image, thirteen-classes, toy",
+        match="built in are directory, four-classes, household, one-of-each, procedural, pybullet-objects, single-image, "
+        "thirteen-classes, toy",
     ):
         load_manifest("moon")
 
