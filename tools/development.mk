@@ -6,9 +6,9 @@
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
 
-SIZES := sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.batch_size=8 train-implicit.features=192 \
+SHIPPED_SETTINGS := sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.batch_size=8 train-implicit.features=192 \
          train-implicit.encoder_width=0.5 train-implicit.validation_items=6 train-implicit.validation_queries=1000 train-implicit.cache_megabytes=4000
-learn  = $(MAKE) --no-print-directory train MANIFEST=$(1) DATA=data/$(1)/draft CONFIGURATIONS=implicit-any SET=$(call quoted,$(SIZES) $(2) $(SET))
+learn  = $(MAKE) --no-print-directory train MANIFEST=$(1) DATA=data/$(1)/draft CONFIGURATIONS=implicit-any SET=$(call quoted,$(SHIPPED_SETTINGS) $(2) $(SET))
 # Resumed where it was killed, as all stages are: on 2 quiet cores an hour and a quarter for the data, then 100 epochs, a minute each on one core;
 # then as long again for objects of more kinds, which the same network goes on to learn from.
 weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights (5 hours)

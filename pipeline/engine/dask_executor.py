@@ -101,12 +101,13 @@ class Dask(Executor):
 
     def _connect(self, units: int) -> Client:
         """Connect to the scheduler, or start workers on this machine, no more than there are units."""
+        wanted = min(self._count, units)
         if self._client is None:
             for library in ("distributed", "asyncio"):  # dead workers and ended runs are reported here
                 logging.getLogger(library).setLevel(logging.CRITICAL)
-            self._client = _client_of(self._scheduler) if self._scheduler else start_workers(min(self._count, units))
-            self._started = min(self._count, units)
-        elif self._client.cluster is not None and self._started < (wanted := min(self._count, units)):
+            self._client = _client_of(self._scheduler) if self._scheduler else start_workers(wanted)
+            self._started = wanted
+        elif self._client.cluster is not None and self._started < wanted:
             self._client.cluster.scale(wanted)
             self._started = wanted
         return self._client

@@ -124,10 +124,10 @@ class ObjectStage(Stage):
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """The job of a dataset stage: what to read, the folder to fill, and its name below the data directory once it is published.
+    """The job of a dataset stage: what to read, and the folder to fill.
 
-    `folder` may hold files of a killed run, which the stage may continue. Hidden files in it are kept until it is finished, then removed.
-    Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.
+    Once published, the folder is `name` below `data`. It may hold files of a killed run, which the stage may continue. Hidden files in it
+    are kept until it is finished, then removed. Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.
     """
 
     data: Place

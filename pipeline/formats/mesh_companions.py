@@ -30,17 +30,20 @@ MAX_ENTRIES = 1_000_000
 """Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
 
 HARMLESS_EXTENSIONS = re.compile("material|(?<!KHR_)texture|KHR_texture_basisu|light|KHR_mesh_quantization", re.IGNORECASE)
-"""Of glTF, required ones that leave the shape as it is read."""
+"""Extensions that a glTF may require, although they are ignored: shape and textures stay in their places, which KHR_texture_transform
+would change."""
 
-TRIANGLE_FAN, UNSIGNED_SHORT = 6, 5123
-"""The mode of such a primitive, and the type of such a component (glTF 2.0, sections 5.24 and 5.1)."""
+TRIANGLE_FAN = 6
+"""Mode of a glTF's primitive that is a triangle fan (glTF 2.0, section 5.24)."""
 
-MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
-"""A line of an OBJ that names material libraries."""
+UNSIGNED_SHORT = 5123
+"""Type of a glTF's component that is an integer of 16 bits without sign (glTF 2.0, section 5.1)."""
 
 MAX_NON_ASCII = 2**25
 """Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 
+MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
+"""A line of an OBJ that names material libraries."""
 
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
@@ -123,7 +126,7 @@ class Companions(Mapping[str, bytes]):
                     name = _decode(line[1])
                     for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
                         yield library
-                        if (path := self._find(library)) and path.stat().st_size:  # a shape needs no materials
+                        if (path := self.paths.get(library)) and path.stat().st_size:  # a shape needs no materials
                             check_file(path)
                             self._libraries.append(library)
                             yield from _names_after(b"map_kd", path.read_bytes())

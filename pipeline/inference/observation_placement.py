@@ -92,7 +92,7 @@ def place_observation(observation: RobotObservation, model: ModelInputs) -> Plac
     box = find_object(observation, model)
     if box is None:
         raise InvalidInput("object.centre is missing, and cannot be estimated")
-    takes_touch = model.config.touch  # which depth can be given as
+    takes_touch = model.config.touch  # whether or not touches are given: depth may be, as touch
     model = replace(model, config=used_inputs(model.config, observation))
     centre, to_network = np.array(model.config.centre), np.eye(4)
     factor = size_factor(box, model)

@@ -97,7 +97,7 @@ class ObservationReader:
         vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
         if touches:
             images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
-            flags = [touch.touched if shows_touch(touch, placed.observation) else False for touch in touches]
+            flags = [shows_touch(touch, placed.observation) and touch.touched for touch in touches]
             vertices, touched = self._charts(images, placed.sensor_poses, flags)
         visible = placed.visible_charts(self.model.config.side)
         return Observation(

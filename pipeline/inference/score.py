@@ -106,10 +106,10 @@ def score_shipped(data: Place, console: Console) -> list[str]:
     """
     directory = DataDirectory(data)
     surfaces = directory.collection(SURFACES)
-    if surfaces.shards and not any(surfaces.row(name).split == "test" for name in surfaces):
-        withdraw(directory.folder_record(SHIPPED_SCORES))
-        return ["the dataset has no test objects (`splits` of its manifest)"]
-    rows, reasons = fitting_rows(directory)
+    rows: list[str] = []
+    reasons = ["the dataset has no test objects (`splits` of its manifest)"]
+    if not surfaces.shards or any(surfaces.row(name).split == "test" for name in surfaces):
+        rows, reasons = fitting_rows(directory)
     if rows:
         settings = ShippedSettings(
             **_settings(directory), configurations=tuple(rows), weights=shipped_digest(), learned_from=_learned_from(directory)

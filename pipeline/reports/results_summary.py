@@ -63,14 +63,14 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
     The summary; None if nothing was measured with one grasp.
     """
     network_inputs, figures = beside(folder, scored)
-    seed, objects = read_root(folder)["seed"], len(read_table(folder, "objects")["object_id"])
+    root = read_root(folder)
+    seed, objects = root["seed"], len(read_table(folder, "objects")["object_id"])
     trainings = {name: [figures[name]] for name in network_inputs}
     for place in further:
         further_figures = beside(place, [])[1]
         for name in trainings.keys() & further_figures.keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
-    root = read_root(folder)
     own = () if "method" in root["settings"] else root["configurations"]
     methods = {read_root(place)["settings"].get("method") for place in (folder, *scored)} - set(own)
     for name, way in _ways(network_inputs).items():

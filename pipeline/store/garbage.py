@@ -17,7 +17,7 @@ from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, r
 GRACE_SECONDS = 3600.0
 """How long a replaced group is kept: readers may still have it open."""
 
-UNFINISHED_SECONDS = 7 * 24 * GRACE_SECONDS
+UNFINISHED_SECONDS = 7 * 86_400.0
 """How long unfinished work in object storage is kept at least: the rows of a shard wait there until all of them are made."""
 
 REPLACED = ".replaced"

@@ -15,11 +15,11 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.record import FolderRecord
 
 LEARNED_BEFORE = "learned_before"
-"""The fact of a training that lists what the network that it began with had learned from."""
+"""Name of a training's fact: what its pretrained network had learned from."""
 OF_MESHES = ("spacing", "touch_reach")
-"""What of a network's description decides how its predictions are meshed, and nothing about its weights."""
+"""Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
 OTHER_STAGES = {"side": "fit-charts"}
-"""The stage whose setting an entry of a network's description is, unless it is that of its training."""
+"""Stages that set entries of a network's description, by entry; its training sets the others."""
 
 
 def pretrained_folder(models: str, network: str) -> Path:

@@ -21,7 +21,7 @@ from stages.render_vision.opengl_context import OpenGLContext
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0
 """Surfaces between these distances from the camera are drawn, m: enough for a hand and an object a metre away."""
 CLOSE_PLANE = 0.005
-"""The least distance for a camera that meshes come nearer to, as one at the wrist, m: its depth is a tenth as exact."""
+"""In place of `NEAR_PLANE` where a mesh comes nearer to the camera, as to one at the wrist, m; depths are then a tenth as exact."""
 REACH = 10.0
 """Distance from the world's origin within which a camera farther away draws all surfaces, m."""
 
@@ -135,8 +135,9 @@ class Renderer(AbstractContextManager["Renderer"]):
 
     def _place(self, meshes: Sequence[PosedMesh], camera: Camera, lamp: Vector) -> None:
         """Show only the given meshes, where they are posed, to a camera."""
-        self._camera_node.camera = _gl_camera(self._gl, camera, _least_depth(meshes, camera))
-        self._scene.set_pose(self._camera_node, camera_pose(camera))
+        pose_of_camera = camera_pose(camera)
+        self._camera_node.camera = _gl_camera(self._gl, camera, _least_depth(meshes, pose_of_camera))
+        self._scene.set_pose(self._camera_node, pose_of_camera)
         lamp_pose = np.eye(4)
         lamp_pose[:3, 3] = lamp
         self._scene.set_pose(self._lamp_node, lamp_pose)
@@ -148,15 +149,15 @@ class Renderer(AbstractContextManager["Renderer"]):
         self._scene.nodes_in_order = [handle for handle, _ in meshes]
 
 
-def _least_depth(meshes: Sequence[PosedMesh], camera: Camera) -> float:
+def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: NDArray[np.float64]) -> float:
     """Find the least depth of the boxes around meshes, m; +inf without meshes."""
-    backwards, least = camera_pose(camera)[:3, 2], np.inf
+    backwards, position, least = pose_of_camera[:3, 2], pose_of_camera[:3, 3], np.inf
     for handle, pose in meshes:
         if not handle.mesh.primitives:
             continue
         low, high = handle.mesh.bounds
         middle, half = pose[:3, :3] @ (low + high) / 2 + pose[:3, 3], np.abs(backwards @ pose[:3, :3]) @ (high - low) / 2
-        least = min(least, float((camera.position - middle) @ backwards - half))
+        least = min(least, float((position - middle) @ backwards - half))
     return least
 
 

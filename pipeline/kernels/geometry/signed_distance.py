@@ -83,17 +83,19 @@ def _consistently_wound(vertices: Points, faces: NDArray[np.int64]) -> NDArray[n
         areas = np.linalg.norm(face_cross_products(vertices[faces]), axis=1)
         turned ^= (np.bincount(part, np.where(turned, areas, -areas)) > 0)[part]
         faces, positions = (np.where(turned[:, None], one[:, ::-1], one) for one in (faces, positions))
-    return _with_parts_alike(vertices, faces, positions)
+    return _turn_inverted_parts(vertices, faces, positions)
 
 
-def _with_parts_alike(vertices: Points, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
+def _turn_inverted_parts(vertices: Points, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
     """Turn over closed parts that are inside out where most of the volume is not, or the reverse, unless they are cavities.
 
     Where two parts overlap that are wound differently, their winding numbers would cancel.
     """
     count, part = igl.facet_components(positions)
+    if count == 1:
+        return faces
     volumes = np.bincount(part, np.linalg.det(vertices[faces] - vertices.mean(axis=0)), count)  # six times those of closed parts
-    turned = ((volumes * volumes.sum() < 0) & _are_closed(positions, part))[part] if count > 1 else np.zeros(1, bool)
+    turned = ((volumes * volumes.sum() < 0) & _are_closed(positions, part))[part]
     if not turned.any():
         return faces
     corners, within = np.unique(faces[turned]), np.zeros(len(vertices), bool)
@@ -104,7 +106,7 @@ def _with_parts_alike(vertices: Points, faces: NDArray[np.int64], positions: NDA
 
 
 def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(P,) whether an even number of faces (F, 3) meets at each edge of a part, given the part of each face (F,)."""
+    """Check which parts have an even number of faces at each edge: (P,) bool, of faces (F, 3) and the part of each, (F,)."""
     edges, faces_of_edge = np.unique(np.sort(directed_edges(faces), axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
     return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
