@@ -16,6 +16,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
+from rich.table import Column
 from rich.table import Table as RichTable
 
 SECONDS_PER_LINE = 15.0
@@ -68,7 +69,7 @@ def abbreviate(names: Sequence[str]) -> str:
 
 def print_table(console: Console, columns: Iterable[object], rows: Iterable[Iterable[object]], title: str = "") -> None:
     """Print a table without rules, below its title, which may be wider; cells may hold rich's markup."""
-    table = RichTable(*map(str, columns), box=None, padding=(0, 2))
+    table = RichTable(*(Column(str(name), overflow="fold") for name in columns), box=None, padding=(0, 2))
     for row in rows:
         table.add_row(*map(str, row))
     if title:

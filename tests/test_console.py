@@ -30,6 +30,14 @@ def test_meter_prints_nothing_for_short_work(capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_tables_in_a_log_keep_the_ends_of_cells(capsys):
+    print_table(console_on(sys.stdout), ["network", *"abcdefgh"], [[f"{'network-' * 9}{end}", *["1.23 (0.45–6.78)"] * 8] for end in "xyz"])
+    output = capsys.readouterr().out
+    assert "…" not in output
+    assert all(end in output for end in "xyz")
+    assert output.count("6.78)") == 24
+
+
 def test_control_characters_are_printed_as_escapes(capsys):
     meter = Meter(console_on(sys.stdout), "a\x1b]0;owned\x07b", 1, "steps")
     meter._bar.console.print(meter._bar)

@@ -152,7 +152,7 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     lifted = [grasps for entry in tallies.values() for grasps in entry.lifted]
     held = [(f"{100 * np.concatenate(lifted).mean():.0f} %", "of grasps hold the object")] if lifted else []
     return [
-        _counted(len(source.object_ids), "object"),
+        _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
         _counted(len(tallies), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
@@ -224,7 +224,8 @@ def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
         f"{series}: {', '.join(f'{way} {error.mean:.1f}' for way, error in of_series.items())}"
         for series, of_series in summary.errors.items()
     ]
-    caption = "Error with one grasp by what is given, with 95 % intervals over objects."
+    over = "objects and trainings" if len(evaluated) > 1 else "objects"
+    caption = f"Error with one grasp by what is given, with 95 % intervals over {over}."
     return {"sentences": summary.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(series_texts)}", "caption": caption}
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pipeline.console import Row, Table
+from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.dataset.touch_statistics import Tally, tally
@@ -159,8 +159,8 @@ class Prediction(NamedTuple):
     @property
     def label(self) -> str:
         """Name the reconstruction for a reader."""
-        grasps = f"{self.grasps} grasp{'s' * (self.grasps > 1)}"
-        return f"{self.network}, {grasps}, {1e3 * self.figures['mean_distance']:.1f} mm"
+        given = f", {pluralise(self.grasps, 'grasp')}" if self.felt else ""
+        return f"{self.network}{given}, {1e3 * self.figures['mean_distance']:.1f} mm"
 
 
 class Evaluation:
@@ -235,6 +235,6 @@ def errors_table(predictions: Sequence[Prediction]) -> Table:
     rows = []
     for prediction in predictions:
         cells = [factor * prediction.figures[metric] for metric, factor in SHOWN_METRICS.items()]
-        rows.append(Row([prediction.network, prediction.grasps, *cells]))
+        rows.append(Row([prediction.network, prediction.grasps if prediction.felt else 0, *cells]))
     columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m²"]
     return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

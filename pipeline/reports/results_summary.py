@@ -62,13 +62,13 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
     -------
     The summary; None if nothing was measured with one grasp.
     """
-    network_inputs, figures = beside(folder, scored)
+    network_inputs, figures, _ = beside(folder, scored)
     root = read_root(folder)
     seed, objects = root["seed"], len(read_table(folder, "objects")["object_id"])
     trainings = {name: [figures[name]] for name in network_inputs}
     for place in further:
-        further_figures = beside(place, [])[1]
-        for name in trainings.keys() & further_figures.keys():
+        further_figures = beside(place, scored)[1]  # of the same grasps
+        for name in trainings.keys() & read_root(place)["configurations"].keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}
     own = () if "method" in root["settings"] else root["configurations"]
@@ -79,12 +79,12 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
         if all(1 in network.grasps for network in trainings[name]):
             series = name.removesuffix(way).rstrip("-") or DEFAULT_SERIES
             values = 1e3 * np.stack([network.per_object("mean_distance") for network in trainings[name]])
-            errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "summary", name))
+            errors.setdefault(series, {})[way] = mean_interval(values, numpy_rng(seed, "intervals"))
     if not errors:
         return None
     ways = [way for way in INPUT_CHOICES if any(way in of_series for of_series in errors.values())]
     retrieved = {way: error for way in ways if (error := _retrieved(figures, way)) is not None}
-    return Summary(_sentences(errors, retrieved, objects), errors, retrieved)
+    return Summary(_sentences(errors, retrieved, objects, root["training_objects"]), errors, retrieved)
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
@@ -102,7 +102,9 @@ def _retrieved(figures: Mapping[str, Figures], way: str) -> float | None:
     return None if baseline is None else 1e3 * float(baseline.per_object("mean_distance").mean())
 
 
-def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[str, float], objects: int) -> list[str]:
+def _sentences(
+    errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[str, float], objects: int, training_objects: int
+) -> list[str]:
     best: dict[str, tuple[Interval, str]] = {}
     for series, of_series in errors.items():
         for way, error in of_series.items():
@@ -118,8 +120,9 @@ def _sentences(errors: Mapping[str, Mapping[str, Interval]], retrieved: Mapping[
         f"Networks reconstructed {pluralise(objects, 'test object')} from one grasp each; the error is the mean distance between "
         "reconstruction and object.",
         f"The best are off by {_listed(phrases)}." if phrases else "The plot shows them by what they were given.",
-        f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than a training object, which the line shows: the "
-        "most similar one by the silhouette without the hand, or else by the touches of the first grasp."
+        f"{len(nearer)} of {pluralise(compared, 'network')} {verb} nearer than one of "
+        f"{pluralise(training_objects, 'training object')}, which the line shows: the most similar one by the silhouette without the "
+        "hand, or else by the touches of the first grasp."
         if retrieved
         else "There is no training object to compare with.",
     ]

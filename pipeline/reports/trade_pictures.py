@@ -22,6 +22,8 @@ PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17
 
 WHICH_NETWORK = ("configuration", "training_seed")
 """Settings that say which network is trained, not how."""
+FROM_INPUTS = ("hand", "sensors")
+"""Settings that stages take from the grasps where they are null."""
 
 
 def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> None:
@@ -86,7 +88,7 @@ def trade_table(trade: MeasuredTrade) -> Table:
 def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | None:
     """Find the point with the settings that the record of the stage's output names; None where they were not measured."""
     own = resolve(trade.stage, trade.preset, trade.assignments).results()
-    base = {name: value for name, value in own.items() if value is not None and name not in WHICH_NETWORK}
+    base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
     return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 

@@ -99,7 +99,7 @@ def _rows(values: Values, folder: Path) -> Iterator[Row]:
     for name, by_seed in values.items():
         trainings = [*by_seed.values()]
         config, chamfer = inputs_of(name), TABLE_3_FACTOR * chamfer_of(trainings, 1)
-        interval: Interval = mean_interval(chamfer, numpy_rng(seed, "trainings", name))
+        interval: Interval = mean_interval(chamfer, numpy_rng(seed, "intervals"))
         median, most_grasps = float(np.median(chamfer, axis=1).mean()), trainings[0].grasps[-1]
         error_with_most = TABLE_3_FACTOR * float(chamfer_of(trainings, most_grasps).mean()) if config.touch and most_grasps > 1 else None
         qualities = (

@@ -203,7 +203,7 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
     if not listed:
         raise InvalidInput(f"{stage}: every candidate takes longer than there is time for, even on few objects; give more --minutes")
-    trained = loaded.cost_of(setup.settings(stage), setup.objects)[0] if isinstance(loaded, DatasetStage) else 0
+    trained = sum(item.split == "train" for item in setup.objects) if isinstance(loaded, DatasetStage) else 0
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
     measured_labels = {point.label for point in measured.points}

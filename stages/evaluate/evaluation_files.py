@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -21,7 +21,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import list_folder, zarr_store
-from schemas.evaluation import GROUPS, VERSION
+from schemas.evaluation import GROUPS, SURFACE_METRICS, VERSION
 
 TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
@@ -46,6 +46,7 @@ class _Root(BaseModel):
     split: str
     configurations: Annotated[dict[str, _Configuration], Field(min_length=1)]
     left_out: dict[str, str]
+    training_objects: int
     paper_sizes: bool
 
 
@@ -88,6 +89,15 @@ class Figures:
     def rings(self) -> list[int]:
         """List the rings in which a touch has points, from 1."""
         return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._values if metric.startswith("local_chamfer_"))
+
+    def firsts(self, grasps: int) -> set[int]:
+        """List the first grasps whose figures there are with a number of grasps."""
+        return {figure.first for figure in self.rows if figure.grasps == grasps and figure.metric == "chamfer"}
+
+    def only(self, firsts: Mapping[int, Set[int]]) -> Figures:
+        """Keep the figures of some first grasps, by number of grasps, and those of surfaces, which are of one choice of grasps anyway."""
+        rows = (row for row in self.rows if row.first in firsts.get(row.grasps, (row.first,)) or row.metric in SURFACE_METRICS)
+        return Figures(self.object_ids, rows)
 
     def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""

@@ -17,7 +17,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
-from pipeline.errors import InvalidInput, StoreError
+from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
 from pipeline.kernels.metrics.surface_quality import (
@@ -37,7 +37,7 @@ from pipeline.store.storage import Place
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.ground_truth import TestObjects
+from stages.evaluate.ground_truth import TestObjects, training_objects
 from stages.evaluate.measure import Case, MeasuredCase, Protocol
 from stages.evaluate.settings import GraspMeasuringSettings
 
@@ -60,6 +60,7 @@ class GraspProtocol(Protocol):
         self.job, self.takes_image, self.takes_touch = job, any(model.image for model in models), any(model.touch for model in models)
         self.settings: GraspMeasuringSettings = job.settings
         self.objects = TestObjects(job.data, arrays_of(models, charts=self.reads_charts), self.settings.points, self.stage)
+        self.training = training_objects(job.data, ["points", "segmentation"] if self.takes_image else ["points"])
         self.poses, self.touched = self.objects.stack("sensor_pose"), self.objects.stack("touch_success")  # (object, grasp, sensor, …)
         rows = self.objects.rows
         self.sensors = rows.sensors() if self.takes_touch else grasping_sensors({"grasps": rows.attributes("grasps")})
@@ -139,8 +140,8 @@ class GraspProtocol(Protocol):
 
         Returns
         -------
-        `watertight` (0 or 1) and, if it is 1 and the object's mesh is watertight, `iou`; nothing for charts that are not to be closed.
-        Surfaces so thin that no point is inside have no `iou`.
+        `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`, which is 0 of an open surface: else a method would seem better
+        if it left hard objects open. Nothing for charts that are not to be closed. Surfaces so thin that no point is inside have no `iou`.
         """
         object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
@@ -151,8 +152,10 @@ class GraspProtocol(Protocol):
         else:
             return {}
         closed = {"watertight": float(is_watertight(faces))}
-        if not (closed["watertight"] and bool(self.objects.surfaces.view(object_id)["watertight"])):
+        if not bool(self.objects.surfaces.view(object_id)["watertight"]):
             return closed
+        if not closed["watertight"]:
+            return closed | {"iou": 0.0}
         mesh = read_mesh(self.objects.surfaces.view(object_id))
         (low, high), (true_low, true_high) = ((surface.min(axis=0), surface.max(axis=0)) for surface in (vertices, mesh.vertices))
         if (low > true_high).any() or (true_low > high).any():  # points in a box around both may all miss surfaces that are far apart
@@ -165,10 +168,7 @@ class GraspProtocol(Protocol):
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
-        compared = ["points", "segmentation"] if self.takes_image else ["points"]
-        try:
-            training = ObjectRows(self.job.data, compared, "train")
-        except StoreError:
+        if self.training is None:
             return {}
         images = ObjectRows(self.job.data, ["segmentation"], None) if self.takes_image else None
 
@@ -179,7 +179,7 @@ class GraspProtocol(Protocol):
         touched = [self._touched_points(row) for row in range(len(self.objects))] if self.takes_touch else None
         return retrieve(
             self.objects,
-            training,
+            self.training,
             self.distance_figures,
             console=self.job.console,
             most=self.settings.looked_up,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.errors import StageError
+from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
@@ -16,6 +16,14 @@ from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays
 
 SPLIT = "test"
+
+
+def training_objects(data: Place, arrays: Iterable[str]) -> ObjectRows | None:
+    """Open the training objects, from which baselines retrieve; None if there are none, or all of them failed."""
+    try:
+        return ObjectRows(data, list(arrays), "train")
+    except StoreError:
+        return None
 
 
 class TestObjects:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import Meter
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError
 from pipeline.kernels.geometry.mesh import sample_triangles
@@ -80,13 +81,14 @@ class Protocol(ABC):
     ----------
     stage
         The name of its stage.
-    objects
-        The test objects.
+    objects, training
+        The test objects, and the training objects from which baselines retrieve, if there are any.
     """
 
     stage: ClassVar[str]
     keeps_surfaces: ClassVar[bool] = False
     objects: TestObjects
+    training: ObjectRows | None
 
     @abstractmethod
     def cases(self, model: Reconstructor) -> list[Case]:

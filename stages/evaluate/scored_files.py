@@ -21,6 +21,8 @@ from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_product
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
+from pipeline.rng import numpy_rng
+from stages.evaluate.measure import draw
 
 CLOUD = ".npy"
 """Suffix of a point cloud as an array; a PLY file may hold one too."""
@@ -34,7 +36,7 @@ SIZES = 10.0
 """Ratio of sizes beyond which a reconstruction is taken to be in another unit than the object, and not just bad."""
 TURNED = 0.25
 """Share of its error that remains when a reconstruction is turned, below which it was made with another axis up."""
-TURN_POINTS = 500
+DRAWN = 500
 """Points of a reconstruction with which that is tested."""
 UNITS = {1e-3: "km", 1e2: "cm", 1e3: "mm", 39.37: "inches"}
 """Units, by their number per metre."""
@@ -188,13 +190,14 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
             except InvalidInput as error:
                 yield f"{path.relative_to(folder)}: {error}"
                 continue
-            points = truth(object_id)
-            if not misplaced and (problem := misplacement(reconstruction.vertices, points)):
-                yield f"{path.relative_to(folder)}: {problem}{anyway}"
-            elif len(reconstruction.faces) and not _has_area(reconstruction):
+            if len(reconstruction.faces) and not _has_area(reconstruction):
                 yield f"{path.relative_to(folder)}: none of its {len(reconstruction.faces)} faces has an area"
+                continue
+            points, surface = truth(object_id), draw(reconstruction, DRAWN, numpy_rng(0, "score", object_id))[0]
+            if not misplaced and (problem := misplacement(surface, points)):
+                yield f"{path.relative_to(folder)}: {problem}{anyway}"
             else:
-                shares.append(_share_when_turned(reconstruction.vertices, points))
+                shares.append(_share_when_turned(surface, points))
     if shares and not misplaced and np.median(shares) < TURNED:
         yield (
             "turned by 90° about x, half of the reconstructions or more would be several times nearer to their objects: the files have y "
@@ -202,15 +205,15 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
         )
 
 
-def misplacement(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
+def misplacement(surface: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
     """Explain why a reconstruction cannot be in the world's frame and in metres; None if it may.
 
     Parameters
     ----------
-    vertices, points
-        (V, 3) of the reconstruction, and (N, 3) of the object, m. One in a hundred of either may be anywhere.
+    surface, points
+        (M, 3) points drawn from the reconstruction, and (N, 3) of the object, m. One in a hundred of either may be anywhere.
     """
-    (place, size), (true_place, true_size) = _box(vertices), _box(points)
+    (place, size), (true_place, true_size) = _box(surface), _box(points)
     if not true_size / SIZES < size < true_size * SIZES:
         times = size / true_size
         unit = min(UNITS, key=lambda factor: abs(np.log(max(times, 1e-9) / factor)))
@@ -238,9 +241,8 @@ def _has_area(reconstruction: Reconstruction) -> bool:
     return bool(face_cross_products(reconstruction.vertices[reconstruction.faces]).any())
 
 
-def _share_when_turned(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> float:
+def _share_when_turned(sample: NDArray[np.float64], points: NDArray[np.float64]) -> float:
     """Compute the share of a reconstruction's distance to the object that remains when it is turned from y up to z up about its middle."""
-    sample, tree = vertices[np.linspace(0, len(vertices) - 1, min(TURN_POINTS, len(vertices))).astype(int)], cKDTree(points)
-    middle = _box(points)[0]
+    tree, middle = cKDTree(points), _box(points)[0]
     x, y, z = (sample - middle).T
     return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, sample), 1e-12)

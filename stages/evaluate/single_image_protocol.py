@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import DatasetJob
-from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import CloudDistances
 from pipeline.models.reconstruction import Reconstructor
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
-from stages.evaluate.ground_truth import TestObjects
+from stages.evaluate.ground_truth import TestObjects, training_objects
 from stages.evaluate.measure import Case, MeasuredCase, Protocol
 from stages.evaluate.settings import SingleImageEvaluationSettings
 
@@ -34,6 +33,7 @@ class SingleImageProtocol(Protocol):
         self.job, self.settings = job, job.settings
         settings: SingleImageEvaluationSettings = job.settings
         self.objects = TestObjects(job.data, ARRAYS, settings.points, self.stage)
+        self.training = training_objects(job.data, ARRAYS)
         self.views = min(settings.views, self.objects.rows.size("rendering", "viewpoint"))
         self._scales = [self._scale_of(row) for row in range(len(self.objects))]
 
@@ -51,9 +51,7 @@ class SingleImageProtocol(Protocol):
 
     def baselines(self) -> dict[str, Figures]:
         """Measure training objects in place of reconstructions; none if every training object failed."""
-        try:
-            training = ObjectRows(self.job.data, ARRAYS, "train")
-        except StoreError:
+        if self.training is None:
             return {}
         all_objects = ObjectRows(self.job.data, ["silhouette"], None)
 
@@ -61,7 +59,7 @@ class SingleImageProtocol(Protocol):
             return all_objects.read("silhouette", object_id)[: self.views, ::STEP, ::STEP].reshape(self.views, -1)
 
         options = {"console": self.job.console, "most": self.settings.looked_up}
-        return retrieve(self.objects, training, self._figures, **options, silhouettes=silhouettes)
+        return retrieve(self.objects, self.training, self._figures, **options, silhouettes=silhouettes)
 
     def extra(self) -> dict[str, Arrays]:
         """Return no further groups."""

@@ -14,7 +14,6 @@ import numpy as np
 from rich.markup import escape
 
 from pipeline.config.manifest import SPLITS
-from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import inputs_of, load_reconstructor, model_name
@@ -110,6 +109,7 @@ def write_measured(
         "split": rows.split,
         "configurations": inputs,
         "left_out": rows.left_out,
+        "training_objects": len(protocol.training or ()),
         "paper_sizes": has_paper_sizes(job.data),
         **extra_attributes,
     }
@@ -193,7 +193,5 @@ class EvaluateSingleImage(NetworkEvaluation):
         return Cost(seconds=0.06 * settings.views * objects, kilobytes=0.1 * objects)
 
     def attributes(self, job: DatasetJob, protocol: Any) -> dict[str, Any]:
-        """Return the manifest, the number of views and of training objects, which Table 4 names."""
-        manifest = DataDirectory(job.data).folder(model_name("single-image")).manifest
-        learned_from = len(ObjectRows(job.data, ["rendering"], "train"))
-        return {"manifest": manifest, "views": protocol.views, "training_objects": learned_from}
+        """Return the manifest and the number of views, which Table 4 names."""
+        return {"manifest": DataDirectory(job.data).folder(model_name("single-image")).manifest, "views": protocol.views}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import BASELINE_PREFIX, label
-from stages.evaluate.comparison import about_shipped, beside, left_out
+from stages.evaluate.comparison import about_shipped, beside
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
 from stages.evaluate.single_image_tables import single_image_tables
@@ -67,13 +66,12 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    inputs_by_name, figures = beside(folder, scored)
-    yield from left_out(folder, scored)
+    inputs_by_name, figures, remarks = beside(folder, scored)
     every = {name: figures[name] for name in inputs_by_name}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
     touch_networks = {name: every[name] for name, inputs in inputs_by_name.items() if inputs["touch"]}
     baselines = {name: network for name, network in figures.items() if name.startswith(BASELINE_PREFIX)}
-    members, rng = _members(objects["category"]), partial(numpy_rng, root["seed"])
+    members, seed = _members(objects["category"]), root["seed"]
     classes = [f"{name} ({member.sum()})" for name, member in members.items()]
     yield Table(
         f"Evaluation of {pluralise(len(objects['floor']))}, split {root['split']}, seed {root['seed']}; {settings['points']} points drawn "
@@ -81,24 +79,25 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     )
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
+    yield from remarks
     yield from about_shipped([folder, *scored])
-    yield _accuracy({**every, **baselines}, objects, settings["points"], partial(rng, "accuracy"))
+    yield _accuracy({**every, **baselines}, objects, settings["points"], seed)
     if len(_numbers(touch_networks)) > 1:
-        yield _distances_by_grasps(touch_networks, partial(rng, "grasps"))
+        yield _distances_by_grasps(touch_networks, seed)
     if networks:
-        yield _distances_by_class(networks, members, classes, partial(rng, "classes"))
+        yield _distances_by_class(networks, members, classes, seed)
     yield _dataset(read_table(folder, "table_1"), paper)
     yield Table(_about_chamfer(objects["diagonal"], paper))
     if networks:
-        yield _rings(networks, settings["rings"], floor, partial(rng, "table_2"), paper)
+        yield _rings(networks, settings["rings"], floor, seed, paper)
     if touch_networks:
-        yield _grasps(touch_networks, floor, partial(rng, "table_3"), paper)
+        yield _grasps(touch_networks, floor, seed, paper)
     if networks:
-        yield _modalities(networks, members, classes, objects["floor"], partial(rng, "modalities"))
+        yield _modalities(networks, members, classes, objects["floor"], seed)
         if paper:
             yield _f1(networks, members, classes, settings["tau"], settings["scale"])
     if baselines:
-        yield _baselines(baselines, members, classes, partial(rng, "baselines"))
+        yield _baselines(baselines, root["training_objects"], members, classes, seed)
     if networks:
         yield from _surfaces(networks, settings["closed_resolution"], scored=bool(scored))
     if has_table(folder, "charts"):
@@ -110,7 +109,7 @@ def _numbers(networks: Networks) -> list[int]:
     return sorted({number for figures in networks.values() for number in figures.grasps})
 
 
-def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..., np.random.Generator]) -> Table:
+def _accuracy(networks: Networks, objects: Arrays, points: int, seed: int) -> Table:
     """Make the table of the simplest figures with one grasp, or the fewest with which a network was measured.
 
     Baselines and the limit of sampling are below the networks.
@@ -118,9 +117,9 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
     rows = []
     for name, figures in networks.items():
         fewest = figures.grasps[0]
-        distances = [(figures.per_object(metric, fewest), metric, factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
-        shared = [(figures.available(metric, fewest), metric, factor) for metric, factor in SHARED.values()]
-        cells = [_estimate(values, rng(name, metric), factor) for values, metric, factor in (*distances, *shared)]
+        distances = [(figures.per_object(metric, fewest), factor) for metric, factor in (*ACCURACY.values(), CHAMFER)]
+        shared = [(_shared(figures, metric, fewest), factor) for metric, factor in SHARED.values()]
+        cells = [_estimate(values, seed, factor) for values, factor in (*distances, *shared)]
         row_label = label(name) if fewest == 1 else f"{name}, {fewest} grasps"
         rows.append(Row([row_label, *cells], dim=name.startswith(BASELINE_PREFIX)))
     best = [
@@ -130,23 +129,31 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, rng: Callable[..
     floor = TABLE_3_FACTOR * float(objects["floor"].mean())
     rows.append(Row(["best value that sampling allows", *np.mean(best, axis=0).tolist(), floor, None, None], dim=True))
     columns = ["model", *ACCURACY, f"Chamfer × {TABLE_3_FACTOR:.0f}, m²", *SHARED]
-    return Table("Accuracy with one grasp", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
+    with_inside = max(len(figures.available("iou", figures.grasps[0])) for figures in networks.values())
+    some = f"; intersection over union: of {with_inside} that have an inside" if 0 < with_inside < len(objects["area"]) else ""
+    return Table(f"Accuracy with one grasp{some}", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
 
 
-def _distances_by_grasps(networks: Networks, rng: Callable[..., np.random.Generator]) -> Table:
+def _shared(figures: Figures, metric: str, grasps: int) -> NDArray[np.float64]:
+    """Take a metric of surfaces; the overlap of insides only of networks that close some of theirs."""
+    closes = metric != "iou" or figures.available("watertight", grasps).any()
+    return figures.available(metric, grasps) if closes else np.zeros(0)
+
+
+def _distances_by_grasps(networks: Networks, seed: int) -> Table:
     numbers = _numbers(networks)
     rows = [
-        Row([name, *(_estimate(figures.per_object("mean_distance", number), rng(name, number), 1e3) for number in numbers)])
+        Row([name, *(_estimate(figures.per_object("mean_distance", number), seed, 1e3) for number in numbers)])
         for name, figures in networks.items()
     ]
     return Table("Mean distance, mm, by the number of grasps given", ["model", *map(str, numbers)], rows, ["", *[".2f"] * len(numbers)])
 
 
-def _distances_by_class(networks: Networks, members: Members, classes: list[str], rng: Callable[..., np.random.Generator]) -> Table:
+def _distances_by_class(networks: Networks, members: Members, classes: list[str], seed: int) -> Table:
     rows = []
     for name, figures in networks.items():
         values = figures.per_object("mean_distance")
-        rows.append(Row([name, *(_estimate(values[member], rng(name, kind), 1e3) for kind, member in members.items())]))
+        rows.append(Row([name, *(_estimate(values[member], seed, 1e3) for kind, member in members.items())]))
     return Table("Mean distance, mm, with one grasp, by class", ["model", *classes], rows, ["", *[".2f"] * len(classes)])
 
 
@@ -171,9 +178,9 @@ def _members(categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.b
     return {str(name): names == name for name in np.unique(names)} | {ALL: np.full(len(names), True)}
 
 
-def _estimate(values: NDArray[np.float64], rng: np.random.Generator, factor: float = 1.0) -> Interval | None:
-    """Estimate the mean over objects; None without objects."""
-    return mean_interval(factor * values, rng) if len(values) else None
+def _estimate(values: NDArray[np.float64], seed: int, factor: float = 1.0) -> Interval | None:
+    """Estimate the mean over objects; None without objects. All intervals are of the same draws, so that they can be compared."""
+    return mean_interval(factor * values, numpy_rng(seed, "intervals")) if len(values) else None
 
 
 def _dataset(table: Arrays, paper: bool) -> Table:
@@ -193,12 +200,12 @@ def _theirs(figures: Sequence[float] | None, columns: Sequence[int], digits: str
     return [Row([f"  {PAPER}", *(f"{figures[at - 1]:{digits}}" if at <= len(figures) else None for at in columns)], dim=True)]
 
 
-def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.random.Generator], paper: bool) -> Table:
+def _rings(networks: Networks, count: int, floor: float, seed: int, paper: bool) -> Table:
     numbers, rows = range(1, count + 1), []
     sites: list[str] = []
     for name, figures in networks.items():
         columns = [figures.ring(number) for number in numbers]
-        rows.append(Row([name, *(_estimate(means[counts > 0], rng(name, at)) for at, (means, counts) in enumerate(columns))]))
+        rows.append(Row([name, *(_estimate(means[counts > 0], seed) for at, (means, counts) in enumerate(columns))]))
         rows += _theirs(TABLE_2.get(name) if paper else None, numbers, ".3e")
         sites = sites or [f"{counts.sum()}" for _, counts in columns]
     rows.append(Row([f"sites of {next(iter(networks))}", *sites], dim=True))
@@ -210,10 +217,10 @@ def _rings(networks: Networks, count: int, floor: float, rng: Callable[..., np.r
     return Table(title, ["model", *(f"×{number}" for number in numbers)], rows, ["", *[".2e"] * count])
 
 
-def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Generator], paper: bool) -> Table:
+def _grasps(networks: Networks, floor: float, seed: int, paper: bool) -> Table:
     numbers, rows = _numbers(networks), []
     for name, figures in networks.items():
-        estimates = (_estimate(figures.per_object("chamfer", number), rng(name, number), TABLE_3_FACTOR) for number in numbers)
+        estimates = (_estimate(figures.per_object("chamfer", number), seed, TABLE_3_FACTOR) for number in numbers)
         rows.append(Row([name, *estimates]))
         rows += _theirs(TABLE_3.get(name) if paper else None, numbers, ".3f")
     rows.append(Row([SAMPLING_ALONE, *[TABLE_3_FACTOR * floor] * len(numbers)], dim=True))
@@ -221,28 +228,25 @@ def _grasps(networks: Networks, floor: float, rng: Callable[..., np.random.Gener
     return Table(title, ["model", *map(str, numbers)], rows, ["", *[".3f"] * len(numbers)])
 
 
-def _modalities(
-    networks: Networks, members: Members, classes: list[str], floor: NDArray[np.float64], rng: Callable[..., np.random.Generator]
-) -> Table:
-    rows = [row for name, figures in networks.items() for row in _chamfer_rows(name, figures, members, rng, metres=True)]
+def _modalities(networks: Networks, members: Members, classes: list[str], floor: NDArray[np.float64], seed: int) -> Table:
+    rows = [row for name, figures in networks.items() for row in _chamfer_rows(name, figures, members, seed, metres=True)]
     floors = [float(floor[member].mean()) for member in members.values()]
     rows.append(Row([SAMPLING_ALONE, *(TABLE_3_FACTOR * mean for mean in floors), floors[-1]], dim=True))
     title = f"Modalities: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, by class; the last column without the factor"
     return Table(title, ["model", *classes, "all, m²"], rows, ["", *[".3f"] * len(classes), ".3e"])
 
 
-def _baselines(networks: Networks, members: Members, classes: list[str], rng: Callable[..., np.random.Generator]) -> Table:
-    rows = [row for name, figures in networks.items() for row in _chamfer_rows(label(name), figures, members, rng)]
-    title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², of a training object in place of each reconstruction"
+def _baselines(networks: Networks, training_objects: int, members: Members, classes: list[str], seed: int) -> Table:
+    rows = [row for name, figures in networks.items() for row in _chamfer_rows(label(name), figures, members, seed)]
+    chosen = f"one of {pluralise(training_objects, 'training object')}"
+    title = f"Baselines: Chamfer distance × {TABLE_3_FACTOR:.0f}, m², of {chosen} in place of each reconstruction"
     return Table(title, ["chosen", *classes], rows, ["", *[".3f"] * len(classes)])
 
 
-def _chamfer_rows(
-    name: str, figures: Figures, members: Members, rng: Callable[..., np.random.Generator], *, metres: bool = False
-) -> Iterator[Row]:
+def _chamfer_rows(name: str, figures: Figures, members: Members, seed: int, *, metres: bool = False) -> Iterator[Row]:
     """Make the rows of means and medians by class, in Table 3's unit; `metres` adds the mean over all in m²."""
     values = figures.per_object("chamfer")
-    means = [_estimate(values[member], rng(name, kind), TABLE_3_FACTOR) for kind, member in members.items()]
+    means = [_estimate(values[member], seed, TABLE_3_FACTOR) for kind, member in members.items()]
     medians = [TABLE_3_FACTOR * float(np.median(values[member])) for member in members.values()]
     yield Row([name, *means, *([float(values.mean())] if metres else [])])
     yield Row(["  median", *medians, *([None] if metres else [])], dim=True)
@@ -262,7 +266,7 @@ def _surfaces(networks: Networks, resolution: int | None, *, scored: bool) -> It
     labels = ["model", *(label for label, _ in QUALITY_UNITS.values())]
     yield Table("Surfaces with one grasp, mean / median over objects", labels, _quality(networks), ["", *[".3g"] * len(QUALITY_UNITS)])
     if closed := {name: network for name, network in networks.items() if len(network.available("watertight"))}:
-        columns = ["model", "watertight, %", "of which the object has an inside", "intersection over union, mean / median"]
+        columns = ["model", "watertight, %", "objects with an inside", "intersection over union with them, mean / median"]
         method = f"closed with {resolution} edges along their longest side" + (", scored ones as they are" if scored else "")
         title = f"Closed surfaces with one grasp, {method if resolution else 'as they are'}"
         yield Table(title, columns, [_closed(name, network) for name, network in closed.items()], ["", ".0f", "", ".3f"])

@@ -18,12 +18,13 @@ from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import identity
 from pipeline.config.settings import Settings
+from pipeline.console import Table
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.inference.score import _learned_from, _settings
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reports.reconstruction_gallery import nearest_middle_farthest
-from pipeline.reports.report_source import ReportSource
+from pipeline.reports.report_source import ReportSource, errors_table
 from pipeline.reports.results_summary import DEFAULT_SERIES, _ways, summarise
 from pipeline.reports.training_seeds import outdated_scores
 from pipeline.store.directory import DataDirectory
@@ -33,6 +34,7 @@ from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.shipped import fitting_rows
 from stages.evaluate.stage import Evaluate
+from stages.evaluate.tables import evaluation_tables
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
@@ -93,6 +95,9 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     assert evaluation is not None
     assert {f"shipped-{way}" for way in WAYS} < set(evaluation.configurations)
     shown = {one.name: one for one in evaluation.predictions("b")}
+    given = {row.cells[0]: row.cells[1] for row in errors_table([shown["shipped-touch-1"], shown["shipped-unoccluded-1"]]).rows}
+    assert given == {"shipped-touch": 1, "shipped-unoccluded": 0}
+    assert "grasp" not in shown["shipped-unoccluded-1"].label
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
     assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
@@ -172,14 +177,31 @@ def test_the_summary_has_three_sentences_and_a_line_of_retrieval(data):
     assert set(found.errors) == {DEFAULT, "shipped"}
     assert list(found.errors["shipped"]) == list(WAYS)
     figures = read_figures(directory.verified_folder("evaluation"))
-    touch = figures[f"{DEFAULT}-touch"].per_object("mean_distance").mean()
+    touch = figures[f"{DEFAULT}-touch"].per_case("mean_distance")[:, 0].mean()  # of the first grasp, as the network that ships
     assert found.errors[DEFAULT]["touch"].mean == pytest.approx(1e3 * touch)
     assert found.retrieved["touch"] == pytest.approx(1e3 * figures["training object, by touch"].per_object("mean_distance").mean())
     assert found.retrieved["occluded"] == found.retrieved["unoccluded"]  # both by silhouette
     assert len(found.sentences) == 3
     assert "2 test objects" in found.sentences[0]
     assert "mm with touch alone" in found.sentences[1]
-    assert " of 7 networks " in found.sentences[2]
+    assert " of 7 networks are nearer than one of 2 training objects" in found.sentences[2]
+
+
+def test_rows_that_stand_together_are_of_the_same_grasps(data):
+    folders = [DataDirectory(data).verified_folder(name) for name in ("evaluation", "scores/shipped")]
+    (row,) = (row for row in accuracy(folders).rows if row.cells[0] == f"{DEFAULT}-touch")
+    own = read_figures(folders[0])[f"{DEFAULT}-touch"]
+    assert row.cells[1].mean == pytest.approx(1e3 * own.per_case("mean_distance")[:, 0].mean())
+    (alone,) = (row for row in accuracy(folders[:1]).rows if row.cells[0] == f"{DEFAULT}-touch")
+    assert alone.cells[1].mean == pytest.approx(1e3 * own.per_object("mean_distance").mean())
+    (together,) = (row for row in accuracy(folders).rows if row.cells[0] == "shipped-touch")
+    assert row.cells[1:] == together.cells[1:], "the weights are the same, so are the intervals"
+    remarks = [table.title for table in evaluation_tables(folders[0], folders[1:]) if not table.columns]
+    assert "With 1 grasp: of first grasp 0 alone, which all rows have." in remarks
+
+
+def accuracy(folders: list[Path]) -> Table:
+    return next(table for table in evaluation_tables(folders[0], folders[1:]) if table.title.startswith("Accuracy"))
 
 
 def test_scores_take_the_settings_of_the_first_evaluation_whatever_its_seed(data, tmp_path):

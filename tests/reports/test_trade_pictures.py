@@ -29,6 +29,13 @@ def test_point_with_the_used_settings_is_found() -> None:
     assert used_point(TRADE, {**own, "directions": 16}) is None, "a setting that no point varies"
 
 
+def test_a_setting_that_the_user_left_null_is_compared_with_the_used_one() -> None:
+    own = resolve("simulate-touch", "paper", ()).results()
+    measured = trade("simulate-touch", "mm", point("own", 2, [1, 2, 1, 2]), preset="paper")
+    assert used_point(measured, own | {"sensors": ("digit",)}) == measured.points[0], "sensors are those that the hand wore"
+    assert used_point(measured, own | {"gel_bits": 14}) is None
+
+
 def test_pictures_name_the_used_point(tmp_path: Path) -> None:
     TRADE.write(tmp_path)
     settings = resolve("sample-surfaces", "draft", ["points=5000"]).results()

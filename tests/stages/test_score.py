@@ -224,6 +224,24 @@ def test_misplaced_reconstructions_are_measured_on_request(data, tmp_path):
     assert read_figures(scored(data, "far"))["far"].available("iou").tolist() == [0, 0, 0]
 
 
+def test_open_reconstructions_do_not_raise_the_overlap_of_the_others(data, folder):
+    mesh = trimesh.load(folder / f"{TESTED[1]}.ply", process=False)
+    mesh.faces = mesh.faces[1:]
+    mesh.export(folder / f"{TESTED[1]}.ply")
+    vt("score", folder, data, "--name", "open")
+    figures, whole = read_figures(scored(data, "open"))["open"], read_figures(DataDirectory(data).verified_folder("evaluation"))[NETWORK]
+    assert figures.available("watertight").tolist() == [1, 0, 1]
+    assert figures.available("iou").tolist() == [value * (row != 1) for row, value in enumerate(whole.available("iou"))]
+
+
+def test_a_detail_with_many_vertices_is_not_taken_for_the_size(tmp_path):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, (2000, 3)) + spheres.CENTRE
+    box, detail = trimesh.creation.box((0.2, 0.2, 0.2)), trimesh.creation.icosphere(5, 0.001)
+    trimesh.util.concatenate([box, detail]).apply_translation(spheres.CENTRE).export(tmp_path / "a.ply")
+    assert not list(find_faults(find_files(tmp_path, ["a"], [], 1, 5), tmp_path, {"a": points}.__getitem__, misplaced=False))
+
+
 def test_files_with_y_up_are_distinguished_from_bad_ones(tmp_path):
     rng = np.random.default_rng(0)
     truth = {name: rng.normal(size=(2000, 3)) * [0.02, 0.02, 0.1] + spheres.CENTRE for name in "abc"}  # upright rods

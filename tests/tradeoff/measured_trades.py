@@ -19,14 +19,14 @@ def point(label: str, seconds: float, errors: Sequence[float], **changes: object
     )
 
 
-def trade(stage: str, unit: str, *points: Point, trained: int = 0, trials: int = 0) -> MeasuredTrade:
+def trade(stage: str, unit: str, *points: Point, preset: str = "draft", trained: int = 0, trials: int = 0) -> MeasuredTrade:
     """Make a trade of four objects."""
     return MeasuredTrade(
         stage=stage,
         metric="how wrong it is",
         unit=unit,
         key="key",
-        preset="draft",
+        preset=preset,
         assignments=(),
         objects=tuple(f"object-{number}" for number in range(4)),
         sample="sample",

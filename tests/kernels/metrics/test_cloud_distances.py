@@ -131,6 +131,13 @@ def test_sampled_area_with_normals_counts_both_sides_of_a_thin_sheet(thickness):
     assert sampled_area(sheet, normals) == pytest.approx(2.0, rel=0.05)
 
 
+def test_sampled_area_with_normals_counts_neighbours_around_an_edge():
+    rng = np.random.default_rng(8)
+    sides = [plane(5000, rng, height=height)[:, turned] for height in (0, 1) for turned in ([0, 1, 2], [1, 2, 0], [2, 0, 1])]  # of a cube
+    normals = np.repeat([sign * np.eye(3)[axis] for sign in (-1, 1) for axis in (2, 1, 0)], 5000, axis=0)
+    assert sampled_area(np.concatenate(sides), normals) == pytest.approx(6.0, rel=0.02)
+
+
 def test_sampled_area_of_a_sphere_is_the_same_with_normals():
     points = sphere(0.2, 4000, np.random.default_rng(7))
     assert sampled_area(points, points / 0.2) == pytest.approx(sampled_area(points), rel=1e-9)
