@@ -57,9 +57,8 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
 
 def read_depth(path: Path) -> NDArray[Any]:
     """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
-    numbers = (
-        read_array(path) if path.suffix.lower() == ".npy" else _read_pixels(path, ("I;16", "I;16B"), "depths", "16-bit grey", np.asarray)
-    )
+    is_array = path.suffix.lower() == ".npy"
+    numbers = read_array(path) if is_array else _read_pixels(path, ("I;16", "I;16B"), "depths", "16-bit grey", np.asarray)
     numbers = numbers.astype(numbers.dtype.newbyteorder("="), copy=False)  # I;16B, and arrays of other machines, are big-endian
     if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
         raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
