@@ -157,6 +157,7 @@ def test_different_checksum_is_an_error(tmp_path):
         ({"sources": [{"kind": "directory", "up": "z"}]}, "licence"),
         ({"sources": [{"licence": "x"}]}, r"file .*mine\.yaml: entry sources\.0\.kind is missing"),
         ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": "mm"}]}, r"metres_per_unit: .* \(it is 'mm'\)"),
+        ({"sources": [{"kind": "directory", "licence": "x", "metres_per_unit": 1e-300}]}, r"metres_per_unit: .* \(it is 1e-300\)"),
     ],
 )
 def test_fault_in_a_manifest_file_is_named(tmp_path, change, reason):
@@ -189,6 +190,20 @@ def test_up_of_a_pybullet_file_overrides_that_of_its_source():
     named = manifest({"kind": "pybullet", "licence": "x", "up": "y", "files": files})
     assert {item.object_id: item.source["up"] for item in named.objects()} == {"duck": "y", "bunny": "x"}
     assert named.with_units(None, "z").objects()[1].source["up"] == "z"
+
+
+def test_units_are_those_of_sources_that_state_none(tmp_path):
+    for name in ("stated", "bare"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / f"{name}.obj").write_text(CUBE)
+    stated, bare = (folder("directory", tmp_path / name) for name in ("stated", "bare"))
+    mixed = manifest(stated | {"metres_per_unit": 1.0}, bare).with_units("mm", "y").objects()
+    assert {item.object_id: item.source["metres_per_unit"] for item in mixed} == {"stated": 1.0, "bare": 0.001}
+    with pytest.raises(InvalidInput, match="every source of manifest m states its metres_per_unit; leave --units mm out"):
+        manifest(stated | {"metres_per_unit": 1.0}).with_units("mm", None)
+
+
+def test_pybullet_file_that_is_missing_is_named():
     with pytest.raises(InvalidInput, match=r"no 'dukc.obj' in .*; correct the path of duck"):
         manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "dukc.obj"}}}).objects()
 
@@ -215,6 +230,11 @@ def test_names_with_control_characters_are_refused(tmp_path, character):
     (tmp_path / "m.yaml").write_text(yaml.safe_dump(described | {"sources": [source]}))
     with pytest.raises(InvalidInput, match=r"name: .*which steers how text is shown"):
         load_manifest(str(tmp_path / "m.yaml"))
+
+
+def test_empty_category_is_refused():
+    with pytest.raises(InvalidInput, match="duck has no category; name one"):
+        manifest({"kind": "pybullet", "licence": "x", "files": {"duck": {"file": "duck.obj"}}, "category": " "}).objects()
 
 
 def test_names_in_any_script_are_accepted():

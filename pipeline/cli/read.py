@@ -46,6 +46,8 @@ def read_touch(
         fail("name photographs, or a camera with --camera, one of them")
     if watch and camera is not None:
         fail("--watch is of a folder of photographs; leave it out with --camera")
+    if frames is not None and not watch and camera is None:
+        fail(f"--frames {frames} ends --watch or --camera; leave it out, or name the photographs to read")
     if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
         fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model)

@@ -17,6 +17,7 @@ from pipeline.config.sources import MeshSource
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES, read_file
+from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT
 
 MAX_ENTRIES = 500_000
 """Most files and folders below a folder of meshes: with more, it is probably the wrong folder."""
@@ -125,8 +126,9 @@ def _unit(text: str, line: str) -> float | None:
         unit = float(text)
     except ValueError:
         unit = 0.0
-    if not 0 < unit < float("inf"):
-        raise InvalidInput(f"{line} has metres_per_unit {text!r}; it must be a number above 0, 0.001 for mm, or empty")
+    if not LEAST_UNIT <= unit <= GREATEST_UNIT:
+        bounds = f"from {LEAST_UNIT:g} to {GREATEST_UNIT:g}"
+        raise InvalidInput(f"{line} has metres_per_unit {text!r}; it must be a number {bounds}, 0.001 for mm, or empty")
     return unit
 
 

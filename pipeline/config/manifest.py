@@ -92,7 +92,7 @@ class Manifest(BaseModel):
         ------
         InvalidInput
             No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters
-            or called `all`, counts that do not match: with the place that was looked at and the way out.
+            or called `all`, an empty one, counts that do not match: with the place that was looked at and the way out.
         """
         sources = self._with_roots(root)
         try:
@@ -105,15 +105,31 @@ class Manifest(BaseModel):
         return [replace(item, split=splits[item.object_id]) for item in objects]
 
     def with_units(self, units: str | None, up: str | None) -> Manifest:
-        """Return the manifest with other units, of `METRES`, or another up-axis, for mesh files whose own entry states none."""
+        """Return the manifest with units, of `METRES`, for sources that state none, and with another up-axis for all mesh files.
+
+        An entry of one file, in a catalogue or of PyBullet's, keeps what it states.
+
+        Raises
+        ------
+        InvalidInput
+            No source is of mesh files, or units are given and each states its own.
+        """
         if units is None and up is None:
             return self
-        values = {"metres_per_unit": METRES[units] if units else None, "up": up}
-        updates = {name: value for name, value in values.items() if value is not None}
-        files = [isinstance(source, MeshSource) for source in self.sources]
-        if not any(files):
+        files = [source for source in self.sources if isinstance(source, MeshSource)]
+        if not files:
             raise InvalidInput(f"manifest {self.name} names no mesh files, so units and an up-axis mean nothing; leave them out")
-        changed = (source.model_copy(update=updates if placed else {}) for source, placed in zip(self.sources, files, strict=True))
+        if units is not None and all(source.metres_per_unit is not None for source in files):
+            raise InvalidInput(
+                f"every source of manifest {self.name} states its metres_per_unit; leave --units {units} out, or correct the manifest"
+            )
+        metres = METRES[units] if units else None
+        changed = (
+            source.model_copy(update={"metres_per_unit": source.metres_per_unit or metres, "up": up or source.up})
+            if isinstance(source, MeshSource)
+            else source
+            for source in self.sources
+        )
         return self.model_copy(update={"sources": tuple(changed)})
 
     def _with_paths_below(self, folder: Path) -> Manifest:
@@ -187,6 +203,8 @@ def _check_names(objects: Sequence[Object]) -> None:
             rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
         without_controls(item.category)
+        if not item.category.strip():
+            raise InvalidInput(f"{item.object_id} has no category; name one: an empty one has no name in tables")
         if item.category == TOTAL:
             raise InvalidInput(f"{item.object_id} is of category {TOTAL!r}, as tables call the total; rename its folder, or its category")
     for one, other in pairwise(objects):

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.config.objects import Object, checksum
 from pipeline.console import visible
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_units import stated_units
+from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
 
 MAX_OBJECTS = 200_000
 """Most objects of a source: listing them takes a second, and memory, before anything else is done."""
@@ -60,7 +60,7 @@ class MeshSource(Source):
 
     up: Literal["x", "y", "z"] | None = None
     """Axis of the files that points up; by default what the file or its format states, else z. Or `--up`."""
-    metres_per_unit: float | None = Field(None, gt=0)
+    metres_per_unit: float | None = Field(None, ge=LEAST_UNIT, le=GREATEST_UNIT)
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
     def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:

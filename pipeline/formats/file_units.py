@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import re
 import zipfile
 from contextlib import suppress
@@ -11,6 +10,9 @@ from pathlib import Path
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 """Metres per unit, by its sign."""
+
+LEAST_UNIT, GREATEST_UNIT = 1e-9, 1e9
+"""Bounds of metres per unit: in others, sizes round to 0 or overflow."""
 
 HEAD_BYTES = 65_536
 """Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
@@ -55,7 +57,7 @@ def _collada(file: Path) -> tuple[float | None, str]:
     head = re.sub(rb"<!--.*?-->", b"", head, flags=re.DOTALL)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
-    return _positive(unit) if unit else None, axis[1].decode().lower() if axis else "y"
+    return _unit(unit) if unit else None, axis[1].decode().lower() if axis else "y"
 
 
 def _threemf(file: Path) -> float | None:
@@ -82,8 +84,8 @@ def _attribute(text: bytes, tag: bytes, name: bytes) -> bytes | None:
     return value[1] if value else None
 
 
-def _positive(text: bytes) -> float | None:
+def _unit(text: bytes) -> float | None:
     with suppress(ValueError):
-        if math.isfinite(number := float(text)) and number > 0:
+        if LEAST_UNIT <= (number := float(text)) <= GREATEST_UNIT:
             return number
     return None

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.array_file import read_array
@@ -56,7 +57,9 @@ def read_mask(path: Path) -> NDArray[np.bool_]:
 
 def read_depth(path: Path) -> NDArray[Any]:
     """Read a depth image, a 16-bit PNG or TIFF file or a .npy file: (rows, cols) uint16 or floats; errors as `read_image`."""
-    numbers = read_array(path) if path.suffix.lower() == ".npy" else _read_pixels(path, ("I;16",), "depths", "16-bit grey", np.asarray)
+    is_array = path.suffix.lower() == ".npy"
+    numbers = read_array(path) if is_array else _read_pixels(path, ("I;16", "I;16B"), "depths", "16-bit grey", np.asarray)
+    numbers = numbers.astype(numbers.dtype.newbyteorder("="), copy=False)  # I;16B, and arrays of other machines, are big-endian
     if numbers.ndim != 2 or not numbers.size or not (numbers.dtype == np.uint16 or numbers.dtype.kind == "f"):
         raise InvalidInput(f"{path} holds {numbers.dtype} {numbers.shape}; a depth image has rows and columns of uint16 or float32")
     return np.asarray(numbers)
@@ -83,3 +86,14 @@ def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, re
         raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most that are read")
     if image.mode not in modes:
         raise InvalidInput(f"{path} has {what} {image.mode}; save it as {remedy}")
+    if image.mode == "RGB" and _bits(image) > 8:  # Pillow would keep their high bytes
+        raise InvalidInput(f"{path} has {what} of {_bits(image)} bits; save it as {remedy}")
+    if image.mode in ("RGB", "L") and "transparency" in image.info:
+        raise InvalidInput(f"{path} has {what} with a transparent one; save it as {remedy}")
+
+
+def _bits(image: Image.Image) -> int:
+    """Count the bits of a colour in an RGB file."""
+    if isinstance(image, TiffImageFile):
+        return int(max(image.tag_v2.get(BITSPERSAMPLE, (8,))))
+    return 16 if image.format == "PNG" and any(tile[3] == "RGB;16B" for tile in image.tile) else 8  # type: ignore[attr-defined]

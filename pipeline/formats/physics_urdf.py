@@ -34,7 +34,8 @@ def write_physics_urdf(hand: Hand, folder: Path) -> Path:
     Returns
     -------
     The URDF. Visuals and names with a prefix are removed, every collision mesh is a convex OBJ, every link has a mass, and a joint that
-    follows another one is as free as that one. Everything else is copied from the hand's file unchanged.
+    follows another one is as free as that one. Everything else is copied from the hand's file unchanged; of <inertia>, MuJoCo takes the
+    numbers, and PyBullet, as `HandBody` loads it, computes its own from mass and collision shapes.
     """
     links, joints = {link.name: link for link in hand.links}, {joint.name: joint for joint in hand.joints}
     robot = Element("robot", name=hand.name)

@@ -6,6 +6,7 @@ processor's, and with them every pose that follows.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import cache
@@ -55,6 +56,7 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     """
     try:
         robot = parse_urdf(path)
+        _check_unique(robot)
         link_names = _below(robot, root)
         materials = _materials(robot)
         elements = [element for element in robot.findall("link") if _name(element) in link_names]
@@ -67,6 +69,14 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
         return _in_tree_order(links, joints)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from error
+
+
+def _check_unique(robot: Element) -> None:
+    """Refuse two links or two joints of one name: hand files and physics name them."""
+    for kind in ("link", "joint"):
+        names = Counter(element.get("name", "") for element in robot.findall(kind))
+        if twice := [name for name, count in names.items() if name and count > 1]:
+            raise InvalidInput(f"it has {names[twice[0]]} {kind}s called {twice[0]!r}; rename all but one")
 
 
 def _materials(robot: Element) -> dict[str, Color]:
@@ -154,6 +164,10 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
     mass_of(element)  # checked here, where errors name the file; physics needs it later
+    for inertial in element.findall("inertial"):
+        origin_of(inertial)
+        for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+            numbers_of(inertial.find("inertia"), name, (0.0,))
     return Link(_name(element), shapes("visual"), shapes("collision"))
 
 

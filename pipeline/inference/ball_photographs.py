@@ -13,7 +13,7 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import image_files, read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
-from pipeline.kernels.touch.find_contact import find_contact
+from pipeline.kernels.touch.find_contact import SMALLEST, find_contact
 
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
@@ -67,7 +67,16 @@ def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: 
     if image.shape != untouched.shape:
         size, untouched_size = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
         raise InvalidInput(f"it has {size} pixels, the untouched photograph {untouched_size}")
-    return annotated or find_contact(image, untouched)
+    if annotated is None:
+        return find_contact(image, untouched)
+    rows, cols = image.shape[:2]
+    outside = (max(-place, place - last, 0.0) for place, last in ((annotated.x, cols - 1), (annotated.y, rows - 1)))
+    if math.hypot(*outside) >= annotated.radius:
+        raise InvalidInput(
+            f"its contact in {CIRCLES}, x {annotated.x:g}, y {annotated.y:g}, radius {annotated.radius:g}, lies outside its "
+            f"{cols} x {rows} pixels; correct that line"
+        )
+    return annotated
 
 
 def reasons(left_out: dict[str, str]) -> str:
@@ -80,14 +89,19 @@ def _read_circles(path: Path) -> dict[str, Circle]:
         return {}
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte-order mark
-            circles = {row["name"]: Circle(float(row["x"]), float(row["y"]), float(row["radius"])) for row in csv.DictReader(file)}
+            lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in csv.DictReader(file)]
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
             f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
         ) from error
-    for name, circle in circles.items():
-        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and 0 < circle.radius < math.inf):
+    circles: dict[str, Circle] = {}
+    for name, circle in lines:
+        if name in circles:
+            raise InvalidInput(f"{path} has two lines for {name}; keep one")
+        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and SMALLEST <= circle.radius < math.inf):
             raise InvalidInput(
-                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius above 0"
+                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius at least "
+                f"{SMALLEST:g}: remove the line, or photograph a deeper press"
             )
+        circles[name] = circle
     return circles

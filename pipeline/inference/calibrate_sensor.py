@@ -97,7 +97,7 @@ def calibrate(
     Raises
     ------
     InvalidInput
-        Fewer than `MIN_PHOTOGRAPHS` photographs have a contact that the ball can make.
+        Fewer than `MIN_PHOTOGRAPHS` photographs have a contact that the ball can make, or one is deeper than the gel is thick.
     """
     largest = ball_radius / sensor.pitch[1]
     too_large = {
@@ -109,6 +109,13 @@ def calibrate(
     left_out = left_out | too_large
     if len(usable) < MIN_PHOTOGRAPHS:
         raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
+    deepest = max(usable, key=lambda photograph: photograph.contact.radius)
+    depth = ball_radius - np.sqrt(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2)  # of a gel that is not drawn in
+    if depth > sensor.w:
+        raise InvalidInput(
+            f"in {deepest.name} the ball is pressed in {1e3 * depth:.3g} mm deep, the gel is {1e3 * sensor.w:.3g} mm thick; give its "
+            "thickness with --thickness, or correct --ball-radius and --mm-per-pixel"
+        )
     half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
     fitted, tested = (
         [image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.console import pluralise
 from pipeline.inference.model_inputs import ModelInputs, used_inputs
-from pipeline.inference.object_box import BY_DEPTH, ObjectBox, find_object, gel_centres, shows_touch, size_factor
-from pipeline.inference.observation_file import NOWHERE, RobotObservation
+from pipeline.inference.object_box import BY_DEPTH, FEW, ObjectBox, find_object, gel_centres, shows_touch, size_factor
+from pipeline.inference.observation_file import NOWHERE, TO_ADD, RobotObservation
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
@@ -30,7 +31,10 @@ def _why_not_located(observation: RobotObservation) -> str:
     """Say why the object cannot be located, and what would locate it."""
     camera = observation.camera
     if camera is not None and camera.metres is not None and camera.mask is not None:
-        return f"{UNMEASURED}, or state it, or give two touches"
+        measured = int((camera.object_pixels & ~np.isnan(camera.metres)).sum())
+        seen = f"camera.depth is measured at only {pluralise(measured, 'pixel')} of camera.mask"
+        few = f"{seen}, {FEW} are needed: register it to the photograph, and check the masks"
+        return f"{few if 0 < measured < FEW else UNMEASURED}, or state it, or give two touches"
     return "state it, or give a depth image with a mask, or two touches"
 
 
@@ -38,7 +42,7 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
     if model is not None:
         if model.config.image == "any" and observation.camera is None and not observation.is_felt:
-            return [f"model {model.configuration} needs a photograph or touches: add the entry camera or touches"]
+            return [f"model {model.configuration} needs a photograph or touches{TO_ADD}camera or touches"]
         model = replace(model, config=used_inputs(model.config, observation))
     if too_far := list(_distant_positions(observation)):
         return too_far + ([] if model is None else list(_unsuited_inputs(observation, model)))
@@ -67,11 +71,11 @@ def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Itera
     if config.image == "rendering":
         yield f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
     elif config.image is not None and observation.camera is None:
-        yield f"model {name} needs a photograph: add the entry camera"
+        yield f"model {name} needs a photograph{TO_ADD}camera"
     if not config.touch:
         return
-    if not observation.is_felt:
-        yield f"model {name} needs touches: add the entry touches"
+    if not observation.touches and not observation.is_felt:  # touches may all be stated to be none
+        yield f"model {name} needs touches{TO_ADD}touches"
     if not observation.touches:
         return
     ours, theirs = model.sensor, observation.sensor

@@ -25,6 +25,9 @@ from pipeline.kernels.vision.background import foreground
 NOWHERE = "object.centre is missing"
 """Beginning of the fault that the object cannot be located."""
 
+TO_ADD = ": add the entry "
+"""Precedes the entries that a model needs, at the end of the fault that they are missing."""
+
 MAX_TOUCHES = 256
 
 
@@ -195,8 +198,8 @@ class RobotObservation(Entries):
 
     @property
     def is_felt(self) -> bool:
-        """Check whether there is input for networks with touch: touches, or visible points in their place."""
-        return bool(self.touches) or (self.camera is not None and self.camera.depth_as_touch)
+        """Check whether there is input for networks with touch: a touch that is not stated to be none, or visible points in its place."""
+        return any(touch.touched is not False for touch in self.touches) or (self.camera is not None and self.camera.depth_as_touch)
 
     def name_of(self, number: int) -> str:
         """Name a touch for messages."""
@@ -274,11 +277,17 @@ def load_observation(path: Path | str, faults: Callable[[RobotObservation], list
         lines, hint = [invalid_entries(error, names)], f". {entries_of(RobotObservation)}"
         observation = _usable_part(entries, error, context)
     if observation is not None:  # invalid cameras or touches might have located the object
-        lines += [line for line in faults(observation) if not (lines and line.startswith(NOWHERE))]
+        lines += [line for line in faults(observation) if not (lines and _may_follow(line, entries, observation))]
     if lines:
         raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
     assert observation is not None
     return observation
+
+
+def _may_follow(line: str, entries: dict[str, Any], observation: RobotObservation) -> bool:
+    """Return whether a fault of the usable part may be due to invalid entries that were taken out of it."""
+    removed = [name for name in ("camera", "touches") if entries.get(name) and not getattr(observation, name)]
+    return line.startswith(NOWHERE) or any(name in line.rpartition(TO_ADD)[2] for name in removed if TO_ADD in line)
 
 
 def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:

@@ -51,6 +51,9 @@ VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 MAX_TRIANGLES = 20_000
 """Per link and picture; the others are left out."""
 
+ROUNDED = 0.01
+"""Share of a joint's range by which it may pass its limits: multipliers and limits are rounded."""
+
 HOLLOW = 2e-3
 """m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in."""
 
@@ -176,10 +179,26 @@ def _notes(hand: Hand) -> list[str]:
         )
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
+    notes += _followers_beyond_limits(hand)
     if hand.allowed_contacts:
         pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
         notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")
     return notes
+
+
+def _followers_beyond_limits(hand: Hand) -> list[str]:
+    """Name the joints that follow another one beyond limits of their own, which many URDFs state carelessly: the leader's count."""
+    lines = []
+    for follower in hand.followers:
+        joint = hand.joints[follower.link - 1]
+        ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
+        slack = ROUNDED * (joint.upper - joint.lower)
+        if joint.kind != "continuous" and slack > 0 and (min(ends) < joint.lower - slack or max(ends) > joint.upper + slack):
+            lines.append(
+                f"warning: joint {joint.name} follows {hand.joint_names[follower.entry]} through {min(ends):.4g} … {max(ends):.4g}, beyond "
+                f"its own limits {joint.lower:.4g} … {joint.upper:.4g}, which do not count: narrow those of the joint that it follows"
+            )
+    return lines
 
 
 def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[int, int]], path: Path) -> None:

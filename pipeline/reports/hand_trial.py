@@ -71,5 +71,6 @@ def trial_grasps(path: Path) -> list[str]:
         lines.append(f"fault: no attempt is a grasp, mostly because {worst}; {remedy}")
     elif not any(touches):
         on_palm = not any(finger.sensors for finger in prepared.hand.fingers)
-        lines.append(f"trial: {NEARER}" if on_palm else f"fault: no sensor touches the ball; {PALM}")
+        fault = f"fault: no sensor touches the ball: do the sensors' normals point out of their links? Else {PALM}"
+        lines.append(f"trial: {NEARER}" if on_palm else fault)
     return lines

@@ -139,7 +139,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     with Meter(errors, "reading objects", len(objects), "objects", after=2.0) as meter:
         for item in objects:
             try:
-                checked.append(read_object(item, "--units" if meshes.units else "manifest"))
+                checked.append(read_object(item, meshes.units))
             except (InvalidInput, OSError) as error:
                 faults.append(f"fault: {item.object_id}: {error}")
             meter.advance()
@@ -162,8 +162,8 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     ]
 
 
-def read_object(item: Object, stated_by: str) -> CheckedObject:
-    """Read an object as `sample-surfaces` does; `stated_by` says who states its unit, if not its file.
+def read_object(item: Object, units: str | None) -> CheckedObject:
+    """Read an object as `sample-surfaces` does; `units` are those of `--units`, of files for which the manifest states none.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def read_object(item: Object, stated_by: str) -> CheckedObject:
     if "file" in source:
         file = Path(source["file"])
         missing = Companions(file, Path(source["root"])).missing
-        unit = _unit(file, source["metres_per_unit"], stated_by)
+        unit = _unit(file, source["metres_per_unit"], "--units" if units and source["metres_per_unit"] == METRES[units] else "manifest")
     mesh, placement, report = normalised_mesh(source, SurfaceSettings())
     diagonal = bounding_diagonal(mesh.vertices)
     return CheckedObject(

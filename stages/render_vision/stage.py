@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.console import abbreviate, pluralise
+from pipeline.dataset.grasping_hand import check_is_there
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
@@ -56,7 +57,10 @@ class RenderVision(ObjectStage):
 
     def resolve_settings(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
         """Take the hand of the grasps."""
-        return settings.model_copy(update={"hand": settings.hand or attributes["grasps"]["settings"]["hand"]})
+        recorded = attributes["grasps"]["settings"]["hand"]
+        if settings.hand is None:
+            check_is_there(recorded, "run it there, or name the file with --set render-vision.hand=PATH")
+        return settings.model_copy(update={"hand": settings.hand or recorded})
 
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the hand to draw is the one that grasped."""

@@ -39,6 +39,7 @@ def collada(path: Path, *assets: str) -> Path:
         (("<up_axis>X_UP</up_axis>",), (None, "x")),
         (("<unit meter='0'/>",), (None, "y")),
         (("<unit meter='nan'/>",), (None, "y")),
+        (("<unit meter='1e-300'/>",), (None, "y")),
         (("<unit meter='many'/>",), (None, "y")),
     ],
 )

@@ -25,8 +25,15 @@ def chunk(kind: bytes, content: bytes) -> bytes:
     return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
 
 
-def png(width: int, height: int, *chunks: bytes) -> bytes:
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)) + b"".join(chunks)
+def png(width: int, height: int, *chunks: bytes, bits: int = 8) -> bytes:
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, bits, 2, 0, 0, 0)) + b"".join(chunks)
+
+
+def tiff_of_16_bits() -> bytes:
+    """Write an RGB TIFF file of one pixel."""
+    entries = [(256, 1, 1), (257, 1, 1), (258, 3, 98), (259, 1, 1), (262, 1, 2), (273, 1, 104), (277, 1, 3)]
+    directory = b"".join(struct.pack("<HHII", tag, 3, count, value) for tag, count, value in entries)
+    return struct.pack("<2sHIH", b"II", 42, 8, len(entries)) + directory + bytes(4) + struct.pack("<6H", 16, 16, 16, 9, 9, 9)
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "BMP", "TIFF"])
@@ -55,6 +62,22 @@ def test_other_formats_and_bombs_are_refused(tmp_path: Path, content: bytes, wor
     (tmp_path / "image").write_bytes(content)
     with pytest.raises(InvalidInput, match=words):
         read_image(tmp_path / "image")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (png(1, 1, chunk(b"IDAT", zlib.compress(bytes(7))), bits=16), "has colours of 16 bits; save it as 8-bit"),
+        (tiff_of_16_bits(), "has colours of 16 bits"),
+        (png(1, 1, chunk(b"tRNS", bytes(6)), chunk(b"IDAT", zlib.compress(bytes(4)))), "has colours with a transparent one"),
+    ],
+    ids=["png", "tiff", "transparent"],
+)
+def test_colours_that_would_be_cut_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+    (tmp_path / "image").write_bytes(content)
+    for read in (read_image, read_mask):
+        with pytest.raises(InvalidInput, match=words):
+            read(tmp_path / "image")
 
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "TIFF"])
@@ -92,7 +115,10 @@ def test_depth_images_are_read_unchanged(tmp_path: Path) -> None:
     Image.fromarray(levels).save(tmp_path / "depth.png")
     np.save(tmp_path / "levels.npy", np.asfortranarray(levels))
     np.save(tmp_path / "metres.npy", levels.astype(np.float32))
-    for name, expected in (("depth.png", levels), ("levels.npy", levels), ("metres.npy", levels.astype(np.float32))):
+    Image.frombytes("I;16B", (3, 1), levels.astype(">u2").tobytes()).save(tmp_path / "big.tif")
+    np.save(tmp_path / "big.npy", levels.astype(">u2"))
+    integers = [(name, levels) for name in ("depth.png", "levels.npy", "big.tif", "big.npy")]
+    for name, expected in (*integers, ("metres.npy", levels.astype(np.float32))):
         read = read_depth(tmp_path / name)
         np.testing.assert_array_equal(read, expected)
         assert read.dtype == expected.dtype

@@ -111,7 +111,8 @@ def test_output_that_would_replace_the_untouched_photograph_is_refused(tmp_path:
     ("line", "message"),
     [
         ("0.png,nan,80,16", "0.png has x nan, y 80.0, radius 16.0; they must be finite"),
-        ("0.png,100,80,0", "radius 0.0; they must be finite, the radius above 0"),
+        ("0.png,100,80,7", "radius 7.0; they must be finite, the radius at least 8"),
+        ("0.png,100,80,16\n0.png,90,80,16", "has two lines for 0.png; keep one"),
         ("0.jpg,100,80,16", "names 0.jpg, which is not a photograph in"),
     ],
 )
@@ -122,9 +123,21 @@ def test_invalid_circles_are_refused(folder: Path, line: str, message: str) -> N
     (folder / "circles.csv").unlink()
 
 
+def test_contact_outside_its_photograph_is_left_out(folder: Path) -> None:
+    (folder / "circles.csv").write_text("name,x,y,radius\n0.png,-30,80,16\n1.png,-10,80,16\n")
+    photographs, _, left_out = read_photographs(folder, folder.parent / "untouched.png")
+    (folder / "circles.csv").unlink()
+    assert left_out["0.png"] == ("its contact in circles.csv, x -30, y 80, radius 16, lies outside its 213 x 160 pixels; correct that line")
+    assert [photograph_read.contact for photograph_read in photographs if photograph_read.name == "1.png"] == [Circle(-10, 80, 16)]
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
-    [({"--mm-per-pixel": "1e6"}, "are lengths in mm?"), ({"--thickness": "1e5"}, "are lengths in mm?")],
+    [
+        ({"--mm-per-pixel": "1e6"}, "are lengths in mm?"),
+        ({"--thickness": "1e5"}, "are lengths in mm?"),
+        ({"--mm-per-pixel": "0.08", "--thickness": "0.1"}, "mm deep, the gel is 0.1 mm thick; give its thickness with --thickness"),
+    ],
 )
 def test_lengths_in_another_unit_give_a_clear_error(folder: Path, tmp_path: Path, changed: dict[str, str], message: str) -> None:
     stated = {"--ball-radius": "2", "--mm-per-pixel": "0.03", "--untouched": str(folder.parent / "untouched.png")} | changed

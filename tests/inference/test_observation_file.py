@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
-from pipeline.inference.model_inputs import ModelInputs
+from pipeline.inference.model_inputs import ModelInputs, used_inputs
 from pipeline.inference.object_box import find_object, shows_touch, turn_to_z
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation
@@ -203,6 +203,18 @@ def test_an_observation_without_photograph_and_touches_is_a_fault(tmp_path: Path
     entries = {"object": write_files(tmp_path)["object"]}
     inputs = replace(model(), configuration="any", config=model().config.model_copy(update={"image": "any"}))
     assert "model any needs a photograph or touches" in error_of(write_observation(tmp_path, entries), inputs)
+    entries = write_files(tmp_path)
+    entries["touches"], camera = [touch | {"touched": False} for touch in entries["touches"]], entries.pop("camera")
+    assert "model any needs a photograph or touches" in error_of(write_observation(tmp_path, entries), inputs)
+    entries["camera"] = camera
+    observation = load_observation(write_observation(tmp_path, entries), lambda part: faults(part, inputs))
+    assert not used_inputs(inputs.config, observation).touch
+    load_observation(tmp_path / "grasp.yaml", lambda part: faults(part, model()))  # untouched sensors, as some of its grasps
+    camera["depth"] = "gone.npy"
+    del entries["touches"]
+    message = error_of(write_observation(tmp_path, entries), inputs)
+    assert "gone.npy" in message
+    assert "needs a photograph" not in message  # there is one, which another fault took out
 
 
 def test_depth_behind_the_rim_of_the_mask_is_left_out(tmp_path: Path) -> None:
@@ -228,7 +240,8 @@ def test_object_is_not_located_by_a_single_pixel(tmp_path: Path) -> None:
     depth[60, 80] = 0.5
     np.save(tmp_path / "pixel.npy", depth)
     entries["camera"]["depth"] = "pixel.npy"
-    assert "object.centre is missing, and cannot be estimated" in error_of(write_observation(tmp_path, entries))
+    message = error_of(write_observation(tmp_path, entries))
+    assert "object.centre is missing, and cannot be estimated: camera.depth is measured at only 1 pixel of camera.mask, 10 are" in message
 
 
 @pytest.mark.parametrize(

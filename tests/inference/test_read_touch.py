@@ -246,3 +246,5 @@ def test_unusable_inputs_give_clear_errors(folder: Path, tmp_path: Path) -> None
     assert "is the folder of the photographs" in result.output
     assert sorted((folder / "photographs").iterdir()) == before
     assert "leave it out with --camera" in CliRunner().invoke(app, ["read-touch", *options, "--camera", "0", "--watch"]).output
+    result = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--frames", "1"])
+    assert "--frames 1 ends --watch or --camera; leave it out" in result.output

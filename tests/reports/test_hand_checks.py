@@ -81,6 +81,15 @@ def test_trial_reports_the_number_of_grasps_and_a_remedy_if_there_is_none(tmp_pa
     assert "faults below" in lines[0]
     (fault,) = [line for line in lines if line.startswith("fault: ")]
     assert "palm.facing" in fault
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    for finger in described["fingers"]:  # into their links
+        finger["sensor"]["normal"] = [-number for number in finger["sensor"]["normal"]]
+    limits = Path(urdf).read_text().replace('<mimic joint="left_slide"/>', '<mimic joint="left_slide" multiplier="1.5"/>')
+    (tmp_path / "wide.urdf").write_text(limits)
+    path = edited("hand", "two_finger_gripper", tmp_path / "in.yaml", fingers=described["fingers"], urdf="wide.urdf")
+    text = "\n".join(check_file(str(path), tmp_path / "a.png"))
+    assert "no sensor touches the ball: do the sensors' normals point out of their links? Else let palm.facing" in text
+    assert "joint right_slide follows left_slide through 0.0105 … 0.105, beyond its own limits 0.007 … 0.07, which do not count" in text
 
 
 def test_trial_of_a_hand_with_palm_sensors_only_reports_when_they_touch(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
@@ -112,6 +113,16 @@ def test_images_show_object_and_hand() -> None:
 def test_hand_other_than_that_of_the_grasps_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"with hand other, render-vision.hand is allegro_right; leave it out, or set --set hand=other"):
         STAGE.check_inputs(VisionSettings(hand=HAND), {"grasps": {"settings": {"hand": "other"}, "hand": {"digest": "0" * 64}}})
+
+
+def test_recorded_hand_that_is_in_another_folder_is_named_with_the_way_out() -> None:
+    attributes = {"grasps": {"settings": {"hand": "two/h.yaml"}}}
+    words = r"the grasps record the hand 'two/h.yaml', a path from the folder where simulate-grasps ran; .*: run "
+    with pytest.raises(InvalidInput, match=words + "it there, or name the file with --set render-vision.hand=PATH"):
+        STAGE.resolve_settings(VisionSettings(), attributes)
+    assert STAGE.resolve_settings(VisionSettings(hand=HAND), attributes).hand == HAND
+    with pytest.raises(InvalidInput, match=words + "this command there"):
+        grasping_hand(attributes)
 
 
 def test_hand_whose_mesh_changed_since_the_grasps_is_refused(tmp_path) -> None:
