@@ -44,10 +44,11 @@ def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
         if name.startswith("scores/"):
             try:
                 check_origins(directory, [name])
+                settings = read_root(directory.verified_folder(name))["settings"]
             except StoreError as error:
                 yield name, str(error)
             else:
-                outdated = name == SHIPPED_SCORES and read_root(directory.verified_folder(name))["settings"]["weights"] != shipped_digest()
+                outdated = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
                 yield name, "another network ships now; measure it with `report --shipped`" if outdated else None
 
 

@@ -200,7 +200,7 @@ def _root(folder: Path) -> zarr.Group:
     except (OSError, ValueError, KeyError) as error:
         raise StoreError(f"{path} cannot be read as an evaluation ({error}); run evaluate first") from error
     if root.attrs.get("complete") is not True or root.attrs.get("schema_version") != VERSION:
-        raise StoreError(f"{path} is not complete, or not of schema version {VERSION}; run evaluate again")
+        raise StoreError(f"{path} is not complete, or not of schema version {VERSION}; run evaluate, or score, again")
     return root
 
 
@@ -210,7 +210,9 @@ def read_root(folder: Path) -> dict[str, Any]:
     try:
         _Root.model_validate(attributes)
     except ValidationError as error:
-        raise StoreError(f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate again") from error
+        raise StoreError(
+            f"{folder / TABLES_ZARR}: its attributes cannot be used: {invalid_entries(error)}; run evaluate, or score, again"
+        ) from error
     return attributes
 
 

@@ -22,7 +22,7 @@ from pipeline.errors import InvalidInput
 from pipeline.inference.predict import predict
 from pipeline.inference.score import files_digest
 from pipeline.reports.results import results_tables
-from pipeline.reports.training_seeds import scores
+from pipeline.reports.training_seeds import outdated_scores, scores
 from pipeline.store.directory import DataDirectory
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
@@ -222,6 +222,12 @@ def test_misplaced_reconstructions_are_measured_on_request(data, tmp_path):
     assert "--misplaced" in vt("score", tmp_path, data, "--name", "far", fails=True)
     vt("score", tmp_path, data, "--name", "far", "--misplaced")
     assert read_figures(scored(data, "far"))["far"].available("iou").tolist() == [0, 0, 0]
+
+
+def test_a_score_of_an_older_version_is_left_out_of_the_report(data, folder, monkeypatch):
+    vt("score", folder, data, "--name", "older")
+    monkeypatch.setattr("stages.evaluate.evaluation_files.VERSION", 99)
+    assert "not of schema version 99; run evaluate, or score, again" in outdated_scores(DataDirectory(data))["scores/older"]
 
 
 def test_open_reconstructions_do_not_raise_the_overlap_of_the_others(data, folder):
