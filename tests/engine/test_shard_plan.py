@@ -158,6 +158,32 @@ def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):
     assert plan_of(request(tmp_path, stage=TakeMean())).up_to_date()
 
 
+@pytest.mark.parametrize("moment", ["session", "constants"])
+def test_hand_or_sensor_file_that_changes_during_a_run_is_refused(tmp_path, monkeypatch, moment):
+    stage, file = MakeNoise(), tmp_path / "sensor.yaml"
+    file.write_text("old")
+    monkeypatch.setattr(stage, "assets", lambda settings: [file])
+    read = getattr(stage, moment)
+    with monkeypatch.context() as edited:
+        edited.setattr(stage, moment, lambda *given: (file.write_text("new"), read(*given))[1])
+        with pytest.raises(StageError, match=r"a file that make-noise reads .* changed meanwhile; run again"):
+            run(request(tmp_path / "data", stage=stage))
+    assert not len(published(tmp_path / "data"))
+    assert run(request(tmp_path / "data", stage=stage)) == 5
+
+
+def test_object_whose_file_changes_during_a_run_is_made_again(tmp_path, monkeypatch):
+    stage, file = MakeNoise(), tmp_path / "b.stl"
+    file.write_text("old")
+    items = [*objects(1), Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train")]
+    read = stage.session
+    with monkeypatch.context() as edited:
+        edited.setattr(stage, "session", lambda *given: (file.write_text("new"), read(*given))[1])
+        with pytest.raises(StageError, match="make-noise: files of b changed meanwhile; run again"):
+            run(request(tmp_path / "data", stage=stage, items=items))
+    assert run(request(tmp_path / "data", stage=stage, items=items)) == 1
+
+
 def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):
     run(request(tmp_path))
     x = Object("x", "letter", {"trouble": None, "name": "x"}, "train")
