@@ -271,6 +271,19 @@ def test_pipe_in_place_of_a_dataset_description_does_not_block_make(workplace):
     assert "./dataset.json is damaged" in workplace.make("-n", "dataset", "DATA=.").stderr
 
 
+def test_shards_of_a_dataset_without_its_description_or_below_home_are_all_made(workplace):
+    for record in ("surfaces/0000-of-0012.json", "grasps/0011-of-0012.json"):
+        (workplace.root / "d d" / record).parent.mkdir(parents=True)
+        (workplace.root / "d d" / record).touch()
+    numbers = re.compile("run 'render-vision' .* --shards 12 --shard '([0-9]+)'")
+    assert len(set(numbers.findall(workplace.make("-n", "dataset", "DATA=d d").stdout))) == 12
+    assert len(set(numbers.findall(workplace.make("-n", "dataset", "DATA=~/d d", HOME=str(workplace.root)).stdout))) == 12
+    (workplace.root / "d d" / "grasps" / "0000-of-0002.json").touch()
+    result = workplace.make("-n", "dataset", "DATA=d d")
+    assert result.returncode == 2
+    assert 'd d/dataset.json is missing; write {"shards": N} into it, N as the records are named: 2, 12' in result.stderr
+
+
 def test_shards_in_object_storage_are_read_by_the_installed_package(workplace):
     command = ("-n", "summary", "DATA=s3://bucket/'`touch canary`")
     workplace.program(workplace.root / ".venv" / "bin" / "python", f'[ "$3" = "s3://bucket/\'\\`touch {CANARY}\\`" ] && echo 2')
