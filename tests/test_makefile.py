@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from pipeline.cli.request import default_place
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
 from stages.registry import STAGES, load_settings_type, load_stage
@@ -240,6 +241,17 @@ def test_configurations_are_passed_to_every_stage(workplace):
         for call in calls:
             assert any(call[at : at + 2] == option for at in range(len(call)))
         workplace.log.unlink()
+
+
+@pytest.mark.parametrize("objects", ["/tmp/my meshes/big  set", "meshes/", "../a.b", "..", "my meshes, $(big)", "~/big set/."])
+@pytest.mark.parametrize("manifest", ["directory", "my lists/big  set.v2.yaml"])
+def test_default_data_directory_is_that_of_the_command(manifest, objects, tmp_path, monkeypatch):
+    (tmp_path / "a b" / "c d").mkdir(parents=True)
+    workplace = Workplace(tmp_path / "a b" / "c d")
+    assert workplace.make("summary", f"MANIFEST={manifest}", f"OBJECTS={objects}").returncode == 0
+    monkeypatch.chdir(workplace.root)
+    summary = next(call for call in workplace.calls() if call[0] == "summary")
+    assert summary == ["summary", str(default_place(manifest, Path(objects)) / "draft")]
 
 
 # ---- shards
