@@ -1,11 +1,12 @@
 """Object stages: skipped, resumed, split into shards, run by workers."""
 
+import errno
 import os
 import re
 import shutil
 import threading
 from pathlib import Path
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
+from pipeline.engine.run import run as run_plan
 from pipeline.engine.shard import pending_units
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
@@ -26,7 +28,21 @@ from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
 from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Average, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    MEAN,
+    Average,
+    Compare,
+    Halve,
+    MakeNoise,
+    TakeMean,
+    digest,
+    objects,
+    plan_of,
+    published,
+    request,
+    run,
+)
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -182,6 +198,17 @@ def test_object_whose_file_changes_during_a_run_is_made_again(tmp_path, monkeypa
         with pytest.raises(StageError, match="make-noise: files of b changed meanwhile; run again"):
             run(request(tmp_path / "data", stage=stage, items=items))
     assert run(request(tmp_path / "data", stage=stage, items=items)) == 1
+
+
+def test_data_directory_that_may_not_be_written_to_is_named(tmp_path, monkeypatch):
+    run(request(tmp_path))
+    plan = plan_of(request(tmp_path, settings={"samples": 7}))
+    for path in (plan.output.lock, plan.output.lock.parent):  # root may write anywhere
+        monkeypatch.setattr(
+            "pipeline.engine.run.exclusive_lock", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied", path))
+        )
+        with pytest.raises(StoreError, match=r"cannot be written: Permission denied; make .* writable, then run again"):
+            run_plan(plan, CONSOLE)
 
 
 def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):
