@@ -32,6 +32,10 @@ define newline
 endef
 comma   := ,
 space   := $(subst ,, )
+# functions of file names split at blanks
+blank   := <blank>
+filled   = $(subst $(space),$(blank),$(1))
+last-name = $(notdir $(call filled,$(abspath $(call filled,$(1)))))
 quoted   = '$(subst ','\'',$(1))'
 
 $(foreach name,$(VARIABLES),$(if $(findstring $(newline),$(value $(name))),$(error $(name) has a line break; write it on one line)))
@@ -46,7 +50,7 @@ $(if $(strip $(call no-digits,$(SEEDS))),$(error SEEDS is $(SEEDS); it must be w
 
 MANIFEST ?= toy
 PRESET   ?= draft
-DATA     ?= data/$(basename $(notdir $(MANIFEST)))$(if $(OBJECTS),-$(subst $(space),_,$(notdir $(abspath $(OBJECTS)))))/$(PRESET)
+DATA     ?= $(subst $(blank),$(space),data/$(basename $(notdir $(call filled,$(MANIFEST))))$(if $(OBJECTS),-$(call last-name,$(OBJECTS)))/$(PRESET))
 CONFIGURATIONS ?= none touch occluded occluded-touch unoccluded unoccluded-touch
 SEEDS    ?= 0
 VENV     ?= .venv

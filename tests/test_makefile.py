@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from pipeline.cli.request import default_place
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
 from stages.registry import STAGES, load_settings_type, load_stage
@@ -242,6 +243,17 @@ def test_configurations_are_passed_to_every_stage(workplace):
         workplace.log.unlink()
 
 
+@pytest.mark.parametrize("objects", ["/tmp/my meshes/big  set", "meshes/", "../a.b", "..", "my meshes, $(big)", "~/big set/."])
+@pytest.mark.parametrize("manifest", ["directory", "my lists/big  set.v2.yaml"])
+def test_default_data_directory_is_that_of_the_command(manifest, objects, tmp_path, monkeypatch):
+    (tmp_path / "a b" / "c d").mkdir(parents=True)
+    workplace = Workplace(tmp_path / "a b" / "c d")
+    assert workplace.make("summary", f"MANIFEST={manifest}", f"OBJECTS={objects}").returncode == 0
+    monkeypatch.chdir(workplace.root)
+    summary = next(call for call in workplace.calls() if call[0] == "summary")
+    assert summary == ["summary", str(default_place(manifest, Path(objects)) / "draft")]
+
+
 # ---- shards
 
 
@@ -269,6 +281,19 @@ def test_damaged_number_of_shards_is_refused_only_where_it_is_needed(shards, wor
 def test_pipe_in_place_of_a_dataset_description_does_not_block_make(workplace):
     os.mkfifo(workplace.root / "dataset.json")
     assert "./dataset.json is damaged" in workplace.make("-n", "dataset", "DATA=.").stderr
+
+
+def test_shards_of_a_dataset_without_its_description_or_below_home_are_all_made(workplace):
+    for record in ("surfaces/0000-of-0012.json", "grasps/0011-of-0012.json"):
+        (workplace.root / "d d" / record).parent.mkdir(parents=True)
+        (workplace.root / "d d" / record).touch()
+    numbers = re.compile("run 'render-vision' .* --shards 12 --shard '([0-9]+)'")
+    assert len(set(numbers.findall(workplace.make("-n", "dataset", "DATA=d d").stdout))) == 12
+    assert len(set(numbers.findall(workplace.make("-n", "dataset", "DATA=~/d d", HOME=str(workplace.root)).stdout))) == 12
+    (workplace.root / "d d" / "grasps" / "0000-of-0002.json").touch()
+    result = workplace.make("-n", "dataset", "DATA=d d")
+    assert result.returncode == 2
+    assert 'd d/dataset.json is missing; write {"shards": N} into it, N as the records are named: 2, 12' in result.stderr
 
 
 def test_shards_in_object_storage_are_read_by_the_installed_package(workplace):

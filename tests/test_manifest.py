@@ -185,6 +185,12 @@ def test_duplicate_object_names_are_an_error(tmp_path):
         manifest(drawn | {"seed": 0}, drawn | {"seed": 1}).objects()
 
 
+def test_name_that_cannot_name_an_object_is_refused_with_the_rule(tmp_path):
+    (tmp_path / "zarr.json.obj").write_text(CUBE)
+    with pytest.raises(InvalidInput, match=r"cannot name an object; .* the first no '\.', and not zarr\.json: rename it, or its file"):
+        manifest(folder("directory", tmp_path)).objects()
+
+
 def test_up_of_a_pybullet_file_overrides_that_of_its_source():
     files = {"duck": {"file": "duck.obj"}, "bunny": {"file": "bunny.obj", "up": "x"}}
     named = manifest({"kind": "pybullet", "licence": "x", "up": "y", "files": files})

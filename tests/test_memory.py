@@ -48,7 +48,10 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
             continue
         (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
         if isinstance(plan.output, ShardOutput):
-            units, work = [unit for unit in plan.units if not unit.failure], Work(stage, plan.settings, tmp_path, plan.model_digests)
+            units, work = (
+                [unit for unit in plan.units if not unit.failure],
+                Work(stage, plan.settings, tmp_path, plan.model_digests, plan.assets),
+            )
             with Dask() as executor:
                 usage = [usage_of_children() for _ in executor.run(work, units)]
             print(f"{name}: {usage[49]} at object 50, {usage[-1]} at object {len(usage)}")

@@ -3,6 +3,7 @@
 # has; nothing where neither says. The Makefile asks before anything is installed: only object storage needs VENV.
 set -eu
 data=$1 shards=$2 venv=$3 limit='a whole number, 1 to 9999'
+case $data in '~' | '~/'*) data=${HOME-}${data#'~'} ;; esac  # vt-pipeline does the same; not every shell has done it before
 
 fail() {
     printf '%s\n' "$1" >&2
@@ -25,5 +26,15 @@ elif [ -e "$data/dataset.json" ]; then
         shards=${shards#'{"shards":'} shards=${shards%'}'}
     fi
     in_range "$shards" || fail "$data/dataset.json is damaged: it must be {\"shards\": N}, N $limit, as the records of its shards are named"
+else  # it was lost: the names of the records tell
+    for record in "$data"/*/[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json; do
+        number=${record##*-of-} number=${number%.json}
+        number=${number#"${number%%[!0]*}"}
+        if [ -e "$record" ] && [ "$number" != "$shards" ]; then
+            [ -z "$shards" ] || fail "$data/dataset.json is missing; write {\"shards\": N} into it, N as the records are named: $shards, $number"
+            shards=$number
+        fi
+    done
+    [ -z "$shards" ] || in_range "$shards" || fail "$data has a record of $shards shards; it must be $limit"
 fi
 [ -z "$shards" ] || seq -s ' ' 0 $((shards - 1))

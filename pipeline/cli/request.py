@@ -154,4 +154,4 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
 
 def default_place(manifest: str, objects: Path | None) -> Path:
     """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
-    return Path("data") / (Path(manifest).stem + (f"-{objects.absolute().name}" if objects else ""))
+    return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))

@@ -200,7 +200,7 @@ def _check_names(objects: Sequence[Object]) -> None:
     """Refuse invalid and repeated names of objects, which are sorted by id."""
     for item in objects:
         if not OBJECT_ID.fullmatch(item.object_id):
-            rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.': rename it, or its file"
+            rule = "up to 120 letters, digits, '.', '_', '-' can, the first no '.', and not zarr.json: rename it, or its file"
             raise InvalidInput(f"{item.object_id!r} cannot name an object; {rule}")
         without_controls(item.category)
         if not item.category.strip():

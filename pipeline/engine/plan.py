@@ -142,10 +142,14 @@ class Plan(Generic[Output]):
         return self.request.retry and self.request.only in (None, unit.name)
 
     @cached_property
+    def assets(self) -> str:
+        """The digest of the data files that the stage reads, as they were when it was first asked for."""
+        with description_errors(self.stage):
+            return keys.assets_digest(self.stage.assets(self.settings))
+
+    @cached_property
     def stage_key(self) -> str:
         """The hash of what all objects' rows depend on: code, settings, seed, data files and models."""
-        with description_errors(self.stage):
-            assets = keys.assets_digest(self.stage.assets(self.settings))
         return digest.of_json(
             {
                 "stage": self.stage.name,
@@ -153,7 +157,7 @@ class Plan(Generic[Output]):
                 "code": keys.code_hash(self.stage),
                 "settings": self.settings.results(),
                 "seed": self.request.seed,
-                "assets": assets,
+                "assets": self.assets,
                 "models": self.model_digests,
             }
         )

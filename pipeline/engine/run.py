@@ -89,7 +89,8 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     StageError
         The stage cannot work here, or a hand, sensor or scene file cannot be used.
     StoreError
-        Another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full disk).
+        Another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full disk,
+        a directory that may not be written to).
     BugFound
         Processing an object raised an unexpected exception.
     """
@@ -105,10 +106,12 @@ def run(plan: Plan[Any], console: Console) -> Summary:
             raise
         return Summary()  # another run, on another machine, has made the same meanwhile
     except Exception as error:
-        if not is_machine_fault(error):
+        locked_out = isinstance(error, PermissionError) and str(plan.output.lock).startswith(str(error.filename))  # or from a folder of it
+        if not is_machine_fault(error) and not locked_out:
             raise
         if isinstance(error, OSError):
-            why = f"{error.strerror}; {'make room there' if error.errno in NO_ROOM else 'fix that'}"
+            remedy = f"make {plan.directory.root} writable" if locked_out else "make room there" if error.errno in NO_ROOM else "fix that"
+            why = f"{error.strerror}; {remedy}"
         else:
             why = f"{first_line(error)}; see that it is reachable"
         raise StoreError(f"{plan.path} cannot be written: {why}, then run again: what is finished is kept") from error

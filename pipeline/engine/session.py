@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 
-from pipeline.config.settings import ObjectSettings
+from pipeline.config.settings import ObjectSettings, Settings
 from pipeline.console import visible
+from pipeline.engine import keys
 from pipeline.engine.stage import ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.engine.versions import processor
@@ -27,12 +28,13 @@ MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retr
 
 @dataclass(frozen=True)
 class Work:
-    """The parameters that the processes of a run share; `models` are digests by name."""
+    """The parameters that the processes of a run share; `models` are digests by name, `assets` that of data files as planned."""
 
     stage: ObjectStage
     settings: ObjectSettings
     data: Place
     models: Mapping[str, str]
+    assets: str
 
     def rows(self) -> RowFiles:
         """Return the row files that wait to be published."""
@@ -46,7 +48,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
     Raises
     ------
     StageError
-        It cannot be opened: nothing is wrong with any object.
+        It cannot be opened, or its data files are not those of the plan: nothing is wrong with any object.
     StoreError
         An input is damaged.
     """
@@ -59,6 +61,7 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
                     raise StoreError(f"{directory.folder_path(name)} was replaced meanwhile; run again")
             models = {name: directory.verified_folder(name) for name in work.models}
             process = stack.enter_context(work.stage.session(work.settings, models))
+            check_assets(work.stage, work.settings, work.assets)  # after they were read
         except Exception as error:
             raise _cannot_start(work.stage, error) from error
 
@@ -81,6 +84,14 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
             return rows.save(Result(name=unit.name, key=unit.key, seconds=seconds, processor=kind, failure=failure), row, unit.category)
 
         yield make
+
+
+def check_assets(stage: ObjectStage, settings: Settings, planned: str) -> None:
+    """Raise a `StageError` if a hand, sensor or scene file is no longer the planned one: keys would name a file that made nothing."""
+    with suppress(InvalidInput, OSError):  # it was removed, or cannot be used any more
+        if keys.assets_digest(stage.assets(settings)) == planned:
+            return
+    raise StageError(f"a file that {stage.name} reads (of its hand, sensor or scene) changed meanwhile; run again")
 
 
 def record_crash(work: Work, unit: Unit, reason: str) -> Result:

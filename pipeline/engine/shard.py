@@ -15,10 +15,10 @@ from pipeline.config.settings import ObjectSettings
 from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
-from pipeline.engine.session import Work
+from pipeline.engine.session import Work, check_assets
 from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.engine.unit import Unit
-from pipeline.errors import BugFound, InvalidInput, StoreError
+from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
@@ -227,20 +227,31 @@ def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
 
 
 def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> Iterator[Result]:
-    """Process units; raise a bug in one of them at the end, when the others are done."""
-    work, bugs = Work(plan.stage, cast(ObjectSettings, plan.settings), plan.request.data, plan.model_digests), []
+    """Process units; raise a bug in one of them, or the change of a file, at the end, when the others are done."""
+    work = Work(plan.stage, cast(ObjectSettings, plan.settings), plan.request.data, plan.model_digests, plan.assets)
+    bugs, changed, planned = [], [], {unit.name: unit for unit in units}
     with Meter(console, plan.stage.name, len(units), "objects") as meter:
         for result in plan.request.executor.run(work, units) if units else ():
             meter.advance()
             _check_strictness(plan, result)
             if result.bug:
                 bugs.append(result)
+            elif _source_changed(plan, planned[result.name]):
+                plan.output.rows.discard(result.name, result.key)
+                changed.append(result.name)
             yield result
     if bugs:
         raise BugFound(
             f"{plan.stage.name}: processing {', '.join(result.name for result in bugs)} met a bug in vt-pipeline, not a fault "
             f"of the objects. Please report it with this traceback; to continue, leave the objects out of the manifest.\n{bugs[0].bug}"
         )
+    if changed:
+        raise StageError(f"{plan.stage.name}: files of {abbreviate(changed)} changed meanwhile; run again: what is finished is kept")
+
+
+def _source_changed(plan: Plan[ShardOutput], unit: Unit) -> bool:
+    """Check whether a file of an object is no longer the one in its key: its row may be of either."""
+    return _unit(plan, Object(unit.name, unit.category, dict(unit.source), unit.split)).key != unit.key
 
 
 def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
@@ -275,6 +286,7 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         **stage.attributes(plan.settings),
     }
     constants = conform(output.artifact, _labels(plan) | stage.constants(plan.settings), constants=True)
+    check_assets(stage, plan.settings, plan.assets)  # attributes and constants were read just now
     record = ShardRecord(
         **plan.provenance(),
         schema_version=output.artifact.version,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 from pipeline.errors import StoreError
 from pipeline.store import digest
-from pipeline.store.record import Failure, RowRecord
+from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.shard import RowView, Shard
 from pipeline.store.storage import Place
 from schemas.base import Artifact
@@ -73,21 +74,35 @@ class Collection:
     def _not_made(self) -> str:
         return f"{self.folder} has not been made; run `vt-pipeline run {self.artifact.stage}` first"
 
-    @property
+    @cached_property
     def first(self) -> Shard:
-        """Return the first shard with a row: others lack sizes. Attributes and constants are the same in all shards.
+        """Return the first shard with a row: others lack sizes. Settings, attributes and constants are the same in all shards.
 
         Raises
         ------
         StoreError
-            No shard is published, or constants differ between shards.
+            No shard is published, or settings, seed, models or constants differ between shards.
         """
         if not self.shards:
             raise StoreError(self._not_made)
-        if len({shard.record.constants_digest for shard in self.shards}) > 1:
-            stage = self.shards[0].record.stage
-            raise StoreError(f"{self.folder} has shards of different scenes or sensors; run `vt-pipeline run {stage}` for all shards")
+        for shard in self.shards[1:]:
+            self._refuse_difference(self.shards[0].record, shard.record)
         return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
+
+    def _refuse_difference(self, one: ShardRecord, other: ShardRecord) -> None:
+        """Refuse two shards that do not belong together."""
+        remedy = f"run `vt-pipeline run {one.stage}` for all shards"
+        made, made_otherwise = _made_with(one), _made_with(other)
+        names = [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]
+        if names:
+            differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
+            first_shard, other_shard = (record.location.rpartition("-")[0] for record in (one, other))
+            raise StoreError(
+                f"{self.folder}: its shards {first_shard} and {other_shard} were made with different settings ({'; '.join(differences)}); "
+                f"{remedy} with the same --preset, --set and --seed"
+            )
+        if one.constants_digest != other.constants_digest:
+            raise StoreError(f"{self.folder} has shards of different scenes or sensors; {remedy}")
 
     def processors(self) -> Counter[str]:
         """Count the rows by the kind of processor that computed them."""
@@ -109,3 +124,9 @@ class Collection:
         rows = [(name, row.split, row.digest) for name in self if (row := self.row(name)).split in split_names]
         constants = sorted({shard.record.constants_digest for shard in self.shards})
         return digest.of_json({"rows": rows, "constants": constants})
+
+
+def _made_with(record: ShardRecord) -> dict[str, str]:
+    """List the settings, seed and models that a shard was made with, as texts that fit into a message."""
+    settings = {name: json.dumps(value, sort_keys=True) for name, value in record.settings.items()}
+    return {**settings, "--seed": str(record.seed), **{name: made_of[:16] for name, made_of in record.models.items()}}

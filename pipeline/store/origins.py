@@ -19,12 +19,13 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
     names
         Of artifacts and folders.
     objects
-        Check the rows of these objects alone; by default, of all.
+        Check the rows of these objects alone: their shards may be remade before others. By default, of all, which must belong together.
 
     Raises
     ------
     StoreError
-        One was made from something else, or has other splits; the message names both, and what to run again.
+        One was made from something else, has other splits, or shards that were made with different settings; the message names both, and
+        what to run again.
     """
     checked: set[str] = set()
     waiting = list(names)
@@ -38,6 +39,8 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
 def _check_artifact(directory: DataDirectory, name: str, objects: Container[str] | None) -> list[str]:
     """Check an artifact; return the names of its inputs."""
     collection = directory.collection(ARTIFACTS[name])
+    if objects is None and collection.shards:
+        collection.first  # noqa: B018 (an error where shards were made with different settings, scenes or sensors)
     used: set[str] = set()
     for shard in collection.shards:
         again = f"run {shard.record.stage} again"

@@ -138,7 +138,7 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
 def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:
     """Check that the shards of an artifact belong together, and were made from the current inputs."""
     collection = directory.collection(ARTIFACTS[name])
-    collection.first  # noqa: B018 (an error where shards were made with different scenes or sensors)
+    collection.first  # noqa: B018 (an error where shards were made with different settings, scenes or sensors)
     if lacking := list(collection.missing):
         stage = collection.first.record.stage
         yield f"{pluralise(len(lacking))} of the manifest not made yet ({abbreviate(lacking)}); run {stage} without --object"

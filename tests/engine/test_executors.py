@@ -72,7 +72,7 @@ def test_workers_close_sessions_in_the_thread_that_opened_them(tmp_path):
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
     plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, tmp_path, {})
+    work = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets)
     units = plan.units
     with Dask() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
@@ -84,7 +84,7 @@ def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
 
 def test_no_more_workers_start_than_there_are_units(tmp_path):
     plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, tmp_path, {})
+    work = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets)
     with Dask(3) as executor:
         list(executor.run(work, plan.units[:1]))
         assert len(executor._connect(1).nthreads()) == 1
@@ -163,7 +163,7 @@ def test_out_of_memory_fails_the_object_and_the_others_are_processed(tmp_path):
 @pytest.mark.slow
 def test_worker_without_a_nanny_is_replaced(tmp_path):
     plan = plan_of(request(tmp_path))
-    work, units = Work(plan.stage, plan.settings, tmp_path, {}), plan.units
+    work, units = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets), plan.units
     with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
         executor._connect(1).cluster.sync(executor._connect(1).cluster.workers[0].close)
@@ -211,7 +211,7 @@ def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     cluster.start()
     try:
         with Dask(scheduler=cluster.address) as executor:
-            results = executor.run(Work(plan.stage, plan.settings, tmp_path / "there", {}), plan.units)
+            results = executor.run(Work(plan.stage, plan.settings, tmp_path / "there", {}, plan.assets), plan.units)
             done = {next(results).name, next(results).name}
             cluster.kill()
             cluster.start()

@@ -1,28 +1,48 @@
 """Object stages: skipped, resumed, split into shards, run by workers."""
 
+import errno
 import os
+import re
 import shutil
 import threading
 from pathlib import Path
-from unittest.mock import patch
+from unittest.mock import Mock, patch
 
 import numpy as np
 import pytest
 
 from pipeline.config.manifest import Object
+from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast
+from pipeline.engine.run import run as run_plan
 from pipeline.engine.shard import pending_units
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
+from pipeline.reports.status import read_account
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
+from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Compare, Halve, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    MEAN,
+    Average,
+    Compare,
+    Halve,
+    MakeNoise,
+    TakeMean,
+    digest,
+    objects,
+    plan_of,
+    published,
+    request,
+    run,
+)
 
 
 def stamps(folder: Path) -> dict[Path, int]:
@@ -122,6 +142,29 @@ def test_shard_needs_only_its_own_shard_of_the_inputs(tmp_path):
     assert not any(problems_below(tmp_path).values())
 
 
+def test_shards_with_different_settings_are_refused_until_all_are_made_again(tmp_path):
+    for settings in ({}, {"samples": 7}):
+        for stage in (MakeNoise(), TakeMean()):
+            run(request(tmp_path, stage=stage, settings=settings, shards=2), 0 if settings else None)
+    expected = "noise: its shards 0000-of-0002 and 0001-of-0002 were made with different settings (samples 7 and 50); run `vt-pipeline run "
+    with pytest.raises(StoreError, match=re.escape(expected + "make-noise` for all shards with the same --preset, --set and --seed")):
+        open_artifact(tmp_path, "noise")
+    with pytest.raises(StoreError, match="different settings"):
+        plan_of(request(tmp_path, stage=Average()))
+    with pytest.raises(StoreError, match="different settings"):
+        list(reshard(DataDirectory(tmp_path), 1))
+    assert [expected in line for line in problems_below(tmp_path)[tmp_path / "noise"]] == [True]
+    assert [expected in str(artifact.stale) for artifact in read_account(tmp_path).artifacts] == [True, False]
+    run(request(tmp_path, settings={"samples": 7}), 1)
+    with pytest.raises(StoreError, match=r"mean: its shards .* different settings"):
+        check_origins(DataDirectory(tmp_path), ["mean"])
+    run(request(tmp_path, stage=TakeMean(), settings={"samples": 7}), 1)
+    assert not any(problems_below(tmp_path).values())
+    run(request(tmp_path, settings={"samples": 7}, seed=1), 0)
+    with pytest.raises(StoreError, match=r"different settings .--seed 1 and 0."):
+        check_origins(DataDirectory(tmp_path), ["noise"])
+
+
 def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):
     for stage in (MakeNoise(), TakeMean(), MakeNoise(asset="finger")):
         run(request(tmp_path, stage=stage))
@@ -129,6 +172,43 @@ def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):
     assert run(request(tmp_path, stage=TakeMean())) == 0
     assert published(tmp_path, MEAN).first.read("sensor").tolist() == ["finger"]
     assert plan_of(request(tmp_path, stage=TakeMean())).up_to_date()
+
+
+@pytest.mark.parametrize("moment", ["session", "constants"])
+def test_hand_or_sensor_file_that_changes_during_a_run_is_refused(tmp_path, monkeypatch, moment):
+    stage, file = MakeNoise(), tmp_path / "sensor.yaml"
+    file.write_text("old")
+    monkeypatch.setattr(stage, "assets", lambda settings: [file])
+    read = getattr(stage, moment)
+    with monkeypatch.context() as edited:
+        edited.setattr(stage, moment, lambda *given: (file.write_text("new"), read(*given))[1])
+        with pytest.raises(StageError, match=r"a file that make-noise reads .* changed meanwhile; run again"):
+            run(request(tmp_path / "data", stage=stage))
+    assert not len(published(tmp_path / "data"))
+    assert run(request(tmp_path / "data", stage=stage)) == 5
+
+
+def test_object_whose_file_changes_during_a_run_is_made_again(tmp_path, monkeypatch):
+    stage, file = MakeNoise(), tmp_path / "b.stl"
+    file.write_text("old")
+    items = [*objects(1), Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train")]
+    read = stage.session
+    with monkeypatch.context() as edited:
+        edited.setattr(stage, "session", lambda *given: (file.write_text("new"), read(*given))[1])
+        with pytest.raises(StageError, match="make-noise: files of b changed meanwhile; run again"):
+            run(request(tmp_path / "data", stage=stage, items=items))
+    assert run(request(tmp_path / "data", stage=stage, items=items)) == 1
+
+
+def test_data_directory_that_may_not_be_written_to_is_named(tmp_path, monkeypatch):
+    run(request(tmp_path))
+    plan = plan_of(request(tmp_path, settings={"samples": 7}))
+    for path in (plan.output.lock, plan.output.lock.parent):  # root may write anywhere
+        monkeypatch.setattr(
+            "pipeline.engine.run.exclusive_lock", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied", path))
+        )
+        with pytest.raises(StoreError, match=r"cannot be written: Permission denied; make .* writable, then run again"):
+            run_plan(plan, CONSOLE)
 
 
 def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):

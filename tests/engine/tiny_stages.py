@@ -221,7 +221,7 @@ def run(wanted: Request, shard: int | None = None) -> int:
 def leave_row(wanted: Request, name: str) -> None:
     """Finish the row of one object without publishing it, as a killed run does."""
     plan = plan_of(wanted)
-    work = Work(plan.stage, plan.settings, wanted.data, plan.model_digests)
+    work = Work(plan.stage, plan.settings, wanted.data, plan.model_digests, plan.assets)
     list(Serial().run(work, [unit for unit in plan.units if unit.name == name]))
 
 

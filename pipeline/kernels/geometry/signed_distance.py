@@ -14,6 +14,9 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 INSIDE_WINDING = 0.5
 """Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
 
+BALANCED = 1e-9
+"""Share of the parts' volume below which their sum is rounding: as much is wound one way as the other, and the largest part decides."""
+
 
 def signed_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:
     """Compute signed distances to a mesh: positive outside, negative inside.
@@ -95,7 +98,9 @@ def _turn_inverted_parts(vertices: Points, faces: NDArray[np.int64], positions: 
     if count == 1:
         return faces
     volumes = np.bincount(part, np.linalg.det(vertices[faces] - vertices.mean(axis=0)), count)  # six times those of closed parts
-    turned = ((volumes * volumes.sum() < 0) & _are_closed(positions, part))[part]
+    total, largest = volumes.sum(), volumes[np.abs(volumes).argmax()]
+    most = total if abs(total) > BALANCED * np.abs(volumes).sum() else largest  # a mirrored half has exactly the opposite volume
+    turned = ((volumes * most < 0) & _are_closed(positions, part))[part]
     if not turned.any():
         return faces
     corners, within = np.unique(faces[turned]), np.zeros(len(vertices), bool)

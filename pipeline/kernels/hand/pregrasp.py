@@ -15,6 +15,8 @@ DIFFERENCE_STEP = 1e-5
 """rad, step of the finite differences."""
 DAMPING = 1e-3
 """m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
+LIMIT_DAMPING = 1e-2
+"""m, the same where joints meet their limits: what the others can do alone is mostly sideways, and takes angles that are not small."""
 
 
 def tangent_palm_pose(
@@ -95,8 +97,8 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
 
     Notes
     -----
-    One damped least-squares step with the Jacobian of the sensors' positions: right to first order only. A finger with several sensors
-    takes the mean of their steps.
+    One damped least-squares step with the Jacobian of the sensors' positions, within the limits: right to first order only. Where a joint
+    meets its limit, the finger's others do what they can of its share. A finger with several sensors takes the mean of their steps.
     """
     home = np.eye(4)
     poses = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
@@ -105,9 +107,31 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
     opened = np.repeat(joint_angles[None], len(distances), axis=0)
     for finger in hand.fingers:
         joints = list(finger.joints)
+        least, most = (joint_angles[joints] - limit[joints] for limit in (hand.upper, hand.lower))
         for s in finger.sensors:
-            finger_jacobian = jacobian[s][:, joints]
             for row, distance in enumerate(distances):
-                step = solve_3x3(compose(finger_jacobian, finger_jacobian.T) + DAMPING**2 * np.eye(3), distance * poses[s, :3, 2])
-                opened[row, joints] -= (finger_jacobian * step[:, None]).sum(axis=0) / len(finger.sensors)
+                step = _bounded_step(jacobian[s][:, joints], distance * poses[s, :3, 2], least, most)
+                opened[row, joints] -= step / len(finger.sensors)
     return np.clip(opened, hand.lower, hand.upper)
+
+
+def _bounded_step(
+    jacobian: NDArray[np.float64], target: NDArray[np.float64], least: NDArray[np.float64], most: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Find the step (J,) between two bounds that minimises |jacobian step - target|² + damping² |step|²; the jacobian is (3, J).
+
+    Murty's principal pivoting: joints are held at a bound, or freed, one at a time, until each has the step that the remaining force asks
+    of it, or the bound that stops it. It is exact, and unlike scipy's solvers needs no LAPACK, whose rounding depends on the processor.
+    """
+    held, damping = np.zeros(len(least)), DAMPING  # -1 at the least step, 1 at the most
+    for _ in range(10 * len(least)):  # rounding could let a joint exactly at its bound change for ever
+        free, bound = jacobian * (held == 0), np.where(held < 0, least, np.where(held > 0, most, 0.0))
+        rest = target - compose(jacobian, bound[:, None])[:, 0]
+        force = solve_3x3(compose(free, free.T) + damping**2 * np.eye(3), rest)
+        wanted = (jacobian * force[:, None]).sum(axis=0)
+        wrong = np.flatnonzero(held != (asked := np.sign(wanted - np.clip(wanted, least, most))))
+        if not len(wrong):
+            break
+        damping = LIMIT_DAMPING
+        held[wrong[0]] = asked[wrong[0]] if held[wrong[0]] == 0 else 0
+    return np.asarray(np.clip(wanted, least, most))

@@ -55,6 +55,17 @@ def test_parts_that_overlap_may_be_wound_against_each_other(turned):
     np.testing.assert_allclose(signed_distances(queries, *_joined(parts, turned)), expected, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("shift", [0.0, 0.1, 1 / 3])  # the sum of the volumes is 0, or is rounding
+def test_overlap_of_a_half_and_its_mirror_image_is_inside(shift):
+    half = BALL.copy().apply_translation([0.65, 0, 0])
+    vertices = np.concatenate([half.vertices, half.vertices * [-1, 1, 1]]) + shift
+    faces = np.concatenate([half.faces, half.faces + len(half.vertices)])
+    right = np.concatenate([half.faces, half.faces[:, ::-1] + len(half.vertices)])
+    queries = points(500, 1.5)
+    np.testing.assert_allclose(signed_distances(queries, vertices, faces), signed_distances(queries, vertices, right), rtol=0, atol=1e-12)
+    assert signed_distances(np.full((1, 3), shift), vertices, faces)[0] < 0
+
+
 @pytest.mark.parametrize("turned", [(False, True), (True, False)])
 def test_a_closed_part_within_another_that_is_wound_against_it_is_a_cavity(turned):
     queries = points(500, 1.2)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import lsq_linear
 
 from pipeline.formats.hand_file import load_hand
+from pipeline.kernels.hand import pregrasp
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.pregrasp import pregrasp_angles, tangent_palm_pose
@@ -29,6 +31,36 @@ def test_pregrasp_stays_within_joint_limits(seed, distance) -> None:
     still, opened = pregrasp_angles(HAND, angles, [0.0, distance])
     assert ((opened >= HAND.lower) & (opened <= HAND.upper)).all()
     np.testing.assert_array_equal(still, angles)
+
+
+@pytest.mark.parametrize("distance", [-0.002, 0.006])
+def test_other_joints_take_the_share_of_one_at_its_limit(distance) -> None:
+    angles, thumb = (HAND.lower + HAND.upper) / 2, list(HAND.fingers[3].joints)
+    angles[thumb] = [1.386, 0.3554, -0.0359, -0.152]  # clipped after the step, the thumb went 7.6 mm forward, 3 mm forward
+    before, after = (sensor_poses(HAND, np.eye(4), q)[3] for q in (angles, pregrasp_angles(HAND, angles, [distance])[0]))
+    assert (after[:3, 3] - before[:3, 3]) @ before[:3, 2] == pytest.approx(-distance, rel=0.1)
+
+
+@given(seed=seeds, distance=st.floats(-0.01, 0.01))
+def test_sensor_never_gets_further_from_its_goal(seed, distance) -> None:
+    angles = np.clip(np.random.default_rng(seed).uniform(HAND.lower - 0.3, HAND.upper + 0.3), HAND.lower, HAND.upper)
+    before, after = (sensor_poses(HAND, np.eye(4), q) for q in (angles, pregrasp_angles(HAND, angles, [distance])[0]))
+    missed = after[:, :3, 3] - before[:, :3, 3] + distance * before[:, :3, 2]
+    assert np.linalg.norm(missed, axis=1).max() <= abs(distance) + 1e-6
+
+
+@given(seed=seeds)
+def test_step_is_the_best_within_its_bounds(seed) -> None:
+    rng = np.random.default_rng(seed)
+    jacobian, target = 0.06 * rng.normal(size=(3, 4)), 0.004 * rng.normal(size=3)
+    least, most = (sign * rng.exponential(0.03, 4) * (rng.random(4) < 0.7) + sign * 1e-9 for sign in (-1, 1))
+    step = pregrasp._bounded_step(jacobian, target, least, most)
+    matrix, goal = np.vstack([jacobian, pregrasp.LIMIT_DAMPING * np.eye(4)]), np.r_[target, np.zeros(4)]
+    best = lsq_linear(matrix, goal, (least, most), method="bvls", tol=1e-15).x
+    if ((step == least) | (step == most)).any():
+        cost, least_cost = (((matrix @ joints - goal) ** 2).sum() for joints in (step, best))
+        assert cost <= least_cost * (1 + 1e-9) + 1e-15
+    assert ((least <= step) & (step <= most)).all()
 
 
 @given(seed=seeds, size=st.floats(1e-3, 1e3), distance=st.floats(-1, 1), angle=st.floats(-10, 10))
