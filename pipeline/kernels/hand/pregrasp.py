@@ -124,7 +124,7 @@ def _bounded_step(
     of it, or the bound that stops it. It is exact, and unlike scipy's solvers needs no LAPACK, whose rounding depends on the processor.
     """
     held, damping = np.zeros(len(least)), DAMPING  # -1 at the least step, 1 at the most
-    for _ in range(10 * len(least)):  # rounding could let a joint exactly at its bound change for ever
+    for _ in range(1 + 10 * len(least)):  # rounding could let a joint exactly at its bound change for ever
         free, bound = jacobian * (held == 0), np.where(held < 0, least, np.where(held > 0, most, 0.0))
         rest = target - compose(jacobian, bound[:, None])[:, 0]
         force = solve_3x3(compose(free, free.T) + damping**2 * np.eye(3), rest)
