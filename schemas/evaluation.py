@@ -43,19 +43,6 @@ QUALITY = {
 }
 """Unit and meaning of the figures of surface quality with one grasp, the first one: Chamfer distance does not measure it."""
 
-CLOSED = {
-    "watertight": (
-        "1",
-        "1 where each edge of the surface, or of a closed mesh of it, has two faces, else 0; none of charts that are not closed.",
-    ),
-    "iou": (
-        "1",
-        "Volume inside both this surface and the object over that inside either; 0 of open ones, none of objects without an inside.",
-    ),
-}
-"""Likewise, of closed surfaces."""
-SURFACE_METRICS = frozenset((*QUALITY, *CLOSED))
-
 METRICS = {
     "mean_distance": ("m", "Mean nearest distance, the mean of both directions'."),
     "f_5mm": ("1", "F-score at 5 mm: harmonic mean of the shares of predicted and of true points within it of the other surface."),
@@ -67,7 +54,14 @@ METRICS = {
     "scaled_chamfer": ("1", "Chamfer distance × 1000 in the unit of Table 4, of single images."),
     "local_chamfer_1": ("m2", "Mean squared distance to the prediction of the true points in the first ring around a touch; `_2`, …"),
     **QUALITY,
-    **CLOSED,
+    "watertight": (
+        "1",
+        "1 where each edge of the surface, or of a closed mesh of it, has two faces, else 0; none of charts that are not closed.",
+    ),
+    "iou": (
+        "1",
+        "Volume inside both this surface and the object over that inside either; 0 of open ones, none of objects without an inside.",
+    ),
 }
 """Unit and meaning of each metric."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,16 @@ def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
         The hand's file is not there, or as `load_hand`.
     """
     name = attributes.get("vision", attributes["grasps"])["settings"]["hand"]
-    check_is_there(name, "run this command there")
+    check_is_there(name, "put it there, or run render-vision again with its path")
     return load_hand(name)
 
 
 def check_is_there(name: str, remedy: str) -> None:
-    """Raise an `InvalidInput` with a remedy if the file of a hand that stored grasps name is not there, perhaps in another folder."""
-    if Path(name).suffix in (".yaml", ".yml") and not Path(name).expanduser().is_file():
-        origin = "" if Path(name).expanduser().is_absolute() else ", a path from the folder where simulate-grasps ran"
-        raise InvalidInput(f"the grasps record the hand {name!r}{origin}; there is no such file here: {remedy}")
+    """Raise an `InvalidInput` with a remedy if the hand's file that a dataset records is not there: its path may be of another folder."""
+    path = Path(os.path.expanduser(name))  # pathlib raises for unknown users
+    if path.suffix in (".yaml", ".yml") and not path.is_file():
+        where = "" if path.is_absolute() else ", a path from the folder where it was made: run this there, or"
+        raise InvalidInput(f"the dataset records the hand {name!r}{where or ', which is not there:'} {remedy}")
 
 
 def grasping_sensors(attributes: Mapping[str, Mapping[str, Any]]) -> tuple[Sensor, ...]:

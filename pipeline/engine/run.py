@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -106,7 +107,8 @@ def run(plan: Plan[Any], console: Console) -> Summary:
             raise
         return Summary()  # another run, on another machine, has made the same meanwhile
     except Exception as error:
-        locked_out = isinstance(error, PermissionError) and str(plan.output.lock).startswith(str(error.filename))  # or from a folder of it
+        lock = plan.output.lock
+        locked_out = isinstance(error, PermissionError) and error.filename and Path(error.filename) in (lock, *lock.parents)
         if not is_machine_fault(error) and not locked_out:
             raise
         if isinstance(error, OSError):

@@ -233,12 +233,13 @@ def _process(plan: Plan[ShardOutput], units: list[Unit], console: Console) -> It
     with Meter(console, plan.stage.name, len(units), "objects") as meter:
         for result in plan.request.executor.run(work, units) if units else ():
             meter.advance()
-            _check_strictness(plan, result)
             if result.bug:
                 bugs.append(result)
             elif _source_changed(plan, planned[result.name]):
                 plan.output.rows.discard(result.name, result.key)
                 changed.append(result.name)
+            else:
+                _check_strictness(plan, result)
             yield result
     if bugs:
         raise BugFound(

@@ -84,8 +84,8 @@ def trainings_table(folders: Sequence[Path]) -> list[Table]:
     seeds, uneven = max(counts), len(counts) > 1
     columns = ["model", "mean", "each training", "median", "most grasps", "baseline", *(label for label, _ in QUALITY_UNITS.values())]
     title = (
-        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, {seeds} training{'s' * (seeds > 1)} of each network"
-        f"{' at most' * uneven}; intervals over objects and trainings; surfaces: medians over objects"
+        f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m², with one grasp, whichever is the first, {seeds} training{'s' * (seeds > 1)} of each "
+        f"network{' at most' * uneven}; intervals over objects and trainings; surfaces: medians over objects"
     )
     formats = ["", ".3f", ".2f", ".3f", ".3f", "", *[".3g"] * len(QUALITY_UNITS)]
     note = (

@@ -92,9 +92,9 @@ class Collection:
     def _refuse_difference(self, one: ShardRecord, other: ShardRecord) -> None:
         """Refuse two shards that do not belong together."""
         remedy = f"run `vt-pipeline run {one.stage}` for all shards"
-        made, made_otherwise = _made_with(one), _made_with(other)
-        names = [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]
-        if names:
+        if (one.settings, one.seed, one.models) != (other.settings, other.seed, other.models):
+            made, made_otherwise = _made_with(one), _made_with(other)
+            names = [name for name in {**made, **made_otherwise} if made.get(name) != made_otherwise.get(name)]
             differences = [f"{name} {made.get(name, 'unset')} and {made_otherwise.get(name, 'unset')}" for name in names]
             first_shard, other_shard = (record.location.rpartition("-")[0] for record in (one, other))
             raise StoreError(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from pipeline.console import Table, abbreviate, pluralise
+from pipeline.console import Table, abbreviate
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 from stages.evaluate.settings import SHIPPED_ROWS
@@ -27,15 +27,16 @@ def difference(folder: Path, other: Path) -> str | None:
     return None if our_ids == their_ids else f"other objects ({abbreviate(sorted({*our_ids} ^ {*their_ids}) or their_ids)})"
 
 
-def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures], list[Table]]:
+def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures], set[int] | None]:
     """Read the figures of an evaluation and of the scores that may be compared with it.
 
-    Scores with another setting, seed or other objects are left out. Of each number of grasps, only the first grasps that all have are kept:
-    one grasp tells more than another.
+    Scores with another setting, seed or other objects are left out.
 
     Returns
     -------
-    The inputs of each network and method, by name; the figures by name, with those of the baselines; and what was left out, in words.
+    The inputs of each network and method, by name; the figures by name, with those of the baselines; and the first grasps that all rows
+    have, to which the figures are then restricted: one grasp tells more than another. None if all have the same; without a common one,
+    none are left out.
     """
     inputs_by_name, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
     for place in scored:
@@ -46,34 +47,31 @@ def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[s
                 inputs_by_name[label], figures[label] = inputs, theirs[name]
                 figures = {**{other: theirs[other] for other in theirs if other.startswith(BASELINE_PREFIX)}, **figures}
     common = _common_firsts([figures[name] for name in inputs_by_name])
-    remarks = [
-        Table(f"With {pluralise(number, 'grasp')}: of first grasp {_listed(firsts)} alone, which all rows have.")
-        for number, firsts in common.items()
-    ]
-    figures |= {name: figures[name].only(common) for name in inputs_by_name}
-    return inputs_by_name, figures, [*_left_out(folder, scored), *remarks]
+    if common:
+        figures |= {name: figures[name].only(common) for name in inputs_by_name}
+    return inputs_by_name, figures, common
 
 
-def _common_firsts(networks: Sequence[Figures]) -> dict[int, set[int]]:
-    """Find the first grasps that all have, by number of grasps, where some have others too; where they have none in common, all stay."""
-    common = {}
-    for number in sorted({number for figures in networks for number in figures.grasps}):
-        firsts = [figures.firsts(number) for figures in networks if number in figures.grasps]
-        shared = set.intersection(*firsts)
-        if shared and any(shared < have for have in firsts):
-            common[number] = shared
-    return common
+def _common_firsts(networks: Sequence[Figures]) -> set[int] | None:
+    """Find the first grasps that all have with each number of grasps; None if all have the same."""
+    firsts = [figures.firsts(number) for figures in networks for number in figures.grasps]
+    common = set.intersection(*firsts)
+    return None if all(have == common for have in firsts) else common
 
 
-def _listed(numbers: Iterable[int]) -> str:
-    return ", ".join(map(str, sorted(numbers)))
-
-
-def _left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
+def left_out(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     """Name the scores that may not be compared with an evaluation, and why."""
     for place in scored:
         if problem := difference(folder, place):
             yield Table(f"Scored with {problem}, and left out: {', '.join(read_root(place)['configurations'])}; score again")
+
+
+def about_grasps(common: set[int] | None) -> Iterator[Table]:
+    """Name the first grasps that the figures of all rows are of, if some had others too."""
+    if common:
+        yield Table(f"All networks and methods with first grasp {', '.join(map(str, sorted(common)))} alone, which each of them has.")
+    elif common is not None:
+        yield Table("Rows are of different first grasps, none of which all have: they cannot be compared well.")
 
 
 def about_shipped(folders: Sequence[Path]) -> Iterator[Table]:

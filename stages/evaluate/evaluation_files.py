@@ -21,7 +21,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
 from pipeline.store.spec import array_spec, numpy_dtype
 from pipeline.store.storage import list_folder, zarr_store
-from schemas.evaluation import GROUPS, SURFACE_METRICS, VERSION
+from schemas.evaluation import GROUPS, VERSION
 
 TABLES_ZARR = "tables.zarr"
 METRICS = "metrics.json"
@@ -94,10 +94,9 @@ class Figures:
         """List the first grasps whose figures there are with a number of grasps."""
         return {figure.first for figure in self.rows if figure.grasps == grasps and figure.metric == "chamfer"}
 
-    def only(self, firsts: Mapping[int, Set[int]]) -> Figures:
-        """Keep the figures of some first grasps, by number of grasps, and those of surfaces, which are of one choice of grasps anyway."""
-        rows = (row for row in self.rows if row.first in firsts.get(row.grasps, (row.first,)) or row.metric in SURFACE_METRICS)
-        return Figures(self.object_ids, rows)
+    def only(self, firsts: Set[int]) -> Figures:
+        """Keep the figures of some first grasps."""
+        return Figures(self.object_ids, (row for row in self.rows if row.first in firsts))
 
     def per_case(self, metric: str, grasps: int = 1) -> NDArray[np.float64]:
         """Take a metric of every object and choice of grasps: (object, first)."""

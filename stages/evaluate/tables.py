@@ -15,7 +15,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import BASELINE_PREFIX, label
-from stages.evaluate.comparison import about_shipped, beside
+from stages.evaluate.comparison import about_grasps, about_shipped, beside, left_out
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
 from stages.evaluate.single_image_tables import single_image_tables
@@ -66,7 +66,8 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    inputs_by_name, figures, remarks = beside(folder, scored)
+    inputs_by_name, figures, common = beside(folder, scored)
+    yield from left_out(folder, scored)
     every = {name: figures[name] for name in inputs_by_name}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
     touch_networks = {name: every[name] for name, inputs in inputs_by_name.items() if inputs["touch"]}
@@ -79,7 +80,7 @@ def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     )
     if root["left_out"]:
         yield Table(f"Left out because they failed: {', '.join(root['left_out'])}")
-    yield from remarks
+    yield from about_grasps(common)
     yield from about_shipped([folder, *scored])
     yield _accuracy({**every, **baselines}, objects, settings["points"], seed)
     if len(_numbers(touch_networks)) > 1:
@@ -129,7 +130,7 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, seed: int) -> Ta
     floor = TABLE_3_FACTOR * float(objects["floor"].mean())
     rows.append(Row(["best value that sampling allows", *np.mean(best, axis=0).tolist(), floor, None, None], dim=True))
     columns = ["model", *ACCURACY, f"Chamfer × {TABLE_3_FACTOR:.0f}, m²", *SHARED]
-    with_inside = max(len(figures.available("iou", figures.grasps[0])) for figures in networks.values())
+    with_inside = max(len(_shared(figures, "iou", figures.grasps[0])) for figures in networks.values())
     some = f"; intersection over union: of {with_inside} that have an inside" if 0 < with_inside < len(objects["area"]) else ""
     return Table(f"Accuracy with one grasp{some}", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
 
@@ -179,7 +180,7 @@ def _members(categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.b
 
 
 def _estimate(values: NDArray[np.float64], seed: int, factor: float = 1.0) -> Interval | None:
-    """Estimate the mean over objects; None without objects. All intervals are of the same draws, so that they can be compared."""
+    """Estimate the mean over objects; None without objects. Intervals of as many objects share their draws."""
     return mean_interval(factor * values, numpy_rng(seed, "intervals")) if len(values) else None
 
 

@@ -57,14 +57,13 @@ class RenderVision(ObjectStage):
 
     def resolve_settings(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
         """Take the hand of the grasps."""
-        recorded = attributes["grasps"]["settings"]["hand"]
-        if settings.hand is None:
-            check_is_there(recorded, "run it there, or name the file with --set render-vision.hand=PATH")
-        return settings.model_copy(update={"hand": settings.hand or recorded})
+        return settings.model_copy(update={"hand": settings.hand or attributes["grasps"]["settings"]["hand"]})
 
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the hand to draw is the one that grasped."""
         hand = attributes["grasps"]["settings"]["hand"]
+        if settings.hand == hand:
+            check_is_there(hand, "name the file with --set render-vision.hand=PATH")
         if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # the files may have been moved
             return
         if hand != settings.hand:

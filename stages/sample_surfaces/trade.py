@@ -14,12 +14,13 @@ from pipeline.engine.trade import Trade
 def coverage(data: Path, reference: Path) -> dict[str, float]:
     """Measure the distance of the reference's points from the nearest points: RMS by object, mm.
 
-    The reference's first points are left out: with the same random numbers, they lie in the same triangles as these.
+    The reference's first points are left out, if as many remain: with the same random numbers, they lie in the same triangles as these.
     """
-    pairs = paired_rows(data, reference, "points")
-    return {
-        name: 1e3 * float(np.sqrt(np.square(cKDTree(points).query(dense[len(points) :])[0]).mean())) for name, (points,), (dense,) in pairs
-    }
+    errors = {}
+    for name, (points,), (dense,) in paired_rows(data, reference, "points"):
+        tested = dense[len(points) :] if len(dense) >= 2 * len(points) else dense
+        errors[name] = 1e3 * float(np.sqrt(np.square(cKDTree(points).query(tested)[0]).mean()))
+    return errors
 
 
 TRADE = Trade(

@@ -197,7 +197,7 @@ def test_rows_that_stand_together_are_of_the_same_grasps(data):
     (together,) = (row for row in accuracy(folders).rows if row.cells[0] == "shipped-touch")
     assert row.cells[1:] == together.cells[1:], "the weights are the same, so are the intervals"
     remarks = [table.title for table in evaluation_tables(folders[0], folders[1:]) if not table.columns]
-    assert "With 1 grasp: of first grasp 0 alone, which all rows have." in remarks
+    assert "All networks and methods with first grasp 0 alone, which each of them has." in remarks
 
 
 def accuracy(folders: list[Path]) -> Table:

@@ -119,6 +119,7 @@ def test_pipes_and_devices_in_unrecorded_files_are_refused(tmp_path, put: Callab
         "split": "test",
         "configurations": {"none": {"touch": False}},
         "left_out": {},
+        "training_objects": 0,
     }
     write_evaluation(tmp_path, {}, facts)
     assert read_root(tmp_path)["seed"] == 0

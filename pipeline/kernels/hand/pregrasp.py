@@ -17,6 +17,10 @@ DAMPING = 1e-3
 """m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
 LIMIT_DAMPING = 1e-2
 """m, the same where joints meet their limits: what the others can do alone is mostly sideways, and takes angles that are not small."""
+MAX_PIVOTS = 10_000
+"""Exchanges of joints at their limits; fingers of seven joints took 169 at most."""
+ROUNDED = 1e-6
+"""rad, by which a step may pass a joint's limit: without it, rounding would decide whether a joint at its limit meets it."""
 
 
 def tangent_palm_pose(
@@ -120,16 +124,18 @@ def _bounded_step(
 ) -> NDArray[np.float64]:
     """Find the step (J,) between two bounds that minimises |jacobian step - target|² + damping² |step|²; the jacobian is (3, J).
 
-    Murty's principal pivoting: joints are held at a bound, or freed, one at a time, until each has the step that the remaining force asks
-    of it, or the bound that stops it. It is exact, and unlike scipy's solvers needs no LAPACK, whose rounding depends on the processor.
+    The damping is `DAMPING`, or `LIMIT_DAMPING` if that step would pass a bound. Murty's principal pivoting: joints are held at a bound,
+    or freed, one at a time, until each has the step that the remaining force asks of it, or the bound that stops it. It is exact, and
+    unlike scipy's solvers needs no LAPACK, whose rounding depends on the processor.
     """
     held, damping = np.zeros(len(least)), DAMPING  # -1 at the least step, 1 at the most
-    for _ in range(1 + 10 * len(least)):  # rounding could let a joint exactly at its bound change for ever
+    for _ in range(min(3 ** len(least), MAX_PIVOTS)):  # each joint is free, at its least or at its most
         free, bound = jacobian * (held == 0), np.where(held < 0, least, np.where(held > 0, most, 0.0))
         rest = target - compose(jacobian, bound[:, None])[:, 0]
         force = solve_3x3(compose(free, free.T) + damping**2 * np.eye(3), rest)
         wanted = (jacobian * force[:, None]).sum(axis=0)
-        wrong = np.flatnonzero(held != (asked := np.sign(wanted - np.clip(wanted, least, most))))
+        excess = wanted - np.clip(wanted, least, most)
+        wrong = np.flatnonzero(held != (asked := np.sign(excess) * (np.abs(excess) > ROUNDED)))
         if not len(wrong):
             break
         damping = LIMIT_DAMPING

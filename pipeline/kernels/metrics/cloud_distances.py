@@ -190,8 +190,8 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
 
     Returns
     -------
-    m², accurate to 1/√N, but up to 5 % too small where parts are as thin as a few distances between points: the area on which as many
-    random points would have the nearest distances that these have on their side.
+    m², accurate to 1/√N, but a little too small around edges, and by 5 % where parts are as thin as a few distances between points: the
+    area on which as many random points would have the nearest distances that these have on their side.
 
     Raises
     ------

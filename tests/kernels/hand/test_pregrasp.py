@@ -49,18 +49,28 @@ def test_sensor_never_gets_further_from_its_goal(seed, distance) -> None:
     assert np.linalg.norm(missed, axis=1).max() <= abs(distance) + 1e-6
 
 
-@given(seed=seeds)
-def test_step_is_the_best_within_its_bounds(seed) -> None:
+@given(seed=seeds, joints=st.integers(1, 7), planar=st.booleans())
+def test_step_is_the_best_within_its_bounds(seed, joints, planar) -> None:
     rng = np.random.default_rng(seed)
-    jacobian, target = 0.06 * rng.normal(size=(3, 4)), 0.004 * rng.normal(size=3)
-    least, most = (sign * rng.exponential(0.03, 4) * (rng.random(4) < 0.7) + sign * 1e-9 for sign in (-1, 1))
+    jacobian, target = 0.06 * rng.normal(size=(3, joints)), 0.004 * rng.normal(size=3)
+    if planar:  # a finger whose joints are parallel
+        jacobian[2], jacobian[1] = 0, np.sort(np.abs(jacobian[1]))
+    least, most = (sign * rng.exponential(0.03, joints) * (rng.random(joints) < 0.7) + sign * 1e-6 for sign in (-1, 1))
     step = pregrasp._bounded_step(jacobian, target, least, most)
-    matrix, goal = np.vstack([jacobian, pregrasp.LIMIT_DAMPING * np.eye(4)]), np.r_[target, np.zeros(4)]
+    matrix, goal = np.vstack([jacobian, pregrasp.LIMIT_DAMPING * np.eye(joints)]), np.r_[target, np.zeros(joints)]
     best = lsq_linear(matrix, goal, (least, most), method="bvls", tol=1e-15).x
     if ((step == least) | (step == most)).any():
-        cost, least_cost = (((matrix @ joints - goal) ** 2).sum() for joints in (step, best))
+        cost, least_cost = (((matrix @ angles - goal) ** 2).sum() for angles in (step, best))
         assert cost <= least_cost * (1 + 1e-9) + 1e-15
     assert ((least <= step) & (step <= most)).all()
+
+
+@pytest.mark.parametrize("noise", [-1e-12, 1e-12])
+def test_rounding_at_a_limit_does_not_change_the_step(noise) -> None:
+    jacobian, target = np.array([[0.04, 0.03, 0], [0, 0.05, 0], [0, 0, noise]]), np.array([0.001, 0.002, 0.004])
+    step = pregrasp._bounded_step(jacobian, target, np.array([-1.0, -1, 0]), np.array([1.0, 1, 0]))
+    exact = np.linalg.solve(jacobian.T @ jacobian + pregrasp.DAMPING**2 * np.eye(3), jacobian.T @ target)
+    np.testing.assert_allclose(step[:2], exact[:2], rtol=1e-6)
 
 
 @given(seed=seeds, size=st.floats(1e-3, 1e3), distance=st.floats(-1, 1), angle=st.floats(-10, 10))

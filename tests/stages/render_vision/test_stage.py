@@ -117,11 +117,11 @@ def test_hand_other_than_that_of_the_grasps_is_refused() -> None:
 
 def test_recorded_hand_that_is_in_another_folder_is_named_with_the_way_out() -> None:
     attributes = {"grasps": {"settings": {"hand": "two/h.yaml"}}}
-    words = r"the grasps record the hand 'two/h.yaml', a path from the folder where simulate-grasps ran; .*: run "
-    with pytest.raises(InvalidInput, match=words + "it there, or name the file with --set render-vision.hand=PATH"):
-        STAGE.resolve_settings(VisionSettings(), attributes)
+    words = "the dataset records the hand 'two/h.yaml', a path from the folder where it was made: run this there, or "
+    with pytest.raises(InvalidInput, match=words + "name the file with --set render-vision.hand=PATH"):
+        STAGE.check_inputs(STAGE.resolve_settings(VisionSettings(), attributes), attributes)
     assert STAGE.resolve_settings(VisionSettings(hand=HAND), attributes).hand == HAND
-    with pytest.raises(InvalidInput, match=words + "this command there"):
+    with pytest.raises(InvalidInput, match=words + "put it there"):
         grasping_hand(attributes)
 
 
