@@ -58,6 +58,14 @@ def test_touch_depends_only_on_the_relative_pose_of_object_and_sensor(rng: np.ra
     assert not vt.touch(BALL, SENSOR, pose, object_pose=away).success
 
 
+def test_touches_keep_their_pose_when_the_caller_moves_on() -> None:
+    sensor_poses = poses(2)
+    one, many = vt.touch(BALL, SENSOR, sensor_poses[0]), vt.touch_many(BALL, SENSOR, sensor_poses)
+    sensor_poses[:, :3, 3] += 1
+    for touch in (one, many[0], many[1]):
+        assert np.linalg.norm(touch.points, axis=1).max() < 2 * RADIUS
+
+
 def test_touch_many_equals_single_touches_for_any_number_of_processes() -> None:
     sensor_poses = poses(7)
     alone, shared = vt.touch_many(BALL, SENSOR, sensor_poses, workers=1), vt.touch_many(BALL, SENSOR, sensor_poses, workers=3)
@@ -85,6 +93,9 @@ def test_pose_that_is_not_rigid_and_invalid_mesh_file_are_refused(tmp_path: Path
         vt.touch(BALL, SENSOR, 2 * np.eye(4))
     with pytest.raises(vt.InvalidInput, match="not a rigid motion"):
         vt.touch_many(BALL, SENSOR, np.stack([np.eye(4), 2 * np.eye(4)]))
+    for arguments in ({"scale": np.complex128(1)}, {"source": (MESH.vertices * 1j, MESH.faces)}):
+        with pytest.raises(TypeError, match="complex"):
+            vt.load_object(**{"source": (MESH.vertices, MESH.faces)} | arguments)
     (tmp_path / "mug.glb").write_text("no mesh")
     with pytest.raises(vt.InvalidInput, match=r"mug\.glb"):
         vt.load_object(tmp_path / "mug.glb")

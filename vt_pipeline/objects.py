@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def load_object(source: Source, *, scale: float | None = None) -> TouchObject:
     """
     if scale is None:
         scale = (stated_units(Path(source))[0] if isinstance(source, str | Path) else None) or 1.0
-    if isinstance(scale, bool) or not isinstance(scale, int | float | np.number):
+    if isinstance(scale, bool) or not isinstance(scale, Real):
         raise TypeError(f"scale is metres per unit of the source, a number; this is {type(scale).__name__}")
     if not 0 < scale < np.inf:
         raise InvalidInput(f"scale is {scale}; it must be above 0")
@@ -77,7 +78,10 @@ def load_object(source: Source, *, scale: float | None = None) -> TouchObject:
 def _checked(given_vertices: ArrayLike, given_faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices and faces as arrays, if they form a mesh."""
     try:
-        vertices, faces = np.asarray(given_vertices, float), np.asarray(given_faces)
+        vertices, faces = np.asarray(given_vertices), np.asarray(given_faces)
+        if vertices.dtype.kind == "c":
+            raise TypeError("they are complex")
+        vertices = vertices.astype(float, copy=False)
     except (TypeError, ValueError) as error:
         raise TypeError(f"vertices (V, 3) and faces (F, 3) are arrays of numbers; these are not: {error}") from error
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:

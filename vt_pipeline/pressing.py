@@ -86,7 +86,7 @@ def press(
     ------
     InvalidInput
         A relief has another shape than the sensor, or no surface; a pose is not a rigid motion, or no surface is in front of it, or
-        a part of the object behind it; the depth is not between 0 and the gel's thickness.
+        a part of the object would be in the gel beyond it; the depth is not between 0 and the gel's thickness.
 
     Examples
     --------

@@ -39,7 +39,7 @@ def reconstruct(
     observation
         From `load_observation`, or a `RobotObservation` of arrays, or the path of an observation file.
     models
-        Folder of trained models: DATA/models. By default, the weights that ship.
+        Folder of trained models, DATA/models, or `shipped`: by default, the weights that ship.
     configuration
         Which of them; by default `occluded-touch`, of the weights that ship `implicit-any`, which takes whatever there is.
     resolution
@@ -63,13 +63,16 @@ def reconstruct(
         There is no such model, or it cannot be used.
     """
     from pipeline.inference import predict
-    from pipeline.store.storage import place
+    from pipeline.models.shipped_weights import models_place
 
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
     if not isinstance(resolution, int | np.integer) or not 8 <= resolution <= 400:
         raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 8 to 400")
+    for name, value in (("training_seed", training_seed), ("seed", seed)):
+        if not isinstance(value, int | np.integer) or value < 0:
+            raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
     source = Path(observation) if isinstance(observation, str) else observation
     options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
-    folder, network = predict.chosen_models(None if models is None else place(str(models)), None, configuration)
+    folder, network = predict.chosen_models(None if models is None else models_place(str(models)), None, configuration)
     return predict.reconstruct(source, folder, network, accelerator=accelerator, **options)

@@ -208,7 +208,7 @@ def as_pose(name: str, pose: Any) -> NDArray[np.float64]:
 def _as_poses(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return a pose, or several; the error for a wrong shape or type names the expected one, that for a wrong matrix the fault."""
     try:
-        poses = np.asarray(values, np.float64)
+        poses = np.array(values, np.float64)  # a copy: points are computed when they are asked for
     except (TypeError, ValueError):  # no numbers, or not as many in each
         poses = np.zeros(())
     if len(shape) == 3 and poses.shape in ((4, 4), (0,)):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -219,13 +220,14 @@ class _Cache:
         return key in self._arrays
 
     def get(self, key: Hashable, read: Callable[[], np.ndarray]) -> np.ndarray:
-        if key in self._arrays:
+        with suppress(KeyError):  # another thread may take it out
             self._arrays.move_to_end(key)
             return self._arrays[key]
         array = read()
         array.flags.writeable = False
+        replaced = self._arrays.get(key)  # by a thread that has read the same
         self._arrays[key] = array
-        self._bytes += array.nbytes
+        self._bytes += array.nbytes - (0 if replaced is None else replaced.nbytes)
         while self._bytes > self._limit and len(self._arrays) > 1:
             self._bytes -= self._arrays.popitem(last=False)[1].nbytes
         return array

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
+from trimesh.visual.color import srgb_to_linear
 
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
@@ -103,6 +104,12 @@ def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uin
     )
 
 
+def linear_colors(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Turn (N, 4) sRGB colours into the linear ones that glTF's factors and vertex colours are; opaque."""
+    linear = srgb_to_linear(colors[:, :3] / 255)
+    return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)
+
+
 def check_output(path: Path) -> None:
     """Raise an `InvalidInput` if the path is a folder or below a file, or its suffix is not a mesh's."""
     if path.suffix.lower() not in SUFFIXES:
@@ -119,6 +126,9 @@ def _write(path: Path, parts: Parts, to_metres: NDArray[np.float64]) -> None:
     scene: Any = trimesh.Scene()
     node = Y_UP @ to_metres
     for name, mesh in parts:
+        if suffix == ".glb":
+            visual: Any = mesh.visual
+            visual.vertex_colors = linear_colors(visual.vertex_colors)
         scene.add_geometry(mesh, node_name=name, geom_name=name, transform=node if suffix == ".glb" else None)
     content = scene.export(file_type=suffix[1:])
     write_atomically(path, content.encode() if isinstance(content, str) else content)

@@ -113,8 +113,8 @@ def predict(
     observation
         In place of these: what a robot saw and felt, or the file that describes it. Networks without inputs need none.
     surface
-        "charts", "joined" or "both"; or "closed": one closed, smooth mesh within 0.5 mm of the touch charts, coloured where the image shows
-        it and grey elsewhere.
+        "charts", "joined" or "both"; or "closed": one closed, smooth mesh, of an object of half a metre within 0.5 mm of the touch charts,
+        coloured where the image shows it and grey elsewhere.
     resolution
         Edges of the closed mesh along the longest side of its box.
     accelerator
@@ -188,7 +188,8 @@ def chosen_models(models: Place | None, data: Place | None, configuration: str |
         models = data / "models"
     if models is None and training_seed:
         raise StageError(f"the network that ships has one training; name models of training seed {training_seed}, or leave it out")
-    return (shipped_models(), configuration or DEFAULT) if models is None else (models, configuration or "occluded-touch")
+    folder = shipped_models() if models is None else models
+    return folder, configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
 
 
 def reconstruct(

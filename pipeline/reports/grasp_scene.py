@@ -12,11 +12,10 @@ import trimesh.visual
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
-from trimesh.visual.color import srgb_to_linear
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
+from pipeline.inference.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP, linear_colors
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
@@ -156,7 +155,7 @@ class GraspScenes:
         if self.small:
             vertices, faces = _simplified(*_merged(mesh), max_faces)
             painted = painted[cKDTree(mesh.vertices).query(vertices)[1]]
-        return [trimesh.Trimesh(vertices, faces, vertex_colors=_linear(painted), process=False)]
+        return [trimesh.Trimesh(vertices, faces, vertex_colors=linear_colors(painted), process=False)]
 
 
 def _empty() -> Scene:
@@ -188,7 +187,7 @@ def _of_material(mesh: Mesh, material: int, side: int | None) -> trimesh.Trimesh
         if side is not None:
             image.thumbnail((side, side))
     surface = _visual.material.PBRMaterial(
-        baseColorFactor=_linear(look.base_color[material][None])[0],
+        baseColorFactor=linear_colors(look.base_color[material][None])[0],
         baseColorTexture=image,
         metallicFactor=0.0,
         roughnessFactor=0.7,
@@ -216,12 +215,6 @@ def _vertex_colors(mesh: Mesh) -> NDArray[np.uint8]:
 
 def _plain(vertices: np.ndarray, faces: np.ndarray, color: Color) -> trimesh.Trimesh:
     material = _visual.material.PBRMaterial(
-        baseColorFactor=_linear(np.array([[*color, 255]], np.uint8))[0], metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True
+        baseColorFactor=linear_colors(np.array([[*color, 255]], np.uint8))[0], metallicFactor=0.0, roughnessFactor=0.8, doubleSided=True
     )
     return trimesh.Trimesh(vertices, faces, visual=_visual.TextureVisuals(material=material), process=False)
-
-
-def _linear(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Turn (N, 4) sRGB colours into the linear ones that glTF's factors and vertex colours are; opaque."""
-    linear = srgb_to_linear(colors[:, :3] / 255)
-    return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)

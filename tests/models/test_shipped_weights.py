@@ -93,7 +93,7 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     assert done.exit_code == 0, done.output
     assert trimesh.load(tmp_path / "out.ply").is_watertight
     assert chosen_models(None, None, None) == (shipped, NETWORK)
-    assert models_place("shipped") == shipped
+    assert chosen_models(models_place("shipped"), data, None) == (shipped, NETWORK)
     assert chosen_models(None, data, None) == (data / "models", "occluded-touch")  # its own
     assert chosen_models(None, bare, f"{NETWORK}-touch") == (shipped, f"{NETWORK}-touch")
     with pytest.raises(StageError, match="the network that ships has one training; name models of training seed 1"):
