@@ -113,8 +113,7 @@ def test_both_charts_of_a_displaced_thin_body_are_followed():
     assert (igl.fast_winding_number(mesh.vertices, mesh.faces, outside) < 0.5).all()
 
 
-@pytest.mark.parametrize("resolution", [8, 32])
-@pytest.mark.parametrize("outward", [0, 0.003])
+@pytest.mark.parametrize(("resolution", "outward"), [(8, 0), (32, 0.003)])
 def test_untouched_side_of_a_thin_body_stays_at_any_resolution(resolution, outward):
     """A plate 6 mm thick with charts all over its front, which are right or 3 mm before it."""
     plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
