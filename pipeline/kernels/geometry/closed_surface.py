@@ -39,8 +39,6 @@ FALLOFF = 3.0
 """A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
 LARGEST_SHARE = 0.25
 """… but no more than this share of the mesh's extent."""
-OPPOSITE = -0.8
-"""Cosine between the normals of a vertex and of the face that a point pulls, below which the vertex is on the body's other side."""
 STIFFNESS = 0.3
 """Weight of bending beside that of the points."""
 
@@ -161,9 +159,9 @@ def _displace_vertices(
     pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
     outwards = face_cross_products(corners)
-    facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), unit_vectors(outwards)[nearest])
+    facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), outwards[nearest])
     inwards = np.einsum("ni,ni->n", offset, outwards)[nearest] < 0
-    movable = ((facing > OPPOSITE) & (distances < REACH * spacing + pulled)) | (inwards & (distances < pulled))
+    movable = ((facing > 0) & (distances < REACH * spacing + pulled)) | (inwards & (distances < pulled))
     weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)
