@@ -17,6 +17,8 @@ from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128
 """Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
+COARSEST = 64
+"""A coarser mesh is made at this resolution: edges much longer than a body is thick swell it, and charts shorter than them distort it."""
 TOLERANCE = 4e-4
 """m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
 INPUT_SMOOTHING_ROUNDS = 4
@@ -55,7 +57,7 @@ def closed_surface(
     chart_faces
         (G, 3) the faces of each, wound so that normals point into the object, as the sensor's do.
     resolution
-        Edges of the mesh along the longest side of the surface's box.
+        Edges of the mesh along the longest side of the surface's box; fewer than `COARSEST` are made as that many.
 
     Returns
     -------
@@ -70,7 +72,7 @@ def closed_surface(
     used_vertices = vertices[np.unique(faces)]
     if not len(used_vertices) or not np.isfinite(used_vertices).all() or not (extent := float(np.ptp(used_vertices, axis=0).max())) > 0:
         raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent, and cannot be closed")
-    spacing = extent / resolution
+    spacing = extent / max(resolution, COARSEST)
     if is_watertight(faces):  # else its rims would shrink
         vertices = smooth_mesh(vertices, faces, INPUT_SMOOTHING_ROUNDS)
     closed, sides = wrap_surface(vertices, faces, spacing)
@@ -111,7 +113,8 @@ def attach_points(
     -----
     A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
     the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the
-    mesh itself bends least and passes near them. Points that remain farther than the tolerance become vertices of the mesh.
+    mesh itself bends least and passes near them. The other side of a thin body stays, since there nothing would hold it and it would
+    shrink, unless a point is inside the body and may push it away. Points that remain farther than the tolerance become vertices.
     """
     if not (np.isfinite(points).all() and np.isfinite(normals).all()):
         raise InvalidInput("touched points or their normals are NaN or infinite; leave those touches out")
@@ -153,8 +156,12 @@ def _displace_vertices(
     offset = points - places
     distances, nearest = cKDTree(places).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())
-    movable = distances < REACH * spacing + np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
+    pulled = np.minimum(FALLOFF * np.linalg.norm(offset, axis=1)[nearest], farthest)
     corners = vertices[faces[face]]
+    outwards = face_cross_products(corners)
+    facing = np.einsum("ni,ni->n", vertex_normals(vertices, faces), outwards[nearest])
+    inwards = np.einsum("ni,ni->n", offset, outwards)[nearest] < 0
+    movable = ((facing > 0) & (distances < REACH * spacing + pulled)) | (inwards & (distances < pulled))
     weights = 1 / np.maximum(np.linalg.norm(corners - places[:, None], axis=2), 1e-3 * spacing)  # enough: the next round pulls again
     weights /= weights.sum(axis=1, keepdims=True)
     rows = np.repeat(np.arange(len(points)), 3)

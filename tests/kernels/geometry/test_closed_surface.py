@@ -113,6 +113,18 @@ def test_both_charts_of_a_displaced_thin_body_are_followed():
     assert (igl.fast_winding_number(mesh.vertices, mesh.faces, outside) < 0.5).all()
 
 
+@pytest.mark.parametrize(("resolution", "outward"), [(8, 0), (32, 0.003)])
+def test_untouched_side_of_a_thin_body_stays_at_any_resolution(resolution, outward):
+    """A plate 6 mm thick with charts all over its front, which are right or 3 mm before it."""
+    plate = trimesh.creation.box((0.2, 0.2, 0.006)).subdivide_to_size(0.02)
+    places = np.linspace(-0.08, 0.08, 5)
+    charts = np.array([0.0174 * SQUARE * [1, -1, 1] + [x, y, 0.003 + outward] for x in places for y in places])
+    mesh = closed(plate.vertices, np.asarray(plate.faces), charts, resolution)
+    assert mesh.volume == pytest.approx(0.2 * 0.2 * (0.006 + outward), rel=0.3)
+    back = np.array([[x, y, -0.003] for x in places for y in places])
+    assert farthest(back, mesh) < 1.5e-3
+
+
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_closed_surface_scales_with_its_input(size):
     assert closed(JOINED * size).volume == pytest.approx(4 / 3 * np.pi * size**3, rel=0.05)
