@@ -143,7 +143,7 @@ class Plan(Generic[Output]):
 
     @cached_property
     def assets(self) -> str:
-        """The digest of the data files that the stage reads, as they were when it was first asked for."""
+        """Compute the digest of the data files that the stage reads, once: later it is compared with theirs."""
         with description_errors(self.stage):
             return keys.assets_digest(self.stage.assets(self.settings))
 

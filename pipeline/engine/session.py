@@ -28,7 +28,7 @@ MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retr
 
 @dataclass(frozen=True)
 class Work:
-    """The parameters that the processes of a run share; `models` are digests by name, `assets` that of data files as planned."""
+    """Hold what the processes of a run share; `models` are digests by name, `assets` that of the data files when the run was planned."""
 
     stage: ObjectStage
     settings: ObjectSettings

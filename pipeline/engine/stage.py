@@ -124,7 +124,7 @@ class ObjectStage(Stage):
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """The job of a dataset stage: what to read, and the folder to fill.
+    """Hold the job of a dataset stage: what to read, and the folder to fill.
 
     Once published, the folder is `name` below `data`. It may hold files of a killed run, which the stage may continue. Hidden files in it
     are kept until it is finished, then removed. Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.

@@ -85,9 +85,13 @@ class Collection:
         """
         if not self.shards:
             raise StoreError(self._not_made)
+        self.check_alike()
+        return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
+
+    def check_alike(self) -> None:
+        """Raise a `StoreError` if shards differ in settings, seed, models or constants: they do not belong together."""
         for shard in self.shards[1:]:
             self._refuse_difference(self.shards[0].record, shard.record)
-        return next((shard for shard in self.shards if shard.has_rows), self.shards[0])
 
     def _refuse_difference(self, one: ShardRecord, other: ShardRecord) -> None:
         """Refuse two shards that do not belong together."""

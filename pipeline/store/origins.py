@@ -39,8 +39,8 @@ def check_origins(directory: DataDirectory, names: Iterable[str], objects: Conta
 def _check_artifact(directory: DataDirectory, name: str, objects: Container[str] | None) -> list[str]:
     """Check an artifact; return the names of its inputs."""
     collection = directory.collection(ARTIFACTS[name])
-    if objects is None and collection.shards:
-        collection.first  # noqa: B018 (an error where shards were made with different settings, scenes or sensors)
+    if objects is None:
+        collection.check_alike()
     used: set[str] = set()
     for shard in collection.shards:
         again = f"run {shard.record.stage} again"

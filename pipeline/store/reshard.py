@@ -71,7 +71,7 @@ def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
     directory = DataDirectory(root)  # without records that were read before the snapshot
     for artifact in directory.artifacts():
         collection = directory.collection(artifact)
-        collection.first  # noqa: B018 (an error where shards were made with different settings: they cannot become one shard)
+        collection.check_alike()  # others cannot become one shard
         _check_missing(collection, shards)
         for number in range(shards):
             if members := [name for name in collection if shard_of(name, shards) == number]:

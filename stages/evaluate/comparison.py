@@ -53,7 +53,7 @@ def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[s
 
 
 def _common_firsts(networks: Sequence[Figures]) -> set[int] | None:
-    """Find the first grasps that all have with each number of grasps; None if all have the same."""
+    """Find the first grasps that all networks have with every number of grasps; None if all have the same."""
     firsts = [figures.firsts(number) for figures in networks for number in figures.grasps]
     common = set.intersection(*firsts)
     return None if all(have == common for have in firsts) else common
