@@ -1,4 +1,4 @@
-"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors and observations: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations: `make docs`.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -22,6 +22,7 @@ from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.scene import Scene
 from pipeline.store.atomic import write_atomically
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS
@@ -102,7 +103,7 @@ def _stage(name: str) -> Iterator[str]:
     reads = ", ".join(f"`{name}`" for name in names_read(stage, defaults))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
-    yield f"{stage.summary} Reads {reads or 'mesh files'}; writes `{stage.writes(defaults)}`.\n"
+    yield f"{stage.summary} With the default settings it reads {reads or 'mesh files'} and writes `{stage.writes(defaults)}`.\n"
     yield _table(("setting", "type", "default", "in presets", "changes", "why"), _setting_rows(stage.settings_type, presets))
 
 
@@ -148,9 +149,9 @@ def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
 
 
 def hand_and_sensor_entries() -> str:
-    """Describe every entry of a hand file and of a sensor file."""
+    """Describe every entry of a hand file, a sensor file and a scene file."""
     parts = []
-    for title, model_type in (("A hand", HandFile), ("A sensor", Sensor)):
+    for title, model_type in (("A hand", HandFile), ("A sensor", Sensor), ("A scene", Scene)):
         schema = model_type.model_json_schema()
         inner = {TITLES[name]: model for name, model in schema["$defs"].items()}
         parts += [part for name, model in ({title: schema} | inner).items() for part in _entries(name, model)]
@@ -195,6 +196,8 @@ TITLES = {
     "Lights": "`lights`",
     "Calibration": "`calibrated`",
     "Shadow": "`shadows`",
+    "NamedCamera": "`cameras`",
+    "Lamp": "`lamp`",
     "Splits": "`splits`",
     "Directory": "`kind: directory`",
     "Catalogue": "`kind: catalogue`",
@@ -203,7 +206,7 @@ TITLES = {
     "PybulletFile": "`files` of `kind: pybullet`",
     "Procedural": "`kind: procedural`",
 }
-"""Headings of the models in observations, hands, sensors and manifests."""
+"""Headings of the models in observations, hands, sensors, scenes and manifests."""
 
 
 def _entries(title: str, model: Mapping[str, Any], described_model: Mapping[str, Any] | None = None) -> Iterator[str]:

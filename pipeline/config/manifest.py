@@ -75,7 +75,7 @@ class Manifest(BaseModel):
     description: str
     """For readers: which objects these are."""
     seed: int = Field(ge=0)
-    """From which the splits are drawn, and all that is drawn for an object; `--seed` replaces the latter."""
+    """Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits."""
     splits: Splits
     """How many objects are for what, without those whose source states its split."""
     sources: tuple[Annotated[Procedural | Pybullet | Directory | Catalogue | ShapeNet, Field(discriminator="kind")], ...] = Field(

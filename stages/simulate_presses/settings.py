@@ -55,7 +55,7 @@ class PressSettings(ObjectSettings):
     tilt: float = setting(8.0, "greatest tilt of a shape or patch, degrees: few are pressed quite flat", ge=0, le=60, changes="definition")
     scale: Range = setting(
         (0.04, 0.5),
-        "the object is made that much smaller, at most and at least: whole toys to plain walls",
+        "least and greatest factor by which the object is scaled: whole toys to plain walls",
         changes="definition",
     )
     gel: Range | None = setting(

@@ -42,7 +42,7 @@ class GcnSettings(ReconstructionSettings):
         "cosine", "the rate rises over the first twentieth of all steps, then falls to 0 along half a cosine; the supplement's is constant"
     )
     gradient_limit: float | None = setting(
-        5.0, "norm to which a longer gradient is shortened before each step: without it chance decides", gt=0
+        5.0, "norm to which a longer gradient is shortened before each step: without it, trainings with other seeds differ much", gt=0
     )
     batch_size: int = setting(
         4, "four times the steps in the time that the supplement's 16 take, and a Chamfer distance a third smaller", ge=1

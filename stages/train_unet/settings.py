@@ -27,5 +27,5 @@ class UnetSettings(TrainingSettings):
         "a step of width 64, `chamfer` 4 %",
     )
     mask_threshold: float = setting(
-        THRESHOLD, "2.2: squared difference from the untouched tactile image beyond which a pixel has touched", ge=0, le=COLOURS
+        THRESHOLD, "supplement 2.2: squared difference from the untouched tactile image beyond which a pixel has touched", ge=0, le=COLOURS
     )

@@ -38,7 +38,11 @@ def test_hand_and_sensor_page_describes_every_entry_of_the_shipped_files():
     page = (DOCS / "hand-and-sensor.md").read_text()
     assert not re.findall(r"^\| `\w+` \|.*\|  \|$", page, re.MULTILINE)
     entries = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
-    kinds = {"hand": ("allegro_right", "two_finger_gripper"), "sensor": ("gel_16mm", "gelsight", "gelsight_mini", "digit")}
+    kinds = {
+        "hand": ("allegro_right", "two_finger_gripper"),
+        "sensor": ("gel_16mm", "gelsight", "gelsight_mini", "digit"),
+        "scene": ("supplement",),
+    }
     for kind, names in kinds.items():
         for name in names:
             assert set(yaml.safe_load(description_path(kind, name).read_text())) <= entries

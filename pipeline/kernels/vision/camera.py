@@ -27,27 +27,17 @@ MAX_RESOLUTION = 8192
 
 
 class Camera(BaseModel):
-    """A square pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention).
-
-    Attributes
-    ----------
-    position
-        Optical centre, world frame, m.
-    rotation
-        Extrinsic XYZ Euler angles in degrees: about the world's x first, then its y, then its z.
-    focal, centre
-        Focal lengths (x, y) and principal point (column, row), pixels.
-    resolution
-        Pixels per side.
-    """
+    """A square pinhole camera that looks along its own -z with +y up (OpenGL's and Blender's convention)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    position: tuple[Coordinate, Coordinate, Coordinate]
-    rotation: tuple[Angle, Angle, Angle]
-    focal: tuple[Focal, Focal]
-    centre: tuple[Pixels, Pixels]
-    resolution: int = Field(gt=0, le=MAX_RESOLUTION)
+    position: tuple[Coordinate, Coordinate, Coordinate] = Field(description="optical centre, world frame, m")
+    rotation: tuple[Angle, Angle, Angle] = Field(
+        description="extrinsic XYZ Euler angles, degrees: about the world's x first, then its y, then its z"
+    )
+    focal: tuple[Focal, Focal] = Field(description="focal lengths (x, y), pixels")
+    centre: tuple[Pixels, Pixels] = Field(description="principal point (column, row) from the image's top left corner, pixels")
+    resolution: int = Field(gt=0, le=MAX_RESOLUTION, description="pixels per side")
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -13,44 +13,32 @@ Intensity = Annotated[float, Field(ge=0, le=1e6)]
 
 
 class Lamp(BaseModel):
-    """A point light whose intensity falls off with the square of the distance; it casts no shadow.
-
-    Attributes
-    ----------
-    position
-        World frame, m. A surface point at this position is not lit by the lamp.
-    intensity
-        A white surface that faces the lamp at d metres shows `intensity` / d² (linear, 1 is white; more is clipped to white).
-    color
-        Linear RGB.
-    """
+    """A point light whose intensity falls off with the square of the distance; it casts no shadow."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    position: tuple[Coordinate, Coordinate, Coordinate]
-    intensity: float = Field(gt=0, le=1e6)
-    color: tuple[UnitInterval, UnitInterval, UnitInterval]
+    position: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        description="world frame, m; a surface point at this position is not lit by the lamp"
+    )
+    intensity: float = Field(
+        gt=0, le=1e6, description="a white surface that faces the lamp at d metres shows `intensity` / d² (linear; 1 and more is white)"
+    )
+    color: tuple[UnitInterval, UnitInterval, UnitInterval] = Field(description="linear RGB, 0..1")
 
 
 Side = Annotated[int, Field(ge=16, le=MAX_RESOLUTION)]
 
 
 class NamedCamera(Camera):
-    """A camera of a scene.
+    """A camera of a scene; it looks along its own -z with +y up (OpenGL's and Blender's convention)."""
 
-    Attributes
-    ----------
-    name
-        Labels its images.
-    size
-        Columns and rows of its images, kept whatever `render-vision.resolution` is. By default square.
-    resolution
-        Of a square image, the pixels per side that `focal` and `centre` are in.
-    """
-
-    name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$")
-    resolution: int = Field(256, gt=0, le=MAX_RESOLUTION)
-    size: tuple[Side, Side] | None = None
+    name: str = Field(pattern=r"^[A-Za-z0-9._-]{1,60}$", description="labels its images")
+    resolution: int = Field(
+        256, gt=0, le=MAX_RESOLUTION, description="of a square image, the pixels per side that `focal` and `centre` are in"
+    )
+    size: tuple[Side, Side] | None = Field(
+        None, description="columns and rows of its images, whatever `render-vision.resolution` is; without it they are square"
+    )
 
     @model_validator(mode="after")
     def _has_one_size(self) -> NamedCamera:
@@ -79,27 +67,19 @@ def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
 
 
 class Scene(BaseModel):
-    """The surroundings of an object.
-
-    Attributes
-    ----------
-    cameras
-        One or more, with images of one size. Networks see the first camera's images.
-    depth
-        Whether depth images are stored.
-    lamp, ambient, background
-        One lamp, constant light (linear RGB) and the background's colour (sRGB, 0..1).
-    """
+    """The surroundings of an object: cameras, a lamp, constant light, a background."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    name: str
-    summary: str
-    cameras: Annotated[tuple[NamedCamera, ...], Field(min_length=1), AfterValidator(_fit_together)]
-    depth: bool = False
-    lamp: Lamp
-    ambient: tuple[Intensity, Intensity, Intensity]
-    background: tuple[UnitInterval, UnitInterval, UnitInterval]
+    name: str = Field(description="recorded in datasets")
+    summary: str = Field(description="what it shows, in a sentence")
+    cameras: Annotated[tuple[NamedCamera, ...], Field(min_length=1), AfterValidator(_fit_together)] = Field(
+        description="one or more, with images of one size; networks see the first camera's images"
+    )
+    depth: bool = Field(False, description="whether depth images are stored")
+    lamp: Lamp = Field(description="the one lamp")
+    ambient: tuple[Intensity, Intensity, Intensity] = Field(description="constant light, linear RGB")
+    background: tuple[UnitInterval, UnitInterval, UnitInterval] = Field(description="colour of the background, sRGB, 0..1")
 
     @property
     def camera(self) -> NamedCamera:
