@@ -45,18 +45,6 @@ and 16 meshes of the pybullet wheel. `vt-pipeline tradeoff` measures the same on
 chooses by it. A square marks the draft preset. The line joins the Pareto-optimal settings: no other is both faster and more accurate.
 Bars are 95 % intervals over objects. All figures, sizes too, are in [tradeoff.csv](tradeoff/tradeoff.csv).
 """
-END_OBJECTS, END_EPOCHS = 20, 10
-"""Objects of each dataset end to end, and epochs of its networks."""
-TRIALS = 20
-
-INTRODUCTION = """\
-# Speed against accuracy
-
-These tables show what settings cost and how accurate they are, for 64 objects: 48 modelled in four classes, which are in no
-other manifest, and 16 meshes of the pybullet wheel. `vt-pipeline tradeoff` measures the same on your objects and your machine, and
-`vt-pipeline advise` chooses by it. A square marks the draft preset. The line joins the Pareto-optimal settings: no other is both faster and more accurate.
-Bars are 95 % intervals over objects. All figures, sizes too, are in [tradeoff.csv](tradeoff/tradeoff.csv).
-"""
 END = """\
 ## Which change to a dataset pays most
 
