@@ -85,6 +85,9 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         (["run", "simulate-touch", "--data", "nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is not a data directory"),
+        (["status", "~nosuchuser/data"], "is not a data directory"),
+        ([*RUN, "--manifest", "directory", "--objects", "~nosuchuser/meshes", "--data", "nonexistent"], "is no folder"),
+        (["check", "~nosuchuser/hand.yaml"], "~nosuchuser/hand.yaml does not exist"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),
         (
             ["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"],

@@ -19,6 +19,7 @@ from pipeline.console import CONTROLS, errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
+from pipeline.formats.file_content import expanded
 from pipeline.store.storage import on_disk, place
 from stages.registry import check_assignments, resolve
 
@@ -113,7 +114,7 @@ def make_request(
             fail(f"--data {where}: {existing} is a file; name a folder")
         if existing != folder and not os.access(existing, os.W_OK):
             fail(f"--data {where} cannot be made: {existing} may not be written to; name another folder")
-    objects = objects and objects.expanduser()
+    objects = objects and expanded(objects)
     settings = resolve(stage.name, preset, assignments or ())
     check_assignments(preset, assignments or (), stage.name)
     described = load_manifest(manifest).with_units(units, up)
