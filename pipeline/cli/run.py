@@ -37,7 +37,7 @@ from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as execute
 from pipeline.engine.shard import failures as failures_of
-from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.stage import DatasetStage, ObjectStage, Stage
 from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
@@ -93,7 +93,7 @@ def run(
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
-                _print_forecast(stage, path, foreseen, check)
+                _print_forecast(request.stage, path, foreseen, check)
             return
         for plan in make_plans(request, shard):
             run_plan(plan)
@@ -102,16 +102,20 @@ def run(
 NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 
 
-def _print_forecast(stage: str, path: Place, foreseen: Forecast, check: bool) -> None:
-    if foreseen.up_to_date:
-        print_line(f"{stage} {path}: up to date, {pluralise(foreseen.total)}")
-        return
-    if not foreseen.total:
-        print_line(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
-        return
+def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) -> None:
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
-    uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
-    print_line(f"{stage} {path}: would make {foreseen.missing} of {pluralise(foreseen.total)}, {size}{uncounted}")
+    if foreseen.up_to_date:
+        text = f"up to date, {pluralise(foreseen.total)}"
+    elif not foreseen.total:
+        text = f"would be removed, {NO_OBJECT_LEFT}"
+    elif isinstance(stage, DatasetStage):
+        text = f"would be made from {pluralise(foreseen.total)}, {size}"
+    else:
+        made = f"make {foreseen.missing} of {pluralise(foreseen.total)}"
+        work = made if foreseen.missing else f"publish {pluralise(foreseen.total, 'finished row')}"
+        uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
+        text = f"would {work}, {size}{uncounted}"
+    print_line(f"{stage.name} {path}: {text}")
 
 
 def run_plan(plan: Plan[Any]) -> None:
