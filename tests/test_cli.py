@@ -14,7 +14,7 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import ExecutorName, make_executor, make_request
+from pipeline.cli.request import make_executor, make_request
 from pipeline.config.settings import value_text
 from pipeline.engine.stage import names_read
 from pipeline.formats.description_file import shipped_files
@@ -292,7 +292,7 @@ def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
 
 @pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
 def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
-    make_executor(ExecutorName.dask, 0, address)
+    make_executor("dask", 0, address)
     output = " ".join(capsys.readouterr().err.split())
     assert (f"warning: whoever reaches {address} can run code as you" in output) == warns
 

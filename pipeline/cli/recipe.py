@@ -11,7 +11,6 @@ from rich.markup import escape
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     DataArgument,
-    ExecutorName,
     ExecutorOption,
     ObjectsOption,
     ShardsOption,
@@ -60,7 +59,7 @@ def remake(
     ] = None,
     sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = ExecutorName.dask,
+    executor: ExecutorOption = "dask",
     workers: WorkersOption = 0,
 ) -> None:
     """Make a dataset again from its recipe, and compare digests.
