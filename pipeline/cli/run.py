@@ -87,7 +87,7 @@ def run(
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
     if isinstance(request.stage, ObjectStage):
         understood = [] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)
-        for line in (*understood, *request.stage.notes(request.settings, request.objects)):
+        for line in (*understood, *request.stage.describe_objects(request.settings, request.objects)):
             print_line(line)
     with processes:
         if dry_run:
@@ -130,7 +130,7 @@ def run_plan(plan: Plan[Any]) -> None:
         _warn_of_low_disk_space(plan)
         if isinstance(plan.output, ShardOutput) and request.only is None and (line := _changed_rows(plan)):
             print_line(f"{stage} {plan.path}: {line}")
-        for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in _misfits(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = execute(plan, console)
         text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
@@ -146,7 +146,7 @@ def run_plan(plan: Plan[Any]) -> None:
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
-            for line in plan.stage.remarks(plan.settings, plan.output.shard):
+            for line in plan.stage.describe_shard(plan.settings, plan.output.shard):
                 print_line(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     failures = {name: failure for name, failure in failures.items() if request.only in (None, name)}
@@ -182,11 +182,11 @@ def _changed_rows(plan: Plan[ShardOutput]) -> str:
     return "; ".join(lines + ([f"{pluralise(moved)} in another split than before"] if moved else []))
 
 
-def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
-    """Yield the stage's warnings about the inputs of the requested objects."""
+def _misfits(plan: Plan[ShardOutput]) -> Iterator[str]:
+    """Yield what the stage reports of the inputs of the requested objects."""
     units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
     objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
-    yield from plan.stage.warnings(plan.settings, objects)
+    yield from plan.stage.describe_misfits(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:
