@@ -47,6 +47,7 @@ $(if $(unknown),$(error there is no variable $(firstword $(unknown)); there are 
 
 no-digits = $(subst 0,,$(subst 1,,$(subst 2,,$(subst 3,,$(subst 4,,$(subst 5,,$(subst 6,,$(subst 7,,$(subst 8,,$(subst 9,,$(1)))))))))))
 $(if $(strip $(call no-digits,$(SEEDS))),$(error SEEDS is $(SEEDS); it must be whole numbers, such as SEEDS="0 1 2"))
+$(if $(filter-out x x1,x$(LONG)),$(error LONG is $(LONG); it must be 1, or left out))
 
 MANIFEST ?= toy
 PRESET   ?= draft

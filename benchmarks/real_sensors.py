@@ -39,8 +39,8 @@ PAGE_HEAD = """# Shipped sensors beside photographs
 
 Written by `make test-sensors REAL=FOLDER`: {}.
 
-Mean |model - photograph|, levels of 255, in the contact and in the ring from 1 to 3 contact radii, on photographs of balls that what ships
-was not fitted to. Milliseconds are an image's, depth not counted, on one core.
+Mean |model - photograph|, levels of 255, in the contact and in the ring from 1 to 3 contact radii, on photographs of balls that were not
+used for the fit. Times are per image, without the depth, on one core.
 
 - gelsight: the odd ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch), contacts as annotated
   there. It was fitted to the even ones: `.venv-peers/bin/python -m benchmarks.ball_photographs BALLS` writes them, and

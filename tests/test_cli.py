@@ -14,7 +14,9 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import ExecutorName, make_executor, make_request
+from pipeline.cli.request import make_executor, make_request
+from pipeline.config.settings import value_text
+from pipeline.engine.stage import names_read
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
 from stages.registry import STAGES, load_settings_type, load_stage
@@ -35,6 +37,17 @@ def test_stages_lists_every_setting_with_its_reason():
         for setting, info in load_stage(name).settings_type.model_fields.items():
             assert setting in output
             assert info.description
+
+
+def test_stages_shows_folders_that_are_read_and_defaults_as_set_takes_them():
+    output = invoke("stages")[1]
+    assert "reads touch, grasps, models/unet; writes charts" in output
+    reads = names_read(load_stage("evaluate"), load_settings_type("evaluate")())
+    assert [name for name in reads if name.startswith("models/")]
+    assert f"reads {', '.join(reads)}; writes evaluation" in output
+    for word in ("False", "None", "(", "'"):
+        assert all(word not in value_text(info.default) for name in STAGES for info in load_settings_type(name).model_fields.values())
+    assert f"configurations {value_text(load_settings_type('evaluate').model_fields['configurations'].default)} " in output
 
 
 def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
@@ -85,7 +98,15 @@ def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
         ([*RUN, "--object", "nobody"], "has no object nobody"),
         (["run", "simulate-touch", "--data", "nonexistent"], "vt-pipeline run sample-surfaces"),
         (["status", "/nonexistent"], "is not a data directory"),
+        (["status", "~nosuchuser/data"], "is not a data directory"),
+        ([*RUN, "--manifest", "directory", "--objects", "~nosuchuser/meshes", "--data", "nonexistent"], "is no folder"),
+        (["check", "~nosuchuser/hand.yaml"], "~nosuchuser/hand.yaml does not exist"),
         (["sweep", "evaluate", "--grid", "points=100,200"], "evaluate trains nothing: sweep over settings of train-unet"),
+        (["sweep", "train-gnc", "--grid", "epochs=1"], "unknown stage train-gnc, did you mean train-gcn?"),
+        (["advise", "--within", "1h", "--data", "s3://bucket/data"], "give the folder that `vt-pipeline tradeoff` measured into"),
+        (["advise", "--within", "1h", "--data", "~/a b"], f"run `vt-pipeline tradeoff sample-surfaces --data '{Path.home()}/a b' --preset"),
+        (["check", "gelsight", "--configuration", "nonsense"], "nonsense"),
+        (["check", "gelsight", "--configuration", "implicit-any"], "only an observation is checked against models"),
         (
             ["sweep", "train-gcn", "--grid", "epochs=1", "--grid", "epochs=2"],
             "--grid epochs=2: name each setting once",
@@ -144,6 +165,7 @@ def test_dry_run_prints_the_forecast_and_writes_nothing(tmp_path):
     code, output = invoke(*RUN, "--data", str(tmp_path / "data"), "--dry-run")
     assert code == 0
     assert "would make 25 of 25 objects, about" in output
+    assert "would be made from 20 objects, about" in invoke("run", "train-unet", "--data", str(tmp_path / "data"), "--dry-run")[1]
     assert not (tmp_path / "data").exists()
 
 
@@ -178,8 +200,10 @@ def test_objects_that_left_the_manifest_or_their_split_are_named(tmp_path):
     for count, splits in ((2, {"train": 2, "valid": 0, "test": 0}), (1, {"train": 0, "valid": 0, "test": 1})):
         sources[0]["count"] = {"bottle": count}
         file.write_text(yaml.safe_dump(described | {"splits": splits}))
+        forecast = invoke("run", "sample-surfaces", *options, "--dry-run")[1]
         result = CliRunner().invoke(app, ["run", "sample-surfaces", *options])
     assert result.exit_code == 0, result.output
+    assert "would publish 1 finished row, about" in forecast
     assert "1 object no longer in the manifest (bottle-0001), whose rows are dropped; 1 object in another split" in result.output
 
 
@@ -268,7 +292,7 @@ def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
 
 @pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
 def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
-    make_executor(ExecutorName.dask, 0, address)
+    make_executor("dask", 0, address)
     output = " ".join(capsys.readouterr().err.split())
     assert (f"warning: whoever reaches {address} can run code as you" in output) == warns
 

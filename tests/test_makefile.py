@@ -218,6 +218,14 @@ def test_invalid_seeds_stop_before_the_first_stage(seeds, workplace):
     assert workplace.calls() == []
 
 
+@pytest.mark.parametrize("long", ["0", "no", "1 1", "%", "x1"])
+def test_invalid_long_stops_before_the_first_stage(long, workplace):
+    result = workplace.make("reproduce", f"LONG={long}")
+    assert result.returncode != 0
+    assert f"LONG is {long}; it must be 1, or left out" in result.stderr
+    assert workplace.calls() == []
+
+
 @pytest.mark.parametrize(("target", "pages"), [("evaluate", ["--no-pages"]), ("single-image", ["--no-pages"]), ("report", ["--shipped"])])
 def test_tables_are_printed_once(target, pages, workplace):
     assert workplace.make(target, "DATA=d", "SEEDS=0 1").returncode == 0

@@ -103,6 +103,13 @@ def test_paths_are_relative_to_the_manifest(tmp_path, monkeypatch):
         load_manifest(str(tmp_path / "mine.yml"))
 
 
+def test_path_below_the_home_of_an_unknown_user_is_no_folder(tmp_path):
+    described = manifest(folder("directory", "~nosuchuser/meshes")).model_dump(mode="json")
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(described))
+    with pytest.raises(InvalidInput, match=f"{tmp_path}/~nosuchuser/meshes is no folder"):
+        load_manifest(str(tmp_path / "mine.yaml")).objects()
+
+
 def test_missing_household_objects_are_reported_with_the_command_that_gets_them(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InvalidInput, match=r"data/meshes/household is no folder; give a folder .*`make household`"):

@@ -11,7 +11,7 @@ SHIPPED_SETTINGS := sample-distances.queries=6144 train-unet.epochs=1 train-unet
 learn  = $(MAKE) --no-print-directory train MANIFEST=$(1) DATA=data/$(1)/draft CONFIGURATIONS=implicit-any SET=$(call quoted,$(SHIPPED_SETTINGS) $(2) $(SET))
 # Resumed where it was killed, as all stages are: on 2 quiet cores an hour and a quarter for the data, then 100 epochs, a minute each on one core;
 # then as long again for objects of more kinds, which the same network goes on to learn from.
-weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights (5 hours)
+weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights (6 hours)
 	@$(call learn,weights,train-implicit.epochs=100)
 	@$(call learn,thirteen-classes,train-implicit.epochs=70 train-implicit.learning_rate=0.001 train-implicit.placement_error=0.006 \
 	    train-implicit.pretrained=data/weights/draft/models)
@@ -59,7 +59,7 @@ test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of other
 	@$(BIN)/python -m benchmarks.hands --manifest $(call quoted,$(MANIFEST)) --site-packages .venv-hands/hands \
 	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
-faults: installed-dev  ## inject 600 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (half an hour)
+faults: installed-dev  ## inject 600 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (an hour on 2 cores)
 	@$(BIN)/python -m tests.faults --write docs/faults.md
 
 fuzz: installed-dev  ## feed a million invalid files to all file readers (half an hour)

@@ -5,7 +5,6 @@ What is above the marker in a page is written by hand; the rest is generated fro
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from pipeline.config.manifest import Manifest
 from pipeline.config.presets import load_presets
-from pipeline.config.settings import Settings
+from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
 from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.formats.hand_file import HandFile
@@ -109,13 +108,8 @@ def _stage(name: str) -> Iterator[str]:
 
 def _setting_rows(kind: type[Settings], presets: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     for field, info in kind.model_fields.items():
-        listed = [f"{preset}: `{_value(values[field])}`" for preset, values in presets.items() if field in values]
-        yield f"`{field}`", _type(info), f"`{_value(info.default)}`", ", ".join(listed), kind.changes(field), str(info.description)
-
-
-def _value(value: Any) -> str:
-    """Write a value as `--set` takes it."""
-    return json.dumps(value, ensure_ascii=False).replace('"', "")
+        listed = [f"{preset}: `{value_text(values[field])}`" for preset, values in presets.items() if field in values]
+        yield f"`{field}`", _type(info), f"`{value_text(info.default)}`", ", ".join(listed), kind.changes(field), str(info.description)
 
 
 def _type(info: FieldInfo) -> str:
@@ -130,7 +124,7 @@ def _type(info: FieldInfo) -> str:
 def _type_name(annotation: Any) -> str:
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin is Literal:
-        return " or ".join(f"`{_value(choice)}`" for choice in inner)
+        return " or ".join(f"`{value_text(choice)}`" for choice in inner)
     if origin is Annotated:
         return _type_name(inner[0])
     if origin is tuple:
@@ -223,7 +217,7 @@ def _entries(title: str, model: Mapping[str, Any], described_model: Mapping[str,
 
 
 def _default(value: Any) -> str:
-    return "" if value in (None, [], {}) or isinstance(value, dict) else f"`{_value(value)}`"
+    return "" if value in (None, [], {}) or isinstance(value, dict) else f"`{value_text(value)}`"
 
 
 def _schema_type(entry: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from pipeline.inference.train_sensor import save_sensor_network, train_sensor_ne
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 
 MM = 1e3
-COLUMNS = ["RMSE, mm", "mean error, mm", "without it, mm", "normals on balls, °", "on flats, °", "contact, IoU"]
+COLUMNS = ["RMSE, mm", "mean error, mm", "RMSE without the mean error, mm", "normals on balls, °", "on flats, °", "contact, IoU"]
 Method = Callable[[NDArray[np.uint8]], Reading]
 AROUND, NEAR = (0.0, 0.5, 1.0, 1.25, 1.5, 2.0, 3.0), 0.1
 """Contact radii from a ball's middle at which depth is tabulated, and by how much pixels may differ from them."""

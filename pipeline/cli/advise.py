@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,6 +12,7 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption, default_place
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
+from pipeline.store.storage import on_disk, place
 from stages.registry import DATASET, TRADED
 
 if TYPE_CHECKING:  # imported when the command is called: scipy takes long
@@ -43,12 +43,13 @@ def advise(
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
-    if data is not None and "://" in data:
+    where = on_disk(place(default_place(manifest, None) / preset if data is None else data))
+    if where is None:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first
     seconds = 0.0 if within is None else parse_duration(within)
-    described, place = load_manifest(manifest), Path(data or default_place(manifest, None) / preset)
-    trades = _current(Setup(place, described.name, (), described.seed, preset, tuple(assignments or ())))
+    described = load_manifest(manifest)
+    trades = _current(Setup(where, described.name, (), described.seed, preset, tuple(assignments or ())))
     workload = Workload(objects or len(trades[0].objects), cores or len(os.sched_getaffinity(0)))
     choices = within_time(trades, workload, seconds) if limit is None else within_error(trades, workload, limit)
     show_tables(console, [_table(choices, workload)])
@@ -74,7 +75,7 @@ def _current(setup: Setup) -> list[MeasuredTrade]:
         elif trade is not None or stage in DATASET:
             how = "not measured yet" if trade is None else "measured with other settings or other code"
             options = "".join(f" --set {shlex.quote(line)}" for line in setup.assignments)
-            command = f"vt-pipeline tradeoff {stage} --data {setup.data} --preset {setup.preset}{options}"
+            command = f"vt-pipeline tradeoff {stage} --data {shlex.quote(str(setup.data))} --preset {setup.preset}{options}"
             fail(f"{stage}: {how}; name the --data of `vt-pipeline tradeoff`, or run `{command}`, with your manifest and objects")
     return trades
 

@@ -25,7 +25,6 @@ CONTINUED = (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, learn.swe
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_show_locals=False,
-    help="Make a visuotactile dataset stage by stage, learn from it, and use what was learned.",
 )
 for panel, commands in PANELS.items():
     for command in commands:

@@ -40,7 +40,7 @@ def check(
     from pipeline.reports.manifest_check import MeshFiles
 
     inputs = None
-    if models is not None or is_observation(file):
+    if models is not None or configuration is not None or is_observation(file):
         from pipeline.inference.predict import chosen_models, model_reader
         from pipeline.models.shipped_weights import models_place
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from typing import Literal, cast, get_args, get_origin
 
@@ -11,6 +10,7 @@ from pydantic.fields import FieldInfo
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
+from pipeline.config.settings import value_text
 from pipeline.errors import PipelineError
 from pipeline.formats.description_file import Kind, shipped_files
 from pipeline.store.directory import DataDirectory
@@ -77,7 +77,7 @@ def _values(name: str, field: FieldInfo) -> list[str]:
     if name in ("hand", "sensor", "scene"):
         return list(shipped_files(cast(Kind, name)))
     choices = get_args(field.annotation) if get_origin(field.annotation) is Literal else (field.default,)
-    return [choice if isinstance(choice, str) else json.dumps(choice) for choice in choices]
+    return [value_text(choice) for choice in choices]
 
 
 def _with_prefix(incomplete: str, names: Iterable[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
@@ -37,7 +38,7 @@ def view(
 
     grasps = view_grasps(place(data), object_id, grasp, save)
     if save:
-        print_line(f"{save}: {pluralise(len(grasps), 'grasp')} of {object_id}; `rerun {save}` shows them")
+        print_line(f"{save}: {pluralise(len(grasps), 'grasp')} of {object_id}; `rerun {shlex.quote(str(save))}` shows them")
 
 
 def export(

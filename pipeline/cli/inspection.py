@@ -11,7 +11,9 @@ from rich.table import Table
 
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
+from pipeline.config.settings import value_text
 from pipeline.console import console, errors, pluralise, print_line, show_tables
+from pipeline.engine.stage import names_read
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
@@ -28,11 +30,11 @@ def stages() -> None:
             errors.print(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
             continue
         settings = stage.settings_type()
-        reads = ", ".join(artifact.name for artifact in stage.inputs(settings)) or "the manifest's meshes"
+        reads = ", ".join(names_read(stage, settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():
-            table.add_row(setting, str(info.default), stage.settings_type.changes(setting), info.description)
+            table.add_row(setting, escape(value_text(info.default)), stage.settings_type.changes(setting), info.description)
         console.print(table)
 
 

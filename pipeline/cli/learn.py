@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -28,7 +29,7 @@ from pipeline.config.settings import Settings
 from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.run import make_plans
 from pipeline.engine.stage import DatasetStage
-from pipeline.errors import StageError
+from pipeline.errors import StageError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists, place
@@ -54,10 +55,13 @@ def sweep(
 
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
-    loaded = load_stage(stage) if stage in STAGES else None
-    default_grid = loaded.grid(resolve(stage, preset, assignments or ())) if isinstance(loaded, DatasetStage) else {}
+    if stage not in STAGES:
+        fail(unknown_name("stage", stage, STAGES))
+    loaded = load_stage(stage)
     if not isinstance(loaded, DatasetStage) or not loaded.trains:
-        fail(f"{stage} trains nothing: sweep over settings of {', '.join(name for name in STAGES if name.startswith('train-'))}")
+        trainings = [name for name in STAGES if getattr(load_stage(name), "trains", False)]
+        fail(f"{stage} trains nothing: sweep over settings of {', '.join(trainings)}")
+    default_grid = loaded.grid(resolve(stage, preset, assignments or ()))
     if not (grid or default_grid):
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
     request = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
@@ -189,7 +193,8 @@ def score(
     plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
     results = directory.verified_folder(plan.units[0].name)
     show_tables(console, evaluation_tables(results))
-    print_line(f"{results / METRICS}: these tables as JSON, with the settings; `vt-pipeline report {data}` shows them beside the networks'")
+    shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
+    print_line(f"{results / METRICS}: these tables as JSON, with the settings; {shown}")
 
 
 def report(

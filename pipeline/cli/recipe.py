@@ -11,7 +11,6 @@ from rich.markup import escape
 from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     DataArgument,
-    ExecutorName,
     ExecutorOption,
     ObjectsOption,
     ShardsOption,
@@ -25,6 +24,7 @@ from pipeline.console import abbreviate, console, pluralise, print_line
 from pipeline.dataset.recipe import read_recipe
 from pipeline.dataset.recipe_comparison import Comparison, compare
 from pipeline.engine.run import make_plans
+from pipeline.formats.file_content import expanded
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
 
@@ -59,7 +59,7 @@ def remake(
     ] = None,
     sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = ExecutorName.dask,
+    executor: ExecutorOption = "dask",
     workers: WorkersOption = 0,
 ) -> None:
     """Make a dataset again from its recipe, and compare digests.
@@ -69,8 +69,8 @@ def remake(
     from pipeline.export.remake import prepare_remake, reasons, unusual_settings
 
     published, where = read_recipe(recipe), place(data)
-    description_folder = descriptions.expanduser() if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
-    prepared = prepare_remake(published, objects and objects.expanduser(), description_folder, sample)
+    description_folder = expanded(descriptions) if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
+    prepared = prepare_remake(published, objects and expanded(objects), description_folder, sample)
     if prepared.sampled and any(DataDirectory(where).artifact_names()):
         fail(f"--data {where} holds a dataset, whose other rows a sample would replace; name a new folder")
     differences = reasons(published)

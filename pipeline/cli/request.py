@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -19,6 +18,7 @@ from pipeline.console import CONTROLS, errors
 from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
+from pipeline.formats.file_content import expanded
 from pipeline.store.storage import on_disk, place
 from stages.registry import check_assignments, resolve
 
@@ -26,6 +26,7 @@ S = TypeVar("S", bound=Stage)
 
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
+ExecutorName = Literal["serial", "dask"]
 
 OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
 """Panels in which help lists the options."""
@@ -79,13 +80,6 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
 
 
-class ExecutorName(StrEnum):
-    """Executors, as `--executor` names them."""
-
-    serial = "serial"
-    dask = "dask"
-
-
 ExecutorOption = Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)]
 ShardsOption = Annotated[
@@ -113,7 +107,7 @@ def make_request(
             fail(f"--data {where}: {existing} is a file; name a folder")
         if existing != folder and not os.access(existing, os.W_OK):
             fail(f"--data {where} cannot be made: {existing} may not be written to; name another folder")
-    objects = objects and objects.expanduser()
+    objects = objects and expanded(objects)
     settings = resolve(stage.name, preset, assignments or ())
     check_assignments(preset, assignments or (), stage.name)
     described = load_manifest(manifest).with_units(units, up)
@@ -132,7 +126,7 @@ def make_request(
 
 def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Executor:
     """Make the requested executor, by default with one process per core."""
-    if name is ExecutorName.serial:
+    if name == "serial":
         if workers or scheduler:
             fail("--executor serial has one process, this one; leave --workers and --scheduler out")
         return Serial()

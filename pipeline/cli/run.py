@@ -17,7 +17,6 @@ from pipeline.cli.request import (
     OBJECTS,
     RUN,
     DataOption,
-    ExecutorName,
     ExecutorOption,
     ManifestOption,
     ObjectsOption,
@@ -37,7 +36,7 @@ from pipeline.engine.plan import Forecast, Plan
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as execute
 from pipeline.engine.shard import failures as failures_of
-from pipeline.engine.stage import DatasetStage, ObjectStage
+from pipeline.engine.stage import DatasetStage, ObjectStage, Stage
 from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
@@ -53,7 +52,7 @@ def run(
     objects: ObjectsOption = None,
     shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = ExecutorName.dask,
+    executor: ExecutorOption = "dask",
     workers: WorkersOption = 0,
     scheduler: Annotated[
         str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)
@@ -88,12 +87,12 @@ def run(
         fail(f"{stage} looks at all objects at once; run it without --object and --shard")
     if isinstance(request.stage, ObjectStage):
         understood = [] if request.stage.inputs(request.settings) else load_manifest(manifest).remarks(objects)
-        for line in (*understood, *request.stage.notes(request.settings, request.objects)):
+        for line in (*understood, *request.stage.describe_objects(request.settings, request.objects)):
             print_line(line)
     with processes:
         if dry_run:
             for path, foreseen in forecast(request, shard):
-                _print_forecast(stage, path, foreseen, check)
+                _print_forecast(request.stage, path, foreseen, check)
             return
         for plan in make_plans(request, shard):
             run_plan(plan)
@@ -102,16 +101,20 @@ def run(
 NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 
 
-def _print_forecast(stage: str, path: Place, foreseen: Forecast, check: bool) -> None:
-    if foreseen.up_to_date:
-        print_line(f"{stage} {path}: up to date, {pluralise(foreseen.total)}")
-        return
-    if not foreseen.total:
-        print_line(f"{stage} {path}: would be removed, {NO_OBJECT_LEFT}")
-        return
+def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) -> None:
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
-    uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
-    print_line(f"{stage} {path}: would make {foreseen.missing} of {pluralise(foreseen.total)}, {size}{uncounted}")
+    if foreseen.up_to_date:
+        text = f"up to date, {pluralise(foreseen.total)}"
+    elif not foreseen.total:
+        text = f"would be removed, {NO_OBJECT_LEFT}"
+    elif isinstance(stage, DatasetStage):
+        text = f"would be made from {pluralise(foreseen.total)}, {size}"
+    else:
+        made = f"make {foreseen.missing} of {pluralise(foreseen.total)}"
+        work = made if foreseen.missing else f"publish {pluralise(foreseen.total, 'finished row')}"
+        uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
+        text = f"would {work}, {size}{uncounted}"
+    print_line(f"{stage.name} {path}: {text}")
 
 
 def run_plan(plan: Plan[Any]) -> None:
@@ -127,7 +130,7 @@ def run_plan(plan: Plan[Any]) -> None:
         _warn_of_low_disk_space(plan)
         if isinstance(plan.output, ShardOutput) and request.only is None and (line := _changed_rows(plan)):
             print_line(f"{stage} {plan.path}: {line}")
-        for line in _warnings(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in _misfits(plan) if isinstance(plan.output, ShardOutput) else ():
             print_line(line)
         result = execute(plan, console)
         text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
@@ -143,7 +146,7 @@ def run_plan(plan: Plan[Any]) -> None:
         failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
         print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
-            for line in plan.stage.remarks(plan.settings, plan.output.shard):
+            for line in plan.stage.describe_shard(plan.settings, plan.output.shard):
                 print_line(line)
     failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     failures = {name: failure for name, failure in failures.items() if request.only in (None, name)}
@@ -179,11 +182,11 @@ def _changed_rows(plan: Plan[ShardOutput]) -> str:
     return "; ".join(lines + ([f"{pluralise(moved)} in another split than before"] if moved else []))
 
 
-def _warnings(plan: Plan[ShardOutput]) -> Iterator[str]:
-    """Yield the stage's warnings about the inputs of the requested objects."""
+def _misfits(plan: Plan[ShardOutput]) -> Iterator[str]:
+    """Yield what the stage reports of the inputs of the requested objects."""
     units = [unit for unit in plan.units if plan.request.only in (None, unit.name) and not unit.failure]
     objects = ((unit.name, {inputs.artifact.name: inputs.view(unit.name) for inputs in plan.inputs}) for unit in units)
-    yield from plan.stage.warnings(plan.settings, objects)
+    yield from plan.stage.describe_misfits(plan.settings, objects)
 
 
 def _print_failures(failures: Mapping[str, Failure]) -> None:

@@ -16,7 +16,7 @@ from pipeline.config.objects import Object
 from pipeline.config.sources import MeshSource
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import MESH_SUFFIXES, read_file
+from pipeline.formats.file_content import MESH_SUFFIXES, expanded, read_file
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT
 
 MAX_ENTRIES = 500_000
@@ -191,7 +191,7 @@ class ShapeNet(MeshSource):
 
 
 def _folder(path: Path | None, description: str) -> Path:
-    path = path and path.expanduser()
+    path = path and expanded(path)
     if path is None or not path.is_dir():
         problem = "the manifest names no folder" if path is None else f"{path.resolve()} is no folder"
         raise InvalidInput(f"{problem}; give {description} with --objects DIR (make: OBJECTS=DIR)")

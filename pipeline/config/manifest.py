@@ -19,6 +19,7 @@ from pipeline.config.sources import MeshSource, Procedural, Pybullet, Source
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description, shipped_files
+from pipeline.formats.file_content import expanded
 from pipeline.formats.file_units import METRES
 
 SPLITS = ("train", "valid", "test")
@@ -136,7 +137,7 @@ class Manifest(BaseModel):
         """Return the manifest with its sources' relative paths counted from a folder."""
         paths = [getattr(source, "path", None) for source in self.sources]
         changed = (
-            source.model_copy(update={"path": folder / path.expanduser()} if path else {})
+            source.model_copy(update={"path": folder / expanded(path)} if path else {})
             for source, path in zip(self.sources, paths, strict=True)
         )
         return self.model_copy(update={"sources": tuple(changed)})

@@ -6,6 +6,7 @@ error), or changes speed alone.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any, ClassVar, Literal
@@ -44,6 +45,11 @@ class Settings(BaseModel):
 def setting(default: Any, reason: str, *, changes: Change = "results", **limits: Any) -> Any:
     """Declare a setting: its default, why that is the default, what it changes, and limits as pydantic's `Field` takes them."""
     return Field(default, description=reason, json_schema_extra={"changes": changes}, **limits)
+
+
+def value_text(value: Any) -> str:
+    """Write a setting's value as `--set` takes it."""
+    return json.dumps(value, ensure_ascii=False, default=str).replace('"', "")
 
 
 def described_by(kind: Literal["hand", "sensor", "scene"]) -> AfterValidator:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.kernels.hand.model import Hand
@@ -38,7 +37,7 @@ def grasping_hand(attributes: Mapping[str, Mapping[str, Any]]) -> Hand:
 
 def check_is_there(name: str, remedy: str) -> None:
     """Raise an `InvalidInput` with a remedy if the hand's file that a dataset records is not there: its path may be of another folder."""
-    path = Path(os.path.expanduser(name))  # pathlib raises for unknown users
+    path = expanded(name)
     if path.suffix in (".yaml", ".yml") and not path.is_file():
         where = "" if path.is_absolute() else ", a path from the folder where it was made: run this there, or"
         raise InvalidInput(f"the dataset records the hand {name!r}{where or ', which is not there:'} {remedy}")

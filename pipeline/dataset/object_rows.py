@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
@@ -93,7 +94,8 @@ class ObjectRows:
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
         if not self.object_ids:
-            failed = f"; {len(failures)} have failed or are not made yet, see `vt-pipeline status {self.data}`" if failures else ""
+            status = f"see `vt-pipeline status {shlex.quote(str(self.data))}`"
+            failed = f"; {len(failures)} have failed or are not made yet, {status}" if failures else ""
             where = "" if split is None else f" in split {split}"
             splits = ", ".join(sorted({first.row(name).split for name in first}))
             remedy = "" if split is None or failed else f", but in {splits}; the manifest's `splits` define their numbers"

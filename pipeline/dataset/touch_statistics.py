@@ -22,11 +22,11 @@ SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle":
 """Percentage of touches that succeed, from Table 1."""
 
 
-HELD = ("contact_area", "opposition", "closure")
+HOLD_MEASURES = ("contact_area", "opposition", "closure")
 """The arrays that measure how well a grasp holds."""
 
 
-LISTS = ("touched", "tried", "held", "lifted", "directions", "diagonals")
+LISTS = ("touched", "tried", "hold_measures", "held", "held_directions", "diagonals")
 """Fields of a `Tally` with an entry per object."""
 
 
@@ -38,11 +38,11 @@ class Tally:
     """(grasp, sensor) bool of every object: which touches of the kept grasps succeed."""
     tried: list[np.ndarray] = field(default_factory=list)
     """(sensor,) of every object: the share of all attempts in which a sensor touched."""
-    held: list[np.ndarray] = field(default_factory=list)
+    hold_measures: list[np.ndarray] = field(default_factory=list)
     """(grasp, 3) of every object: area of contact, mm², greatest angle between two contacts, degrees, and margin of force closure."""
-    lifted: list[np.ndarray] = field(default_factory=list)
+    held: list[np.ndarray] = field(default_factory=list)
     """(grasp,) bool of every object: which grasps hold it in the hold test; empty without the test."""
-    directions: list[np.ndarray] = field(default_factory=list)
+    held_directions: list[np.ndarray] = field(default_factory=list)
     """(grasp, 6) bool of every object: the same by the direction of gravity; empty if only one was tested."""
     diagonals: list[float] = field(default_factory=list)
     """Diagonal of every object's bounding box, m; empty without a hold test."""
@@ -73,23 +73,23 @@ class Tally:
 def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
     shard = first_shard(data, GRASPS)
-    judged = HELD if shard.has("closure") else ()  # older datasets have none
-    lifted = tuple(name for name in ("held", "held_directions") if shard.has(name))
-    arrays = ["touch_success", "attempt_success", *judged, *lifted]
+    measured = HOLD_MEASURES if shard.has("closure") else ()  # older datasets have none
+    tested = tuple(name for name in ("held", "held_directions") if shard.has(name))
+    arrays = ["touch_success", "attempt_success", *measured, *tested]
     rows = ObjectRows(data, arrays, split=None)
     tallies: dict[str, Tally] = defaultdict(Tally)
     for object_id, category in zip(rows.object_ids, rows.categories, strict=True):
         entry = tallies[category]
         entry.touched.append(rows.read("touch_success", object_id))
         entry.tried.append(rows.read("attempt_success", object_id))
-        if judged:
-            area, angle, margin = (rows.read(name, object_id) for name in HELD)
-            entry.held.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
-        if lifted:
-            entry.lifted.append(rows.read("held", object_id))
+        if measured:
+            area, angle, margin = (rows.read(name, object_id) for name in HOLD_MEASURES)
+            entry.hold_measures.append(np.stack([1e6 * area.sum(axis=1), angle, margin], axis=1))
+        if tested:
+            entry.held.append(rows.read("held", object_id))
             entry.diagonals.append(rows.diagonal(object_id))
-        if "held_directions" in lifted:
-            entry.directions.append(rows.read("held_directions", object_id))
+        if "held_directions" in tested:
+            entry.held_directions.append(rows.read("held_directions", object_id))
     return dict(sorted(tallies.items()))
 
 

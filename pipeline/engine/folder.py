@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -54,7 +55,8 @@ def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     plan.total = sum(all(collection.failure(name) is None for collection in plan.inputs) for name in objects)
     if not plan.total:
         raise StoreError(
-            f"{stage.name}: all {len(objects)} objects in split {' or '.join(splits)} failed; see `vt-pipeline status {directory.root}`"
+            f"{stage.name}: all {len(objects)} objects in split {' or '.join(splits)} failed; see `vt-pipeline status "
+            f"{shlex.quote(str(directory.root))}`"
         )
     return plan
 

@@ -77,15 +77,15 @@ class ObjectStage(Stage):
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Refuse inputs whose roots' attributes do not fit these settings: an `InvalidInput` says how to make them fit."""
 
-    def notes(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
+    def describe_objects(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
         """Report how a run reads the manifest's objects; by default nothing."""
         return ()
 
-    def warnings(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
+    def describe_misfits(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
         """Report, before a run, which of these objects (name and inputs) do not fit the settings; by default nothing."""
         return ()
 
-    def remarks(self, settings: Any, shard: Shard) -> Iterable[str]:
+    def describe_shard(self, settings: Any, shard: Shard) -> Iterable[str]:
         """Report on a finished shard; by default nothing."""
         return ()
 

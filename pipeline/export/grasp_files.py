@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,7 +83,7 @@ class GraspedObjects:
         self.hand, self._sensors = grasping_hand(attributes), grasping_sensors(attributes)
         self.names = [name for name in self._grasps if self._grasps.failure(name) is None]
         if not self.names:
-            raise StoreError(f"{data}: no object has grasps; `vt-pipeline status {data}` says why")
+            raise StoreError(f"{data}: no object has grasps; `vt-pipeline status {shlex.quote(str(data))}` says why")
 
     def __iter__(self) -> Iterator[GraspedObject]:
         with Meter(errors, "export", len(self.names), "objects") as meter:

@@ -17,6 +17,7 @@ from pipeline.engine.run import make_plans
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.export.own_files import DESCRIBED, find_files, own_names, own_path, read_files
+from pipeline.formats.file_content import expanded
 from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
@@ -89,7 +90,7 @@ def recipe_of(
     named = manifest or first_record.options.get("--manifest", first_record.manifest)
     described = load_manifest(named).with_units(units or first_record.options.get("--units"), up or first_record.options.get("--up"))
     folder = objects or (Path(first_record.options["--objects"]) if "--objects" in first_record.options else None)
-    items = described.objects(folder and folder.expanduser())
+    items = described.objects(folder and expanded(folder))
     shards = directory.check_shard_count(None)
     for name, collection in by_stage.items():
         _check_current(_request_like(collection.first.record, name, items, data))

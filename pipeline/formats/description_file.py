@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline import plugins
 from pipeline.errors import InvalidInput, closest_name
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import expanded, read_file
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
@@ -63,7 +63,7 @@ def description_path(kind: Kind, name: str | Path) -> Path:
     if not isinstance(name, str | Path):
         raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
     shipped = _files_by_name(kind)
-    files = shipped.get(str(name), [(Path(os.path.expanduser(name)), "")])
+    files = shipped.get(str(name), [(expanded(name), "")])
     plugins.check_unique(kind, str(name), [owner for _, owner in files])
     path = files[0][0]
     if not os.path.isfile(path):

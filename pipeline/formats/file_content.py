@@ -13,6 +13,11 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf", ".dae", ".3mf"
 """Formats of mesh files that are read; archives are not among them."""
 
 
+def expanded(path: Path | str) -> Path:
+    """Replace a leading `~` or `~USER` by that home folder; `~USER` stays if there is no such user, where pathlib raises."""
+    return Path(os.path.expanduser(path))
+
+
 def regular_stat(path: Path | str) -> os.stat_result:
     """Find size and times of a regular file, and refuse others: a pipe may block for ever, a device may never end.
 

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description, shipped_files
+from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
 from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import length
@@ -136,7 +137,7 @@ def _digests(hand: Hand) -> list[str] | None:
 
 def _read(path: Path) -> Hand:
     file = read_description("hand", path, HandFile)
-    urdf = path.parent / os.path.expanduser(file.urdf)
+    urdf = path.parent / expanded(file.urdf)
     if not os.path.isfile(urdf):
         raise InvalidInput(f"{path}: there is no urdf {file.urdf!r} ({urdf}); give a path relative to the hand file, or an absolute one")
     try:
@@ -263,7 +264,7 @@ def _mounts(owner: str, entries: Sequence[_SensorMount], numbers: Mapping[str, i
         if sensor is None:
             raise InvalidInput(f"sensor {name!r} has no sensor file; name one as its `file`, or for all sensors as the hand's `sensor`")
         if sensor not in shipped_files("sensor"):
-            sensor = str(path.parent / os.path.expanduser(sensor))
+            sensor = str(path.parent / expanded(sensor))
         mounts.append(Mount(name, _find("sensor link", entry.link, numbers), _sensor_pose(name, entry), sensor))
     return mounts
 

@@ -12,6 +12,7 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path, read_description
+from pipeline.formats.file_content import expanded
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.resample_sensor import resample
@@ -73,7 +74,7 @@ def photograph_file(path: Path, sensor: Sensor) -> Path | None:
 def sensor_names(hand: Hand, override: str | None = None) -> tuple[str, ...]:
     """Name the sensor at each mount, the hand file's, or `override` on all: a shipped one, or an absolute path."""
     names = [override or mount.sensor for mount in hand.sensors]
-    return tuple(name if (path := Path(name).expanduser()).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in names)
+    return tuple(name if (path := expanded(name)).suffix not in (".yaml", ".yml") else str(path.absolute()) for name in names)
 
 
 def sensor_files(names: Sequence[str]) -> list[Path]:

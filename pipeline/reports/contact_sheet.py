@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -86,7 +87,7 @@ def _choose_objects(data: Place, max_objects: int) -> tuple[dict[str, Collection
     check_origins(directory, SHOWN)
     sound = [name for name in collections["surfaces"] if all(c.failure(name) is None for c in collections.values())]
     if not sound:
-        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
+        raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
     return collections, spread_evenly(sound, max_objects)
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import Kind, description_path, read_yaml, shipped_files, texts_in
+from pipeline.formats.file_content import expanded
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
@@ -85,7 +86,7 @@ def is_observation(name: str) -> bool:
 
 def _path_of(name: str) -> Path:
     shipped = {file_name: kind for kind in ENTRIES for file_name in shipped_files(kind)}
-    path = description_path(shipped[name], name) if name in shipped else Path(name).expanduser()
+    path = description_path(shipped[name], name) if name in shipped else expanded(name)
     if not path.exists():
         raise InvalidInput(f"{path} does not exist; shipped files are {', '.join(sorted(shipped))}")
     return path

@@ -22,12 +22,12 @@ DIRECTIONS = ("−x", "+x", "−y", "+y", "−z", "+z")
 def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
     """Make the tables, beside the touches, of the tallies by class; none for a dataset whose grasps were not tested."""
     total = Tally.joined(tallies.values())
-    if not total.lifted:
+    if not total.held:
         return []
     by_size = [(name, total.part(numbers)) for name, numbers in size_bins(np.array(total.diagonals)).items()]
     parts = {"class": [*tallies.items(), (TOTAL, total)], "diagonal": by_size}
     titles = {"class": "Kept grasps that hold the object, by class", "diagonal": "The same, by the diagonal of the object's bounding box"}
-    return [_table(titles[grouping], grouping, entries, by_direction=bool(total.directions)) for grouping, entries in parts.items()]
+    return [_table(titles[grouping], grouping, entries, by_direction=bool(total.held_directions)) for grouping, entries in parts.items()]
 
 
 def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
@@ -55,10 +55,10 @@ def _table(title: str, grouping: str, entries: Sequence[tuple[str, Tally]], *, b
     """Tabulate parts of a dataset."""
     rows = []
     for name, entry in entries:
-        held, touched = np.concatenate(entry.lifted), np.concatenate(entry.touched)
-        cells = [len(entry.lifted), len(held), float(touched.sum(axis=1).mean()), 100 * float(held.mean())]
+        held, touched = np.concatenate(entry.held), np.concatenate(entry.touched)
+        cells = [len(entry.held), len(held), float(touched.sum(axis=1).mean()), 100 * float(held.mean())]
         if by_direction:
-            directions = np.concatenate(entry.directions)
+            directions = np.concatenate(entry.held_directions)
             cells += [100 * float(directions.all(axis=1).mean()), *(100 * directions.mean(axis=0)).tolist()]
         rows.append(Row([name, *cells]))
     columns = [grouping, "objects", "grasps", "touches per grasp", "% that hold", *(("% in all", *DIRECTIONS) if by_direction else ())]

@@ -149,14 +149,14 @@ def _tiles(source: ReportSource) -> list[tuple[str, str]]:
     """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
     tallies = source.tallies
     touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
-    lifted = [grasps for entry in tallies.values() for grasps in entry.lifted]
-    held = [(f"{100 * np.concatenate(lifted).mean():.0f} %", "of grasps hold the object")] if lifted else []
+    held = [grasps for entry in tallies.values() for grasps in entry.held]
+    hold_tiles = [(f"{100 * np.concatenate(held).mean():.0f} %", "of grasps hold the object")] if held else []
     return [
         _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
         _counted(len(tallies), "class"),
         _counted(len(touched), "grasp"),
         _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
-        *held,
+        *hold_tiles,
         _counted(len(source.failures), "failure"),
     ]
 

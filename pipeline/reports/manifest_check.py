@@ -155,7 +155,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_first(faults),
         *_first([doubt for item in checked if (doubt := item.doubt)]),
         *missing_remarks({item.name: abbreviate(item.missing) for item in checked if item.missing}),
-        *SampleSurfaces().notes(SurfaceSettings(), objects),
+        *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),
         f"picture: {picture}",

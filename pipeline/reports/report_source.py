@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -89,7 +90,7 @@ class ReportSource:
         self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
         self.object_ids = [name for name in names if name not in failures]
         if not self.object_ids:
-            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {data}` says why")
+            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
         self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
 

@@ -63,11 +63,11 @@ def supplement_touches(count: int) -> tuple[float, ...]:
 
 def _contacts(tallies: dict[str, Tally], total: Tally) -> list[Table]:
     """Make the table of contact areas, opposition and force closure of the kept grasps, if the dataset has those figures."""
-    if not total.held:
+    if not total.hold_measures:
         return []
     rows = []
     for name, entry in [*tallies.items(), (TOTAL, total)]:
-        area, angle, margin = np.concatenate(entry.held).T
+        area, angle, margin = np.concatenate(entry.hold_measures).T
         rows.append(Row([name, f"{area.mean():.0f}", f"{100 * (angle > OPPOSED).mean():.1f}", f"{100 * (margin > 0).mean():.1f}"]))
     titles = ["class", "area of contact per grasp, mm²", f"% with contacts over {OPPOSED}° apart", "% with force closure"]
     return [Table("Contacts", titles, rows)]

@@ -31,7 +31,7 @@ from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import regular_stat
+from pipeline.formats.file_content import expanded, regular_stat
 
 PROTOCOLS = ("s3", "gs")
 """URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
@@ -81,7 +81,7 @@ def place(text: str | Place) -> Place:
         raise InvalidInput("the name of a data directory is empty; name a folder, or object storage")
     protocol, separator, rest = str(text).partition("://")
     if not separator:
-        return Path(str(text)).expanduser()
+        return expanded(str(text))
     if protocol not in PROTOCOLS or not rest.strip("/"):
         raise InvalidInput(
             f"{text} cannot hold data; give a folder, or {' or '.join(f'{protocol}://BUCKET/PREFIX' for protocol in PROTOCOLS)}"

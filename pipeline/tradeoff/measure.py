@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import time
 from collections.abc import Iterator, Sequence
@@ -231,7 +232,8 @@ def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, co
         size = kilobytes(data, loaded.writes(settings)) / (1 if trained else len(setup.objects))
         errors = {name: (error,) for name, error in trade.errors(data, reference or data).items()}
         if not errors:
-            raise StoreError(f"{stage}, {label}: no object of the sample has this error ({trade.metric}); see `vt-pipeline status {data}`")
+            remedy = f"see `vt-pipeline status {shlex.quote(str(data))}`"
+            raise StoreError(f"{stage}, {label}: no object of the sample has this error ({trade.metric}); {remedy}")
         if trade.trials:
             measured = measured.model_copy(update={"trials": trade.trials(data)})
         measured = measured.with_point(point.model_copy(update={"times": times, "kilobytes": size, "errors": errors}))

@@ -37,7 +37,7 @@ class SampleSurfaces(ObjectStage):
     output = SURFACES
     settings_type = SurfaceSettings
 
-    def notes(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
+    def describe_objects(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
         """Report files without units, which are scaled to one size, and warn if others have units and are not scaled."""
         files = [item for item in objects if "file" in item.source]
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
@@ -50,7 +50,7 @@ class SampleSurfaces(ObjectStage):
                     "a unit; write a manifest with a folder for each unit, and its metres_per_unit"
                 )
 
-    def remarks(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
+    def describe_shard(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
         """Name the objects whose textures or materials are missing, and which are rendered without them."""
         if not shard.has("missing_names"):  # all objects failed
             return

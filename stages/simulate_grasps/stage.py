@@ -82,7 +82,7 @@ class SimulateGrasps(ObjectStage):
             }
         }
 
-    def warnings(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
+    def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name links without mass, and objects that do not fit the hand."""
         hand = load_hand(settings.hand)
         if massless := links_without_mass(hand):
@@ -91,7 +91,7 @@ class SimulateGrasps(ObjectStage):
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 
-    def remarks(self, settings: GraspSettings, shard: Shard) -> Iterator[str]:
+    def describe_shard(self, settings: GraspSettings, shard: Shard) -> Iterator[str]:
         """Count the grasps that are kept although no sensor touches."""
         untouched = np.flatnonzero(shard.read("ok")[:, None] & ~shard.read("touch_success").any(axis=-1)) // settings.grasps
         if len(untouched):

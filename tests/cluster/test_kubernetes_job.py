@@ -15,6 +15,7 @@ import typer
 import yaml
 
 from pipeline.cli import app
+from pipeline.cluster.cluster_profile import load_cluster
 
 JOB: dict[str, Any] = yaml.safe_load((resources.files("pipeline") / "assets" / "kubernetes-job.yaml").read_text())
 (CONTAINER,) = JOB["spec"]["template"]["spec"]["containers"]
@@ -35,6 +36,12 @@ def test_misspelt_entry_is_refused_by_the_api_schema():
 
 def test_job_has_a_pod_per_shard():
     assert VALUES["SHARDS"] == str(JOB["spec"]["completions"])
+
+
+def test_limit_of_memory_per_core_is_that_of_the_slurm_template():
+    task, pod = load_cluster("slurm").cpu, CONTAINER["resources"]
+    per_core = int(pod["limits"]["memory"].removesuffix("Gi")) / int(pod["requests"]["cpu"])
+    assert per_core == int(task.memory.removesuffix("G")) / task.cores
 
 
 def test_script_runs_each_stage_for_its_shard_until_one_fails(tmp_path: Path):

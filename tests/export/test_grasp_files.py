@@ -62,10 +62,10 @@ def test_arrays_are_in_the_frame_and_unit_of_the_object_file(data: Path, tmp_pat
 
 @pytest.mark.parametrize("form", ["grasps", "mesh", "webdataset"])
 def test_dataset_without_grasps_is_refused_and_writes_nothing(tmp_path: Path, form: str) -> None:
-    ball_dataset.make_data(tmp_path / "data", 1, ungrasped="a")
-    result = CliRunner().invoke(app, ["export", str(tmp_path / "data"), str(tmp_path / "out"), "--to", form])
+    ball_dataset.make_data(tmp_path / "my data", 1, ungrasped="a")
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "my data"), str(tmp_path / "out"), "--to", form])
     assert result.exit_code == 1
-    assert f"vt-pipeline status {tmp_path / 'data'}`" in "".join(result.output.split("\n"))
+    assert f"vt-pipeline status '{tmp_path / 'my data'}'`" in "".join(result.output.split("\n"))
     assert not (tmp_path / "out").exists()
 
 

@@ -21,6 +21,13 @@ Each kernel that takes geometry is fed with the extremes of its range, and with 
 rational or 80-bit arithmetic. *Refused* means an error in words. The first table holds the shapes that kernels must take; the second holds
 those that they may refuse, but must not get wrong. Shapes are icospheres of 80 faces where nothing else is said, 0.1 m large where they lie
 away from the origin or are cut. Where a kernel's docstring promises less for a shape, that follows the error in brackets.
+
+- Errors are shares of what the column "error in" names: the largest coordinate, the product of two edges, the area, the spacing of the
+  grid, or the width of the sensor. m, pixels and levels (of 255) are units; 1 is none.
+- slivers 1e8: a ball with a triangle along an edge of each face, about 1e8 times as long as high; one sliver: such a triangle alone.
+- grazing 1e-8: walls, which the rays of a sensor meet at an angle of 1e-8 rad.
+- coincident: no two faces share a vertex, one is there three times, once inside out, and two have shrunk to a segment and a point.
+- float32: a ball whose vertices were rounded to single precision; denormal: a ball of 1e-310 m.
 """
 
 

@@ -58,6 +58,13 @@ NEEDS_MOUNT = ("disk full", "disk read-only")
 CACHES = ("inductor", "dask-scratch-space")
 """Folders that torch and Dask keep among temporary files for all runs; Dask clears its folder at the start."""
 
+TEMPORARY = "temporary files after all of these"
+"""The row of what the runs left among temporary files."""
+
+CERTIFICATE = """
+The last fault is no loss of data: a killed run left Dask's temporary folder with its certificate ([Reliability](reliability.md)).
+"""
+
 INTRODUCTION = """# Faults
 
 The command below wrote this page. Each fault hits a copy of a small dataset (three objects, the stages from `sample-surfaces` to
@@ -122,7 +129,7 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     if leftovers := [_described(path) for path in leftovers if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
         left_behind = Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(leftovers[:5])}")
         print(f"{left_behind.what}: {left_behind.fault_of_ours}", file=progress)
-        verdicts["all of these"] = [left_behind]
+        verdicts[TEMPORARY] = [left_behind]
     return verdicts
 
 
@@ -177,7 +184,8 @@ def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[
     about = provenance("make faults", "python -m tests.faults")
     heading = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
     note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
-    return "\n".join([INTRODUCTION, heading, f"{seconds / 60:.0f} minutes.\n", *lines, note])
+    certificate = CERTIFICATE if any("dask.crt" in verdict.fault_of_ours for verdict in verdicts.get(TEMPORARY, ())) else ""
+    return "\n".join([INTRODUCTION, heading, f"{seconds / 60:.0f} minutes.\n", *lines, certificate + note])
 
 
 if __name__ == "__main__":

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults.__main__ import TEMPORARY, _page
 from tests.faults.sandbox import Sandbox
-from tests.faults.trial import follow
+from tests.faults.trial import Verdict, follow
 from tests.fuzz.__main__ import fuzz
 from tests.fuzz.target import Files, Target
 from tests.fuzz.targets import TARGETS
@@ -25,6 +26,13 @@ def test_dataset_survives_a_few_faults():
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert f"| all | {len(KINDS)} |" in completed.stdout
+
+
+@pytest.mark.parametrize(("left", "explained"), [("tmp1/ (dask.crt, dask.pem)", True), ("other/ (empty)", False)])
+def test_page_explains_the_certificate_that_a_killed_run_leaves(left, explained):
+    page = _page({"SIGTERM": [Verdict("", "equal digests")], TEMPORARY: [Verdict("", fault_of_ours=f"left behind: {left}")]}, 60, [])
+    assert "| temporary files after all of these | 1 |  | 1 |" in page
+    assert ("a killed run left Dask's temporary folder" in page) == explained
 
 
 def test_follow_applies_the_remedy_of_a_message(tmp_path):

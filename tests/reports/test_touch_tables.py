@@ -31,9 +31,9 @@ def objects_of(held: list[list[bool]], diagonals: list[float], directions: list[
     return Tally(
         [np.ones((each, 2), bool)] * count,
         [np.ones(2)] * count,
-        held=[np.array([[50.0, 120.0, 0.3]] * each)] * count,
-        lifted=[np.array(own) for own in held],
-        directions=[np.array(own) for own in directions or []],
+        hold_measures=[np.array([[50.0, 120.0, 0.3]] * each)] * count,
+        held=[np.array(own) for own in held],
+        held_directions=[np.array(own) for own in directions or []],
         diagonals=diagonals,
     )
 

@@ -104,7 +104,7 @@ def test_small_objects_are_seen_as_large_as_others_unless_a_zoom_is_set():
 
 def test_objects_that_are_small_or_cut_off_with_a_set_zoom_are_named():
     def warnings(settings: VisionSettings, *radii: float) -> list[str]:
-        return list(RenderVision().warnings(settings, ((f"ball-{r:g}", {"surfaces": {"points": ball(r).vertices}}) for r in radii)))  # type: ignore[dict-item]
+        return list(RenderVision().describe_misfits(settings, ((f"ball-{r:g}", {"surfaces": {"points": ball(r).vertices}}) for r in radii)))  # type: ignore[dict-item]
 
     plain = VisionSettings(hand="allegro_right", occluded=False)
     assert warnings(plain, 0.144, 0.001) == []
@@ -117,9 +117,9 @@ def test_objects_that_are_small_or_cut_off_with_a_set_zoom_are_named():
 def test_a_hand_without_visual_shapes_is_named(monkeypatch):
     bare = replace(load_hand("allegro_right"), links=tuple(replace(link, visuals=()) for link in load_hand("allegro_right").links))
     monkeypatch.setattr("stages.render_vision.stage.load_hand", lambda name: bare)
-    (line,) = RenderVision().warnings(VisionSettings(hand="allegro_right"), ())
+    (line,) = RenderVision().describe_misfits(VisionSettings(hand="allegro_right"), ())
     assert line == "hand allegro_right has no visual shapes, so no image shows it: give its URDF <visual> elements"
-    assert list(RenderVision().warnings(VisionSettings(hand="allegro_right", occluded=False), ())) == []
+    assert list(RenderVision().describe_misfits(VisionSettings(hand="allegro_right", occluded=False), ())) == []
 
 
 def test_diagonals_of_objects_that_were_scaled_are_exact():

@@ -106,7 +106,7 @@ def test_grasps_without_any_touch_are_counted(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(ball_dataset, "touched", lambda unit, grasp, sensor: unit.name != "b" or grasp in (0, 3))
     ball_dataset.make_data(tmp_path, 3)
     (shard,) = DataDirectory(tmp_path).collection(GRASPS).shards
-    (line,) = SimulateGrasps().remarks(GraspSettings(), shard)
+    (line,) = SimulateGrasps().describe_shard(GraspSettings(), shard)
     assert line.startswith("3 grasps of 1 object (b) kept without any touch")
 
 
