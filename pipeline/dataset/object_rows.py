@@ -20,7 +20,6 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
@@ -238,8 +237,3 @@ def _find_artifact(array: str) -> Artifact:
         return artifact_of(array)
     except KeyError as error:
         raise StoreError(error.args[0]) from None
-
-
-def first_shard(data: Place, artifact: Artifact) -> Shard:
-    """Find a shard of an artifact, for metadata that all of them share; raise a `StoreError` if none has been made."""
-    return DataDirectory(data).collection(artifact).first
