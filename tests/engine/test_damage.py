@@ -7,20 +7,38 @@ import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zarr
 from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.engine.run import run as run_plan
+from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.reports.status import read_account
 from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.record import named_location
+from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import CONSOLE, Average, MakeNoise, TakeMean, digest, leave_row, plan_of, publish, published, request, run
+from schemas.base import Array
+from schemas.catalogue import ARTIFACTS
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    Average,
+    MakeNoise,
+    TakeMean,
+    digest,
+    leave_row,
+    pack,
+    plan_of,
+    publish,
+    published,
+    request,
+    run,
+)
 
 TOKEN = "0123456789abcdef" * 2
 """A token in the name of an unfinished file."""
@@ -206,6 +224,30 @@ def test_status_names_the_missing_file_of_a_folder(tmp_path):
         run(request(tmp_path, stage))
     (DataDirectory(tmp_path).folder_path("models/average") / "mean.json").unlink()
     assert ["average.json: mean.json is missing; run average again" in line for line in read_account(tmp_path).damaged] == [True]
+
+
+def test_array_of_only_some_objects_is_refused_before_publishing(tmp_path, monkeypatch):
+    stage = MakeNoise()
+    arrays = stage.output.arrays | {"weight": Array(("object",), "float32", "kg", "Of some.", optional=True)}
+    stage.output = stage.output.model_copy(update={"arrays": arrays})
+    monkeypatch.setitem(ARTIFACTS, "noise", stage.output)
+
+    def row(unit: Unit) -> Row:
+        weight = {"weight": np.array(1.0)} if unit.name == "b" else {}
+        return {"values": np.zeros((50, 3)), "label": np.array("x"), "lists/numbers": np.arange(1), **weight}
+
+    with pytest.raises(StoreError, match="noise: weight: returned for b, not for a; return it for every object, or for none"):
+        pack(request(tmp_path, stage, count=3), row)
+    assert not list((tmp_path / "noise").glob("*"))
+    pack(request(tmp_path / "failed", stage, count=2), row, failed="a")
+    assert not any(problems_below(tmp_path / "failed").values()), "a failed object has no array"
+
+
+def test_constants_are_among_the_names_of_a_row(tmp_path):
+    run(request(tmp_path))
+    view = published(tmp_path).view("a")
+    names = ("reach", "values", "ok", "lists/numbers", "label", "hardness", "lists/letters")
+    assert [name in view for name in names] == [True] * 5 + [False] * 2
 
 
 def test_temporary_files_of_killed_runs_are_garbage(tmp_path):
