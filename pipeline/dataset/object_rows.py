@@ -133,9 +133,14 @@ class ObjectRows:
             shard = self._collections["touch"].first
             raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
+    def dims(self, array: str) -> tuple[str, ...]:
+        """Return the dimensions of an array, by name."""
+        name = DERIVED[DIFFERENCE][0] if array == DIFFERENCE else array
+        return self._artifact_of[name].arrays[name].dims
+
     def size(self, array: str, dim: str) -> int:
         """Return the size of an array along one of its dimensions, the same in every object."""
-        position = self._artifact_of[array].arrays[array].dims.index(dim)
+        position = self.dims(array).index(dim)
         return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
     @cached_property
