@@ -88,7 +88,13 @@ class Artifact(BaseModel):
 
 COORDINATES = {
     "grasp": Array(("grasp",), "int32", "1", "Number of the grasp, 0 the best.", optional=True),
-    "sensor": Array(("sensor",), "string", "1", "Name of the finger that wears the sensor.", optional=True),
+    "sensor": Array(
+        ("sensor",),
+        "string",
+        "1",
+        "Name of the sensor: its finger's, numbered where it has several, or the one in the hand file.",
+        optional=True,
+    ),
     "joint": Array(("joint",), "string", "1", "Name of the joint in the hand's URDF, finger by finger.", optional=True),
 }
 """Labels of dimensions: a stage that gives none copies those of its inputs."""

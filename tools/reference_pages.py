@@ -17,7 +17,7 @@ from pipeline.config.manifest import Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
-from pipeline.engine.stage import ObjectStage, names_read
+from pipeline.engine.stage import names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.touch.sensor import Sensor
@@ -59,10 +59,9 @@ def _artifacts() -> Iterator[str]:
     yield "## Arrays of every artifact\n"
     yield _array_table(COMMON)
     yield "Dimensions of one size everywhere: " + ", ".join(f"`{name}` {size}" for name, size in FIXED.items()) + ".\n"
-    makers = {stage.output.name: name for name in STAGES if isinstance(stage := load_stage(name), ObjectStage)}
     for artifact in ARTIFACTS.values():
         yield f"## `{artifact.name}`\n"
-        yield f"{artifact.summary} Written by `{makers[artifact.name]}`, schema version {artifact.version}.\n"
+        yield f"{artifact.summary} Written by `{artifact.stage}`, schema version {artifact.version}.\n"
         yield _array_table({name: array for name, array in artifact.arrays.items() if name not in COMMON})
         if artifact.ragged:
             yield "Per object, in a group `meshes/OBJECT_ID` where `meshes` is the first part of the name:\n"

@@ -21,7 +21,7 @@ from pipeline.errors import StageError
 from pipeline.formats.rendering_folder import PIXELS, VIEWS, write_renderings
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION
+from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
 from pipeline.kernels.vision.camera import Camera, look_at
 from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.viewpoint import FARTHEST, FOCAL, SENSOR, Viewpoint
@@ -85,21 +85,16 @@ def draw_viewpoints(rng: np.random.Generator) -> list[Viewpoint]:
 
 def write_mesh(path: Path, mesh: Mesh) -> None:
     """Write a normalised mesh as ShapeNetCore has it: y up, about the origin, its bounding box of diagonal 1."""
-    x, y, z = ((mesh.vertices - POSITION) / diagonal_of(mesh)).T
+    x, y, z = ((mesh.vertices - POSITION) / bounding_diagonal(mesh.vertices)).T
     path.parent.mkdir(parents=True, exist_ok=True)
     trimesh.Trimesh(np.stack([x, z, -y], axis=1), mesh.faces, process=False).export(path)
-
-
-def diagonal_of(mesh: Mesh) -> float:
-    """Compute the diagonal of a mesh's bounding box, m."""
-    return float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
 
 
 def camera_of(mesh: Mesh, viewpoint: Viewpoint) -> Camera:
     """Place the renderings' camera about a normalised mesh, in the world, z up."""
     azimuth, elevation = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
     towards = np.array([np.cos(azimuth) * np.cos(elevation), -np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
-    x, y, z = (POSITION + diagonal_of(mesh) * FARTHEST * viewpoint.distance * towards).tolist()
+    x, y, z = (POSITION + bounding_diagonal(mesh.vertices) * FARTHEST * viewpoint.distance * towards).tolist()
     focal, middle = FOCAL / SENSOR * PIXELS, PIXELS / 2
     camera = Camera(position=(x, y, z), rotation=(0, 0, 0), focal=(focal, focal), centre=(middle, middle), resolution=PIXELS)
     return look_at(camera, (x, y, z), tuple(POSITION.tolist()))

@@ -16,7 +16,7 @@ from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.stage import names_read
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import on_disk, place
+from pipeline.store.storage import place
 from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, load_stage
 
@@ -78,8 +78,8 @@ def collect_garbage(
     from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
-    if (folder := on_disk(directory.root)) and not folder.is_dir():
-        fail(f"{data} is not a data directory")
+    if not directory.exists():
+        fail(f"{data} is not a data directory: it has no dataset.json, and no record")
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:
         print_line(f"removed {path}")

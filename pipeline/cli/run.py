@@ -64,7 +64,7 @@ def run(
     up: UpOption = None,
     assignments: SetOption = None,
     seed: SeedOption = None,
-    strict: Annotated[bool, typer.Option(help="Stop at the first object that fails.", rich_help_panel=RUN)] = False,
+    strict: Annotated[bool, typer.Option(help="Stop at the first object that fails in this stage.", rich_help_panel=RUN)] = False,
     retry: Annotated[bool, typer.Option(help="Try objects again that failed in this stage.", rich_help_panel=RUN)] = False,
     check: Annotated[bool, typer.Option(help="Verify published rows first, and make damaged ones again.", rich_help_panel=RUN)] = False,
     dry_run: Annotated[bool, typer.Option(help="Print what a run would do, and do nothing.", rich_help_panel=RUN)] = False,
@@ -122,7 +122,9 @@ def run_plan(plan: Plan[Any]) -> None:
     stage, request = plan.stage.name, plan.request
     failures: dict[str, Failure] = {}
     if plan.up_to_date():
-        print_line(f"{stage} {plan.path}: up to date, {pluralise(len(plan.units)) if plan.missing else pluralise(plan.total)}")
+        objects = len(plan.units) if isinstance(plan.output, ShardOutput) else plan.total
+        print_line(f"{stage} {plan.path}: up to date, {pluralise(objects)}")
+        failures = _failures(plan)
     elif not plan.total:
         execute(plan, console)
         print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
@@ -143,16 +145,20 @@ def run_plan(plan: Plan[Any]) -> None:
                 f"code: run without --object, or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another "
                 "--data"
             )
-        failures = failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
+        failures = _failures(plan)
         print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
         if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
             for line in plan.stage.describe_shard(plan.settings, plan.output.shard):
                 print_line(line)
-    failures = failures or (failures_of(plan) if isinstance(plan.output, ShardOutput) else {})
     failures = {name: failure for name, failure in failures.items() if request.only in (None, name)}
     _print_failures(failures)
     if failures and request.strict:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
+
+
+def _failures(plan: Plan[Any]) -> dict[str, Failure]:
+    """List the objects of a shard that failed in this stage; a folder has none."""
+    return failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
 
 
 def _warn_of_low_disk_space(plan: Plan[Any]) -> None:

@@ -41,7 +41,9 @@ class GraspDataset(Dataset[Item]):
 
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
-        return {"object_id": object_id, "grasp": grasp} | {name: _tensor(self.rows.read(name, object_id, grasp)) for name in self.arrays}
+        numbers = {name: grasp if self.rows.dims(name)[1:2] == ("grasp",) else None for name in self.arrays}
+        arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
+        return {"object_id": object_id, "grasp": grasp} | arrays
 
 
 def _tensor(value: np.ndarray) -> torch.Tensor | str:

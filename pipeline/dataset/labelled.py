@@ -25,7 +25,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     data
         A data directory.
     artifact
-        surfaces, grasps, vision, touch or charts.
+        The name of any artifact, such as touch.
 
     Returns
     -------

@@ -21,7 +21,6 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.shard import Shard
 from pipeline.store.storage import Place, on_disk, place
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
@@ -136,9 +135,14 @@ class ObjectRows:
             shard = self._collections["touch"].first
             raise StoreError(f"{shard.path}: its sensor cannot be used ({invalid_entries(error)}); {shard.remedy}") from error
 
+    def dims(self, array: str) -> tuple[str, ...]:
+        """Return the dimensions of an array, by name."""
+        name = DERIVED[DIFFERENCE][0] if array == DIFFERENCE else array
+        return self._artifact_of[name].arrays[name].dims
+
     def size(self, array: str, dim: str) -> int:
         """Return the size of an array along one of its dimensions, the same in every object."""
-        position = self._artifact_of[array].arrays[array].dims.index(dim)
+        position = self.dims(array).index(dim)
         return int(self._collections[self._artifact_of[array].name].first.array(array).shape[position])
 
     @cached_property
@@ -240,8 +244,3 @@ def _find_artifact(array: str) -> Artifact:
         return artifact_of(array)
     except KeyError as error:
         raise StoreError(error.args[0]) from None
-
-
-def first_shard(data: Place, artifact: Artifact) -> Shard:
-    """Find a shard of an artifact, for metadata that all of them share; raise a `StoreError` if none has been made."""
-    return DataDirectory(data).collection(artifact).first

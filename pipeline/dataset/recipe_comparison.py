@@ -59,6 +59,8 @@ def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | N
     ------
     StoreError
         A record cannot be read.
+    InvalidInput
+        The recipe has a stage that makes no artifact here.
     """
     comparison, differing_before = Comparison(), set[str]()
     selected = recipe.rows.keys() if names is None else names

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from pipeline.dataset.object_rows import ObjectRows, first_shard
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Place
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -72,7 +73,7 @@ class Tally:
 
 def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
-    shard = first_shard(data, GRASPS)
+    shard = DataDirectory(data).collection(GRASPS).first
     measured = HOLD_MEASURES if shard.has("closure") else ()  # older datasets have none
     tested = tuple(name for name in ("held", "held_directions") if shard.has(name))
     arrays = ["touch_success", "attempt_success", *measured, *tested]
@@ -95,7 +96,7 @@ def tally(data: Place) -> dict[str, Tally]:
 
 def has_paper_sizes(data: Place) -> bool:
     """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
-    shard = first_shard(data, SURFACES)
+    shard = DataDirectory(data).collection(SURFACES).first
     if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
         return False
     if not shard.has("metres_per_unit"):  # older datasets keep no real sizes
@@ -106,4 +107,4 @@ def has_paper_sizes(data: Place) -> bool:
 
 def sensors_of(data: Place) -> list[str]:
     """Read the names of the sensors, in their order."""
-    return [str(name) for name in first_shard(data, GRASPS).read("sensor")]
+    return [str(name) for name in DataDirectory(data).collection(GRASPS).first.read("sensor")]

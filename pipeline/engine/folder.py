@@ -100,7 +100,7 @@ def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
     for folder in {work_folder.parent, work.parent}:  # this work, and unfinished work of runs with other settings
         for name in filter(_WORK.fullmatch, list_folder(folder)):
             remove(folder / name)
-    return Summary(plan.total, 0, time.perf_counter() - began)
+    return Summary(plan.total, time.perf_counter() - began)
 
 
 def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Console) -> FolderRecord:

@@ -19,6 +19,9 @@ OURS = ("pipeline", "stages", "schemas")
 NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.errors", "pipeline.plugins", "pipeline.store")
 """Layers that no result depends on. Every other layer counts, also a new one."""
 
+RANDOM_STREAMS = "pipeline.rng"
+"""A module that every key depends on: a stage need not import it, because units bring their random generators (`Unit.rng`)."""
+
 TOY_OBJECTS = "pipeline.toy_objects"
 """A layer that only the keys of its own objects depend on."""
 
@@ -30,7 +33,7 @@ def code_hash(stage: object) -> str:
 
 @cache
 def sources_hash(module: str) -> str:
-    """Hash a module, ours or a plugin's, and its direct and indirect imports of ours and of its own package.
+    """Hash a module, ours or a plugin's, and its direct and indirect imports of ours and of its own package; `RANDOM_STREAMS` too.
 
     Raises
     ------
@@ -43,7 +46,7 @@ def sources_hash(module: str) -> str:
     excluded = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     packages = frozenset({*OURS, module.partition(".")[0]})
     sources = {module: Path(spec.origin)}
-    waiting = list(_source(module, sources[module])[1])
+    waiting = [RANDOM_STREAMS, *_source(module, sources[module])[1]]
     while waiting:
         name = waiting.pop()
         path = _file_of(name, packages)

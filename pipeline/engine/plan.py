@@ -37,7 +37,7 @@ class Request(Generic[S]):
     executor
         What processes objects.
     strict
-        Stop at the first object that fails.
+        Stop at the first object that fails in this stage.
     retry
         Try objects again that failed in this stage.
     check
@@ -83,13 +83,12 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Summary:
-    """A summary of a run: the objects processed, how many of them failed, and the seconds for all.
+    """A summary of a run: the objects processed, and the seconds for all.
 
     The new rows are `held_back` if published rows of the shard must be made again first.
     """
 
     made: int = 0
-    failed: int = 0
     seconds: float = 0.0
     held_back: bool = False
 
@@ -129,7 +128,8 @@ class Plan(Generic[Output]):
         record = self.output.record
         if record is None or record.key != self.key:
             return False
-        if self.request.retry and isinstance(record, ShardRecord) and any(self.failed_here(row.failure) for row in record.rows):
+        rows = record.rows if isinstance(record, ShardRecord) else ()
+        if any(self.failed_here(row.failure) and self.is_retried(row.object_id) for row in rows):
             return False
         return self.output.is_sound() if self.request.check else self.output.is_complete()
 
@@ -137,9 +137,9 @@ class Plan(Generic[Output]):
         """Check whether a failure arose in this stage."""
         return failure is not None and failure.stage == self.stage.name
 
-    def is_retried(self, unit: Unit) -> bool:
-        """Check whether a unit is processed again if it failed."""
-        return self.request.retry and self.request.only in (None, unit.name)
+    def is_retried(self, object_id: str) -> bool:
+        """Check whether an object is processed again if it failed."""
+        return self.request.retry and self.request.only in (None, object_id)
 
     @cached_property
     def assets(self) -> str:

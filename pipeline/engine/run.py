@@ -34,14 +34,15 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan
     if isinstance(request.stage, DatasetStage):
         yield plan_folder(request)
         return
-    shards, numbers = _selected_shards(request, shard)
+    directory = DataDirectory(request.data)
+    shards, numbers = _selected_shards(request, directory, shard)
     for number in numbers:
-        yield plan_shard(request, number, shards)
+        yield plan_shard(request, directory, number, shards)
 
 
-def _selected_shards(request: Request[Any], shard: int | None) -> tuple[int, Sequence[int]]:
+def _selected_shards(request: Request[Any], directory: DataDirectory, shard: int | None) -> tuple[int, Sequence[int]]:
     """Return the dataset's number of shards, and the numbers of the requested ones."""
-    shards = DataDirectory(request.data).check_shard_count(request.shards)
+    shards = directory.check_shard_count(request.shards)
     if shard is not None and shard >= shards:
         raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
     object_shard = None if request.only is None else shard_of(request.only, shards)
@@ -64,10 +65,11 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
     if isinstance(request.stage, DatasetStage):
         yield _forecast_output(request, request.objects, lambda: plan_folder(request))
         return
-    shards, numbers = _selected_shards(request, shard)
+    directory = DataDirectory(request.data)
+    shards, numbers = _selected_shards(request, directory, shard)
     for number in numbers:
         items = [item for item in request.objects if shard_of(item.object_id, shards) == number and request.only in (None, item.object_id)]
-        yield _forecast_output(request, items, partial(plan_shard, request, number, shards))
+        yield _forecast_output(request, items, partial(plan_shard, request, directory, number, shards))
 
 
 def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
@@ -86,7 +88,7 @@ def run(plan: Plan[Any], console: Console) -> Summary:
     Raises
     ------
     InvalidInput
-        With `strict`, at the first object that fails, or that failed before.
+        With `strict`, at the first object that fails in this stage, or failed in it before.
     StageError
         The stage cannot work here, or a hand, sensor or scene file cannot be used.
     StoreError

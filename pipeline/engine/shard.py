@@ -31,8 +31,10 @@ from pipeline.store.rows import Row, conform, row_digest
 from pipeline.store.storage import exists
 
 
-def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOutput]:
+def plan_shard(request: Request[Any], directory: DataDirectory, number: int, shards: int) -> Plan[ShardOutput]:
     """Plan a shard of an object stage; with `only`, of this object and those that are already published.
+
+    All plans of a run share a directory: the records of inputs are read once.
 
     Raises
     ------
@@ -42,7 +44,6 @@ def plan_shard(request: Request[Any], number: int, shards: int) -> Plan[ShardOut
         The shard is of another manifest, with objects that this one lacks.
     """
     stage: ObjectStage = request.stage
-    directory = DataDirectory(request.data)
     output = ShardOutput(directory, stage.output, number, shards)
     plan = Plan(request, directory, output, (stage.output.name, stage.output.version))
     items = [item for item in request.objects if shard_of(item.object_id, shards) == number]
@@ -107,7 +108,7 @@ def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
 def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
     """Find the published row of a unit, unless it failed and is retried."""
     row = published(plan, unit)
-    return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit) else row
+    return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit.name) else row
 
 
 def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
@@ -118,7 +119,7 @@ def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
 
 def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
     """Check whether a result waits to be published, and is no failure to retry."""
-    return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit))
+    return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit.name))
 
 
 def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
@@ -170,12 +171,11 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
             results[unit.name] = result
     pending = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
     began = time.perf_counter()
-    processed = failed = 0
+    processed = 0
     for result in _process(plan, pending, console):
         results[result.name] = result
         processed += 1
-        failed += result.failure is not None
-    summary = Summary(processed, failed, time.perf_counter() - began)
+    summary = Summary(processed, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
     _publish(plan, [results[unit.name] for unit in plan.units])
@@ -256,7 +256,7 @@ def _source_changed(plan: Plan[ShardOutput], unit: Unit) -> bool:
 
 
 def _check_strictness(plan: Plan[ShardOutput], result: Result) -> None:
-    if plan.request.strict and result.failure and plan.request.only in (None, result.name):
+    if plan.request.strict and result.failure and plan.failed_here(result.failure) and plan.request.only in (None, result.name):
         raise InvalidInput(f"{result.name}: {result.failure.reason} (--strict stops here; without it the others go on)")
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
 from pipeline.config.objects import identity
-from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
+from pipeline.console import Meter, Row, Table, errors, pluralise, table_lines
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.mesh_companions import Companions
@@ -154,7 +154,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_tables(checked),
         *_first(faults),
         *_first([doubt for item in checked if (doubt := item.doubt)]),
-        *missing_remarks({item.name: abbreviate(item.missing) for item in checked if item.missing}),
+        *missing_remarks({item.name: ", ".join(item.missing) for item in checked if item.missing}),
         *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),

@@ -21,7 +21,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, files_below, list_folder, map_in_threads, place, read_bytes
+from pipeline.store.storage import Place, cache_of, copy, exists, files_below, list_folder, map_in_threads, place, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
@@ -53,6 +53,10 @@ class DataDirectory:
     def __init__(self, root: str | Place) -> None:
         self.root = place(root)
         self._collections: dict[str, Collection] = {}
+
+    def exists(self) -> bool:
+        """Check whether the folder is a data directory: it has a description, or a record."""
+        return exists(self.root / DESCRIPTION) or bool(self.shard_records(*ARTIFACTS) or self.folders())
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import fnmatch
 import math
 import os
+import re
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 from pipeline.store.atomic import write_atomically
-from pipeline.store.directory import DESCRIPTION, WORK, DataDirectory, is_version
+from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, is_version, unversioned
 from pipeline.store.record import named_location
 from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, remove, remove_files
+from schemas.folders import RECORD, TREES
 
 GRACE_SECONDS = 3600.0
 """How long a replaced group is kept: readers may still have it open."""
@@ -24,30 +27,45 @@ REPLACED = ".replaced"
 """A marker file written into a folder in object storage when the folder is replaced: its age counts as the folder's. A run that loses a
 race may leave one in the current folder; it is hidden, and does no harm there."""
 
+_UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")
+"""Names that `temporary` gives."""
 
-def unreferenced(folder: Place) -> Iterator[Place]:
-    """Find the groups and folders directly in a folder that none of its records names, and unfinished files."""
+
+def unreferenced(directory: DataDirectory, folder: Place, published: str | None = None) -> Iterator[Place]:
+    """Find the groups and folders directly in a folder that no record names, and unfinished files; all other names are the user's.
+
+    With `published`, the name of one record, no other record is read: of what has another record, nothing is found.
+    """
     versions: list[str] = []
     for name, is_folder in sorted(list_folder(folder).items()):
-        if name.endswith(TEMPORARY):
+        if _UNFINISHED.fullmatch(name) or (name.endswith(TEMPORARY) and _is_ours(directory, folder, name.removesuffix(TEMPORARY))):
             yield folder / name
         elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
             versions.append(name)
-    locations: set[str | None] = set()  # read after the versions were listed: what is published meanwhile is named, or was not listed
-    for name, is_folder in list_folder(folder).items():
-        if name.endswith(".json") and name != DESCRIPTION and not is_folder:
-            locations.add(named_location(folder / name))
-    if None in locations:  # a damaged record may have named any of them
-        return
+    records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
     for name in versions:
-        if name not in locations:
+        record = f"{unversioned(name)}.json"
+        if records.get(record, True):  # missing, or a folder
+            if _is_ours(directory, folder, name):
+                yield folder / name
+        elif published in (None, record) and named_location(folder / record) not in (None, name):  # a damaged one may have named it
             yield folder / name
 
 
-def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
+def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:
+    """Check whether a group or folder has a name that is given in this folder, whether or not it has a record."""
+    if not is_version(name):
+        return False
+    record = f"{unversioned(name)}.json"
+    if folder == directory.root:
+        return RECORD.fullmatch(record) is not None
+    return folder.parent != directory.root or folder.name in TREES or (fnmatch.fnmatch(record, SHARD_RECORD) and name.endswith(".zarr"))
+
+
+def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS, *, published: str | None = None) -> list[Place]:
     """Remove what no record of a folder names, if it was replaced or written `older_than` seconds ago or earlier.
 
-    If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
+    If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else. `published` is as in `unreferenced`.
 
     Returns
     -------
@@ -55,7 +73,7 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
     """
     if _link_to(directory, folder):
         return []
-    expired = [path for path in unreferenced(folder) if time.time() - _written(path) > older_than]
+    expired = [path for path in unreferenced(directory, folder, published) if time.time() - _written(path) > older_than]
     for path in expired:
         remove(path)
     return expired
@@ -105,4 +123,4 @@ def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
 
 def all_unreferenced(directory: DataDirectory) -> list[Place]:
     """Find everything in a data directory that no record names."""
-    return [path for folder in directory.record_folders() for path in unreferenced(folder)]
+    return [path for folder in directory.record_folders() for path in unreferenced(directory, folder)]

@@ -1,6 +1,6 @@
 """Records: one small JSON file per shard or folder, which names what readers see and says what it was made from.
 
-A record is replaced at once. What no record names is garbage.
+A record is replaced atomically. What no record names is garbage.
 """
 
 from __future__ import annotations

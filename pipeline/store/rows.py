@@ -10,7 +10,7 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.record import Failure
 from pipeline.store.spec import numpy_dtype
-from schemas.base import COMMON, Artifact
+from schemas.base import COMMON, Array, Artifact
 
 Row = dict[str, np.ndarray]
 """One object's part of every array of an artifact, without the object dimension; ragged ones as `meshes/vertices`."""
@@ -21,13 +21,18 @@ def row_digest(row: Mapping[str, np.ndarray], failure: Failure | None, category:
     return digest.of_arrays({} if failure else row, failure=failure and failure.model_dump(), category=category)
 
 
+def are_valid(array: Array, values: np.ndarray) -> bool:
+    """Check that floats are finite, or +inf where the declaration allows it; other values are always valid."""
+    return values.dtype.kind != "f" or bool((values > -np.inf if array.infinite else np.isfinite(values)).all())
+
+
 def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: bool = False) -> Row:
     """Check a row, or the constants, against the schema, and convert it to the schema's dtypes.
 
     Raises
     ------
     StoreError
-        An array is missing, unknown, has the wrong number of dimensions or kind, or holds NaN.
+        An array is missing, unknown, has the wrong number of dimensions or kind, or holds a value that is not finite (+inf may be allowed).
     """
     declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in declared.items() if array.optional}
@@ -46,7 +51,7 @@ def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: boo
             raise StoreError(f"{artifact.name}: {name} is {value.dtype}, the schema says {array.dtype}")
         with np.errstate(over="ignore"):  # values beyond float32 become infinite, and are refused below
             stored = value if array.dtype == "string" else value.astype(dtype)
-        if stored.dtype.kind == "f" and not (np.isfinite(stored).all() or (array.infinite and not np.isnan(stored).any())):
+        if not are_valid(array, stored):
             raise StoreError(f"{artifact.name}: {name} holds a value that is not finite as {array.dtype}; a kernel let it through")
         conformed[name] = stored
     return conformed

@@ -215,7 +215,9 @@ class RowView(Mapping[str, np.ndarray]):
         return value
 
     def __contains__(self, name: object) -> bool:
-        return name in self._held or any(name == stored_name for stored_name in self)  # ragged arrays are listed last, if at all
+        if isinstance(name, str) and name in self.shard.artifact.arrays:
+            return self.shard.has(name)
+        return name in self._held or any(name == schema_name(path) for path in self.ragged())
 
     def _path(self, name: str) -> str:
         group, leaf = name.split("/")

@@ -23,8 +23,6 @@ SMALL_CHUNK = 16 * 1024
 AnyArray = ArraySpec[Any]
 AnyGroup = GroupSpec[Any, Any]
 
-_DTYPES = {"bool": "bool", "string": "string"}
-_ITEM = {"float64": 8, "float32": 4, "int32": 4, "uint8": 1, "bool": 1, "string": 16}
 _CHUNK_KEYS: Any = {"name": "default", "configuration": {"separator": "/"}}
 _FILL: dict[str, Any] = {"bool": False, "string": ""}
 
@@ -41,7 +39,7 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     objects per file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = chunking(array, shape)
-    size = 1 if array.dtype == "string" else _ITEM[array.dtype]
+    size = 1 if array.dtype == "string" else numpy_dtype(array).itemsize
     little_endian = {"configuration": {"endian": "little"}}
     bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **(little_endian if size > 1 else {})}
     shuffle = "shuffle" if size > 1 else "noshuffle"
@@ -61,7 +59,7 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     return ArraySpec(
         attributes=attributes,
         shape=shape,
-        data_type=_DTYPES.get(array.dtype, array.dtype),
+        data_type=array.dtype,
         chunk_grid={"name": "regular", "configuration": {"chunk_shape": file_shape}},
         chunk_key_encoding=_CHUNK_KEYS,
         fill_value=_FILL.get(array.dtype, 0),
@@ -78,9 +76,10 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
     objects = min(OBJECTS_PER_FILE, extents[0])
     file_shape = (objects, *extents[1:])
     single = tuple(1 if dim == "camera" else size for dim, size in zip(array.dims, extents, strict=True))
-    if _ITEM[array.dtype] * math.prod(extents[1:]) <= SMALL_CHUNK:
+    item = numpy_dtype(array).itemsize
+    if item * math.prod(extents[1:]) <= SMALL_CHUNK:
         return file_shape, file_shape
-    if len(array.dims) > 2 and array.dims[1] in INDEXED_DIMS and _ITEM[array.dtype] * math.prod(single[2:]) > SMALL_CHUNK:
+    if len(array.dims) > 2 and array.dims[1] in INDEXED_DIMS and item * math.prod(single[2:]) > SMALL_CHUNK:
         return file_shape, (1, 1, *single[2:])
     return file_shape, (1, *single[1:])
 
@@ -145,7 +144,7 @@ def schema_violations(artifact: Artifact, group: AnyGroup) -> Iterator[str]:
 
 def array_violations(path: str, declaration: Array, stored: AnyArray) -> Iterator[str]:
     """List the violations of a declaration by a stored array, one line each."""
-    if stored.data_type != _DTYPES.get(declaration.dtype, declaration.dtype):
+    if stored.data_type != declaration.dtype:
         yield f"{path}: dtype is {stored.data_type}, the schema says {declaration.dtype}"
     if tuple(stored.dimension_names or ()) != declaration.dims or len(stored.shape) != len(declaration.dims):
         yield f"{path}: dimensions are {stored.dimension_names} of {stored.shape}, the schema says {declaration.dims}"

@@ -1,4 +1,4 @@
-"""Places of data: folders on a disk, or prefixes in object storage. Apart from `atomic.py`, only this module distinguishes them.
+"""Places of data: folders on a disk, or prefixes in object storage. Most differences between the two are here, others in `atomic.py`.
 
 Credentials, region and endpoint of object storage come from the environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
 """

@@ -16,6 +16,7 @@ from pipeline.store.directory import DESCRIPTION, DataDirectory, has_shard_count
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.origins import check_origins
 from pipeline.store.record import RowRecord, ShardRecord, read_record
+from pipeline.store.rows import are_valid
 from pipeline.store.shard import Shard
 from pipeline.store.spec import schema_violations
 from pipeline.store.storage import Place, exists, read_bytes
@@ -128,11 +129,8 @@ def _row_problems(shard: Shard, row: RowRecord, common: dict[str, object]) -> It
             return
     for name, value in view.verify().items():
         declared = shard.artifact.of(name)
-        if value.dtype.kind == "f" and declared is not None and not np.isfinite(value).all():
-            if np.isnan(value).any():
-                yield f"{name}: {row.object_id} holds NaN; {shard.remedy}"
-            elif not declared.infinite:
-                yield f"{name}: {row.object_id} holds an infinite value; {shard.remedy}"
+        if declared is not None and not are_valid(declared, value):
+            yield f"{name}: {row.object_id} holds {'NaN' if np.isnan(value).any() else 'an infinite value'}; {shard.remedy}"
 
 
 def _origin_problems(directory: DataDirectory, name: str) -> Iterator[str]:

@@ -61,7 +61,7 @@ def write_group(
     Raises
     ------
     StoreError
-        Two objects disagree in the shape of an array, or the group departs from its schema.
+        Two objects disagree in the shape of an array, only some have it, or the group departs from its schema.
     """
     shutil.rmtree(path, ignore_errors=True)
     group_shapes = _group_shapes(artifact, rows, shapes, constants)
@@ -138,8 +138,20 @@ def _write_ragged(folder: Path, chunks: list[bytes], array: Array | None) -> Non
         file.write_bytes(chunk)
 
 
+def _refuse_partial_arrays(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes]) -> None:
+    """Raise a `StoreError` if only some objects have an array: zeros of the others would be read as values."""
+    returned = {row.object_id: names.keys() & artifact.arrays for row, names in zip(rows, shapes, strict=True) if row.failure is None}
+    for name in artifact.arrays:
+        having, lacking = ([object_id for object_id, names in returned.items() if (name in names) is had] for had in (True, False))
+        if having and lacking:
+            raise StoreError(
+                f"{artifact.name}: {name}: returned for {having[0]}, not for {lacking[0]}; return it for every object, or for none"
+            )
+
+
 def _group_shapes(artifact: Artifact, rows: Sequence[RowRecord], shapes: Sequence[Shapes], constants: Row) -> dict[str, tuple[int, ...]]:
     """Compute the shape of every array of the shard, by path."""
+    _refuse_partial_arrays(artifact, rows, shapes)
     group_shapes: dict[str, tuple[int, ...]] = dict.fromkeys(COMMON, (len(rows),))
     group_shapes |= {name: constant.shape for name, constant in constants.items()}
     for row, row_shapes in zip(rows, shapes, strict=True):

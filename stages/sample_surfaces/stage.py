@@ -97,7 +97,7 @@ def _origin(unit: Unit) -> Row:
         "source_sha256": np.array(sha256),
         "licence": np.array(source.get("licence", "")),
         "missing_files": np.array(len(missing), np.int32),
-        "missing_names": np.array(abbreviate(missing)),
+        "missing_names": np.array(", ".join(missing)),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 
@@ -105,11 +105,11 @@ def _origin(unit: Unit) -> Row:
 def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
     """Name the objects that are drawn without textures or materials, and a missing file."""
     if missing:
-        first = next(iter(missing))
+        first, paths = next(iter(missing.items()))
         yield (
             f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
-            f"({abbreviate([*missing])}): {first} names {missing[first]}; put such files anywhere below the folder of meshes, or name "
-            "a folder that holds both"
+            f"({abbreviate([*missing])}): {first} names {abbreviate(paths.split(', '))}; put such files anywhere below the folder "
+            "of meshes, or name a folder that holds both"
         )
 
 

@@ -12,6 +12,7 @@ from PIL import Image
 
 from pipeline.cli import app
 from pipeline.config.manifest import Manifest, load_manifest
+from pipeline.console import abbreviate
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import load_mesh
@@ -97,20 +98,23 @@ def test_files_that_are_not_meshes_are_reported_with_the_reason(folder: Path, tm
 
 
 def test_missing_textures_are_counted_and_reported(folder: Path, tmp_path: Path) -> None:
-    (folder / "bare.mtl").write_text("newmtl a\nKd 1 0 0\nmap_Kd textures/gone.png\n")
+    missing = [f"textures/gone-{number}.png" for number in range(6)]
+    (folder / "bare.mtl").write_text("\n".join(f"newmtl {name[-5]}\nKd 1 0 0\nmap_Kd {name}" for name in missing))
     lines = [
         "mtllib bare.mtl",
         *(f"v {x} {y} {z}" for x, y, z in CORNERS),
-        "usemtl a",
+        "usemtl 0",
         *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES),
     ]
     (folder / "bare.obj").write_text("\n".join(lines))
     output = run(folder, tmp_path / "d")
     assert (
-        "1 object drawn without textures or materials that are not below their folder (bare): bare names textures/gone.png; put" in output
+        "1 object drawn without textures or materials that are not below their folder (bare): bare names "
+        f"{abbreviate(missing)}; put" in output
     )
-    rows = ObjectRows(tmp_path / "d", ["missing_files"], None)
-    assert [int(rows.read("missing_files", name)) for name in ("bare", "wedge")] == [1, 0]
+    rows = ObjectRows(tmp_path / "d", ["missing_files", "missing_names"], None)
+    assert [int(rows.read("missing_files", name)) for name in ("bare", "wedge")] == [len(missing), 0]
+    assert str(rows.read("missing_names", "bare")) == ", ".join(missing), "all of them are stored"
 
 
 def test_units_of_toy_objects_are_refused() -> None:

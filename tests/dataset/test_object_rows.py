@@ -19,6 +19,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard
 from pipeline.store.shard import Shard
 from schemas.catalogue import artifact_of
+from schemas.presses import PRESSES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
 from tests.engine.tiny_stages import pack
@@ -97,6 +98,22 @@ def test_one_camera_is_read_without_the_others(tmp_path):
         rows.read("occluded", name, 2)
     with pytest.raises(StoreError, match="array depth was not opened, only unoccluded, occluded, segmentation; name it when"):
         rows.read("depth", name)
+
+
+def test_arrays_of_other_numbers_than_grasps_come_whole(data, tmp_path):
+    shutil.copytree(data, copy := tmp_path / "copy")
+    images, shape = np.random.default_rng(0).integers(0, 256, (7, 20, 20, 3), np.uint8), (7, 20, 20)
+    row = {"press_shape": np.zeros(7, np.uint8), "press_depth": np.zeros(shape, np.float32), "press_image": images}
+    row |= {"press_indentation": np.zeros(shape, np.float32), "press_contact": np.zeros(shape, bool)}
+    stage: Any = ball_dataset.Given(PRESSES, lambda unit: row, (), {"press_untouched": images[0]}, {})
+    items = ball_dataset.objects(3, ("test",))
+    pack(Request(stage=stage, settings=Settings(), objects=items, manifest="m", preset="draft", seed=0, data=copy), lambda unit: row)
+    dataset = GraspDataset(copy, ["press_image", "press_shape", "difference"], "test")
+    assert dataset.items[1][1] == 1
+    assert (dataset[1]["press_image"].numpy() == images).all()
+    assert dataset[1]["press_shape"].shape == (7,)
+    assert dataset[1]["difference"].ndim == 4
+    assert (dataset.rows.read("press_image", dataset.items[1][0], 1) == images[1]).all(), "one press, for whoever asks"
 
 
 def test_string_arrays_are_read(data):

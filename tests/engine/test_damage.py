@@ -3,21 +3,45 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 import zarr
 from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.engine.run import run as run_plan
+from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.reports.status import read_account
+from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
+from pipeline.store.record import named_location
+from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import CONSOLE, Average, MakeNoise, TakeMean, digest, leave_row, plan_of, published, request, run
+from schemas.base import Array
+from schemas.catalogue import ARTIFACTS
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    Average,
+    MakeNoise,
+    TakeMean,
+    digest,
+    leave_row,
+    pack,
+    plan_of,
+    publish,
+    published,
+    request,
+    run,
+)
+
+TOKEN = "0123456789abcdef" * 2
+"""A token in the name of an unfinished file."""
 
 
 def flip(path: Path) -> None:
@@ -202,12 +226,80 @@ def test_status_names_the_missing_file_of_a_folder(tmp_path):
     assert ["average.json: mean.json is missing; run average again" in line for line in read_account(tmp_path).damaged] == [True]
 
 
+def test_array_of_only_some_objects_is_refused_before_publishing(tmp_path, monkeypatch):
+    stage = MakeNoise()
+    arrays = stage.output.arrays | {"weight": Array(("object",), "float32", "kg", "Of some.", optional=True)}
+    stage.output = stage.output.model_copy(update={"arrays": arrays})
+    monkeypatch.setitem(ARTIFACTS, "noise", stage.output)
+
+    def row(unit: Unit) -> Row:
+        weight = {"weight": np.array(1.0)} if unit.name == "b" else {}
+        return {"values": np.zeros((50, 3)), "label": np.array("x"), "lists/numbers": np.arange(1), **weight}
+
+    with pytest.raises(StoreError, match="noise: weight: returned for b, not for a; return it for every object, or for none"):
+        pack(request(tmp_path, stage, count=3), row)
+    assert not list((tmp_path / "noise").glob("*"))
+    pack(request(tmp_path / "failed", stage, count=2), row, failed="a")
+    assert not any(problems_below(tmp_path / "failed").values()), "a failed object has no array"
+
+
+def test_constants_are_among_the_names_of_a_row(tmp_path):
+    run(request(tmp_path))
+    view = published(tmp_path).view("a")
+    names = ("reach", "values", "ok", "lists/numbers", "label", "hardness", "lists/letters")
+    assert [name in view for name in names] == [True] * 5 + [False] * 2
+
+
 def test_temporary_files_of_killed_runs_are_garbage(tmp_path):
     run(request(tmp_path))
-    leftovers = [tmp_path / "dataset.json.17.tmp", tmp_path / "noise" / "0000-of-0001.json.17.tmp"]
+    leftovers = [tmp_path / f"dataset.json.{TOKEN}.tmp", tmp_path / "noise" / f"0000-of-0001.json.{TOKEN}.tmp"]
     for path in leftovers:
         path.write_text("half")
-    assert collect_everything(DataDirectory(tmp_path), older_than=0) == leftovers
+    leftovers.append(tmp_path / "noise" / "0000-of-0001-0123456789abcdef.zarr.tmp")
+    leftovers[-1].mkdir()
+    assert collect_everything(DataDirectory(tmp_path), older_than=-1) == [leftovers[0], leftovers[2], leftovers[1]]
+
+
+def test_garbage_collection_and_validation_leave_files_of_the_user_alone(tmp_path):
+    run(request(tmp_path))
+    names = ("notes.tmp", "run-0123456789abcdef", "noise/notes.tmp", "noise/run-0123456789abcdef.zarr", "noise/0000-of-0001-0123.zarr")
+    for name in names:
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (0, 0))
+    old = publish_evaluation(tmp_path, "second")
+    new = publish_evaluation(tmp_path, "third")
+    os.utime(old, (0, 0))
+    publish_evaluation(tmp_path, "third")
+    assert [old.exists(), new.exists()] == [False, True], "a replaced version is collected"
+    assert all((tmp_path / name).exists() for name in names)
+    assert not any(problems_below(tmp_path).values())
+    collect_everything(DataDirectory(tmp_path), older_than=-1)
+    assert all((tmp_path / name).exists() for name in names)
+
+
+def publish_evaluation(data: Path, content: str) -> Path:
+    (filled := data / ".work" / "evaluation" / "filled").mkdir(parents=True, exist_ok=True)
+    (filled / "scores").write_text(content)
+    return publish(data, "evaluation", filled, "evaluate")
+
+
+def test_garbage_is_collected_in_data_directories_only(tmp_path):
+    (leftover := tmp_path / f"notes.{TOKEN}.tmp").touch()
+    result = CliRunner().invoke(app, ["collect-garbage", str(tmp_path), "--older-than", "0"])
+    assert result.exit_code == 1
+    assert "is not a data directory: it has no dataset.json, and no record" in " ".join(result.output.split())
+    assert leftover.exists()
+
+
+def test_publishing_reads_no_record_of_another_shard(tmp_path, monkeypatch):
+    run(request(tmp_path, shards=3))
+    (lost := tmp_path / "noise" / "0009-of-0009-0123456789abcdef.zarr").mkdir()
+    os.utime(lost, (0, 0))
+    read: list[str] = []
+    monkeypatch.setattr(garbage, "named_location", lambda path: read.append(path.name) or named_location(path))
+    run(request(tmp_path, shards=3, settings={"samples": 9}), shard=1)
+    assert read == ["0001-of-0003.json"] * 2, "one version is there from before"
+    assert not lost.exists(), "it has no record"
 
 
 def test_garbage_collection_does_not_follow_links(tmp_path):
@@ -216,13 +308,13 @@ def test_garbage_collection_does_not_follow_links(tmp_path):
     (data / "noise").rename(elsewhere)
     (data / "noise").symlink_to(elsewhere)
     run(request(data, settings={"samples": 9}))  # collects the replaced groups
-    others = [elsewhere / "mine.tmp", elsewhere / "photographs-0123456789abcdef" / "one.png"]
+    others = [elsewhere / f"mine.{TOKEN}.tmp", elsewhere / "0001-of-0001-0123456789abcdef.zarr" / "one.png"]
     for path in others:
         path.parent.mkdir(exist_ok=True)
         path.write_text("of value")
-    (data / "noted.json.17.tmp").symlink_to(others[0])
-    (data / "album-0123456789abcdef").symlink_to(others[1].parent)
-    groups = sorted(elsewhere.glob("*.zarr"))
+    (data / f"noted.json.{TOKEN}.tmp").symlink_to(others[0])
+    (data / "evaluation-0123456789abcdef").symlink_to(others[1].parent)
+    groups = sorted(elsewhere.glob("0000*.zarr"))
     for path in (data, tmp_path / "linked"):
         if path != data:
             path.symlink_to(data)
@@ -233,7 +325,7 @@ def test_garbage_collection_does_not_follow_links(tmp_path):
     assert not list(data.glob("*.tmp"))
     assert all(path.read_text() == "of value" for path in others)
     assert len(groups) == 2
-    assert sorted(elsewhere.glob("*.zarr")) == groups
+    assert sorted(elsewhere.glob("0000*.zarr")) == groups
 
 
 def test_number_of_shards_without_records_is_refused(tmp_path):

@@ -1,6 +1,7 @@
 """Objects that fail: recorded with reasons, tried again on request, and no others with them."""
 
 import os
+from importlib import import_module
 
 import pytest
 
@@ -52,6 +53,30 @@ def test_strict_refuses_objects_that_failed_before(tmp_path):
     run(request(tmp_path, items=objects(3, b="bad"), only="b"))
     with pytest.raises(InvalidInput, match="b: it is bad"):
         run(request(tmp_path, items=objects(3, b="bad"), strict=True))
+
+
+def test_strict_run_accepts_failures_of_earlier_stages_whether_or_not_it_is_up_to_date(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    later = request(tmp_path, stage=TakeMean(), items=items, strict=True)
+    assert run(later) == 2
+    assert run(later) == 0
+    assert failures(plan_of(later)) == {}
+
+
+def test_retry_of_an_object_is_up_to_date_though_another_has_failed(tmp_path):
+    items = objects(3, b="bad")
+    run(request(tmp_path, items=items))
+    up_to_date = {only: plan_of(request(tmp_path, items=items, retry=True, only=only)).up_to_date() for only in ("a", "b", None)}
+    assert up_to_date == {"a": True, "b": False, None: False}
+
+
+def test_failures_are_listed_once_per_run(tmp_path, monkeypatch):
+    command, listed = import_module("pipeline.cli.run"), []
+    monkeypatch.setattr(command, "failures_of", lambda plan: listed.append(plan) or {})
+    for count in (1, 2):  # the second is up to date
+        command.run_plan(plan_of(request(tmp_path)))
+        assert len(listed) == count
 
 
 def test_failure_under_other_settings_is_ignored(tmp_path):

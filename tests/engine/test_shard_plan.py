@@ -15,17 +15,19 @@ from pipeline.config.manifest import Object
 from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.run import forecast
+from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_plan
 from pipeline.engine.shard import pending_units
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.reports.status import read_account
 from pipeline.rng import numpy_rng
+from pipeline.store import directory as directory_module
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
+from pipeline.store.record import read_record
 from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import (
@@ -274,6 +276,26 @@ def test_added_object_is_made_alone(tmp_path):
     run(request(tmp_path, shards=3))
     assert run(request(tmp_path, count=6)) == 1
     assert len(published(tmp_path)) == 6
+
+
+def test_records_of_inputs_are_read_once_for_all_shards(tmp_path, monkeypatch):
+    for stage in (MakeNoise(), TakeMean()):
+        run(request(tmp_path, stage, shards=3))
+    inputs = sorted(path.name for path in DataDirectory(tmp_path).shard_records("noise"))
+    read: list[str] = []
+    monkeypatch.setattr(directory_module, "read_record", lambda path, kind: read.append(path.name) or read_record(path, kind))
+    assert run(request(tmp_path, TakeMean(), shards=3)) == 0
+    assert sorted(read) == inputs
+
+
+def test_inputs_that_change_between_two_shards_are_noticed(tmp_path):
+    run(request(tmp_path, shards=3))
+    plans = make_plans(request(tmp_path, TakeMean(), shards=3))
+    run_plan(next(plans), CONSOLE)
+    run(request(tmp_path, shards=3, settings={"samples": 9}))
+    with pytest.raises(StoreError, match="was replaced meanwhile; run again"):
+        [run_plan(plan, CONSOLE) for plan in plans]
+    assert run(request(tmp_path, TakeMean(), shards=3, settings={"samples": 9})) == 5
 
 
 def test_replaced_group_is_collected_and_the_recorded_group_is_kept(tmp_path):

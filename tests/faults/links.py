@@ -37,10 +37,13 @@ GIGABYTE = 2**30
 
 AGAIN = "open the dataset again"
 
+MINE = f"mine.{'0' * 32}.tmp"
+"""A file of another user with the name of an unfinished one."""
+
 
 def _bystanders(folder: Path) -> dict[Path, bytes]:
     """Put files of another user with names like garbage into a folder; return their contents."""
-    files = {folder / "mine.tmp": b"of value", folder / "album-0123456789abcdef" / "one.png": b"of value, too"}
+    files = {folder / MINE: b"of value", folder / "album-0123456789abcdef" / "one.png": b"of value, too"}
     for path, content in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
@@ -92,7 +95,7 @@ def report_linked(trial: Trial) -> Verdict:
     place = str(trial.rng.choice(REPORT))
     path = trial.data / place
     path.parent.mkdir(exist_ok=True)
-    path.symlink_to(elsewhere if "." not in path.name else elsewhere / "mine.tmp")
+    path.symlink_to(elsewhere if "." not in path.name else elsewhere / MINE)
     end = trial.run(lambda: app(["report", str(trial.data)]))
     if end.status != IN_WORDS or "Traceback" in end.output:
         return Verdict(place, fault_of_ours=f"not refused: status {end.status}: {end.output.strip()[-600:]}")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from stages.registry import DATASET
+
 MANIFEST = """\
 name: two-meshes
 description: Two meshes of the pybullet wheel.
@@ -14,10 +16,9 @@ sources:
     files: {duck: {file: duck.obj, up: y}, teddy: {file: teddy2_VHACD_CHs.obj}}
 """
 
-GRASP_STAGES = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 MADE = ["--manifest", "two-meshes.yaml", "--data", "data", "--executor", "serial"]
 COMMANDS = (
-    *(["run", stage, *MADE, "--set", "simulate-grasps.grasps=1", "--set", "simulate-grasps.attempts=5"] for stage in GRASP_STAGES),
+    *(["run", stage, *MADE, "--set", "simulate-grasps.grasps=1", "--set", "simulate-grasps.attempts=5"] for stage in DATASET),
     ["summary", "data"],
     ["run", "train-gcn", *MADE, "--set", "train-gcn.configuration=none", "--set", "train-gcn.epochs=1"],
     ["report", "data"],
