@@ -46,7 +46,7 @@ def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequ
     Lines that name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and the
     slopes that are missing.
     """
-    thirds = {(int(3 * (circle.y + 0.5) / sensor.rows), int(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
+    thirds = {(math.floor(3 * (circle.y + 0.5) / sensor.rows), math.floor(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
     empty = [(row, column) for row in range(3) for column in range(3) if (row, column) not in thirds]
     lines = []
     if empty and POSITION_TERMS[len(calibration.coefficients[0][0])] > 0:
