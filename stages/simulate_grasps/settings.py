@@ -48,8 +48,8 @@ class GraspSettings(ObjectSettings):
     )
     exhaustive: bool = setting(
         False,
-        "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a third "
-        "of the time, and a hold search once all grasps hold",
+        "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a "
+        "third of the time, and a hold search once all grasps hold",
     )
     least_distance: float = setting(
         0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
