@@ -116,7 +116,7 @@ def predict(
         "charts", "joined" or "both"; or "closed": one closed, smooth mesh, of an object of half a metre within 0.5 mm of the touch charts,
         coloured where the image shows it and grey elsewhere.
     resolution
-        Edges of the closed mesh along the longest side of its box.
+        Edges of the closed mesh along the longest side of its box, 64 or more.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
     training_seed, seed
