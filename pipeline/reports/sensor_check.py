@@ -47,7 +47,7 @@ def gel_lines(sensor: Sensor) -> list[str]:
         return []
     pressure = press_gel(pressed_ball(sensor), sensor).pressure
     assert pressure is not None
-    layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * (sensor.gel.thickness or sensor.w):.4g} mm"
+    layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * sensor.layer_thickness:.4g} mm"
     felt = f"{normal_force(pressure, sensor):.3g} N, at most {pressure.max() / 1e3:.3g} kPa"
     return [f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * height_in_middle(sensor):.3g} mm deep, presses with {felt}"]
 

@@ -10,9 +10,10 @@ from torch import Tensor
 
 from pipeline.engine.stage import Cost
 from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
+from pipeline.kernels.metrics.surface_regularisers import edge_length
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
@@ -32,7 +33,7 @@ class GcnLearner(ReconstructionLearner):
     def __init__(self, network: Any, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         super().__init__(network, train, valid, settings, seed)
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
-        self._edges = neighbouring_vertices(faces)
+        self._edges = torch.from_numpy(mesh_edges(faces)[0])
 
     def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""

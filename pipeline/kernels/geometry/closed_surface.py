@@ -11,8 +11,8 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight
-from pipeline.kernels.geometry.surface_wrapping import mesh_edges, neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
+from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight, mesh_edges
+from pipeline.kernels.geometry.surface_wrapping import neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128
