@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 from pipeline.kernels.touch.ball_contact import Circle
-from pipeline.kernels.touch.calibrated_shading import MM
 from pipeline.kernels.touch.optics import POSITION_TERMS, Calibration
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import MM, Sensor
 
 STEEP = 45.0
 """Degrees of slope that an edge pressed into the gel has: steeper ones are photographed with a ball that is pressed in deeply."""
