@@ -17,7 +17,6 @@ from pipeline.kernels.metrics.surface_regularisers import edge_length
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
-from pipeline.models.families import model_name
 from pipeline.models.observation import NetworkBatch
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
@@ -96,10 +95,6 @@ class TrainSingleImage(TrainGcn):
     summary = "Train the graph network that deforms vision charts to the object of a single rendering."
     settings_type = SingleImageSettings
     family = SingleImageReconstructor
-
-    def writes(self, settings: GcnSettings) -> str:
-        """Name the folder of the model."""
-        return model_name("single-image")
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Return an empty grid: the supplement searched none for this network."""
