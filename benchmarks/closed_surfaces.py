@@ -30,7 +30,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("configuration")
-    parser.add_argument("--resolution", type=int, default=128, help="edges along the longest side")
+    parser.add_argument("--resolution", type=int, default=128, help="edges along the longest side, 64 or more")
     arguments = parser.parse_args()
     surfaces = DataDirectory(arguments.data).collection(SURFACES)
     names = ObjectRows(arguments.data, ["points"], "test").object_ids

@@ -29,7 +29,7 @@ from pipeline.store import digest
 from pipeline.store.storage import place
 from pipeline.training.items import Items
 from pipeline.training.loop import train
-from stages.evaluate.measure import draw
+from stages.evaluate.measure import sample_reconstruction
 from stages.registry import resolve
 from stages.train_implicit.settings import ImplicitSettings
 from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
@@ -102,7 +102,7 @@ class Experiment:
         distances = []
         for object_id in self.spread(rows):
             (reconstruction,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])
-            points, _ = draw(reconstruction, POINTS, numpy_rng(0, object_id))
+            points, _ = sample_reconstruction(reconstruction, POINTS, numpy_rng(0, object_id))
             distances.append(TABLE_3_FACTOR * cloud_distances(points, rows.read("points", object_id)[:POINTS]).chamfer)
         return distances
 

@@ -294,7 +294,7 @@ def test_predict_writes_a_mesh_file_for_one_grasp(made, tmp_path):
     assert len(apart.vertices) >= 1824
     assert len(joined.vertices) == len(apart.vertices) - 1824 + 1154
     assert np.isfinite(apart.vertices).all()
-    output = vt("predict", str(tmp_path / "closed.ply"), *options, "--surface", "closed", "--resolution", "32")
+    output = vt("predict", str(tmp_path / "closed.ply"), *options, "--surface", "closed", "--resolution", "64")
     assert "closed.ply: closed, " in output
     assert trimesh.load(tmp_path / "closed.ply", process=False).is_watertight
 

@@ -20,7 +20,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.pressed_gel import press_gel
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
 from pipeline.models.touch_model import LocalTouchModel
@@ -47,7 +47,6 @@ SIMULATED = "simulated balls"
 RADII, DEPTHS = (2e-3, 5e-3), (2e-4, 1e-3)
 """m, least and greatest, of the simulated balls and of how deep they are pressed in."""
 BALLS = 40
-MM = 1e3
 
 
 def simulated_balls(sensor: Sensor, count: int) -> list[Press]:

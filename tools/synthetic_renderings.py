@@ -80,7 +80,7 @@ def synsets_of(manifest: str) -> dict[str, str]:
 def draw_viewpoints(rng: np.random.Generator) -> list[Viewpoint]:
     """Draw the viewpoints of a model."""
     drawn = rng.uniform([0, LOWEST, NEAREST], [360, HIGHEST, 1], (VIEWS, 3)).round(6).tolist()
-    return [Viewpoint(azimuth, elevation, 0.0, distance, 25.0) for azimuth, elevation, distance in drawn]
+    return [Viewpoint(azimuth, elevation, 0.0, distance) for azimuth, elevation, distance in drawn]
 
 
 def write_mesh(path: Path, mesh: Mesh) -> None:

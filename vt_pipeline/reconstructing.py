@@ -43,7 +43,7 @@ def reconstruct(
     configuration
         Which of them; by default `occluded-touch`, of the weights that ship `implicit-any`, which takes whatever there is.
     resolution
-        Edges of the closed mesh along the longest side of its box, 8 to 400.
+        Edges of the closed mesh along the longest side of its box, 64 to 400.
     training_seed
         Which training of the model, where there are several.
     accelerator
@@ -67,8 +67,8 @@ def reconstruct(
 
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
-    if not isinstance(resolution, int | np.integer) or not 8 <= resolution <= 400:
-        raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 8 to 400")
+    if not isinstance(resolution, int | np.integer) or not 64 <= resolution <= 400:
+        raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 64 to 400")
     for name, value in (("training_seed", training_seed), ("seed", seed)):
         if not isinstance(value, int | np.integer) or value < 0:
             raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")

@@ -84,8 +84,8 @@ def calibrate_sensor(
     console.print(table)
     worst = max(result.tested_errors, key=lambda entry: entry.contact)
     print_line(f"worst held-out photograph: {worst.name}, {worst.contact:.1f} in the contact")
-    gel = fit.sensor.gel
-    shape = f"elastic gel {1e3 * (gel.thickness or fit.sensor.w):.2f} mm thick" if gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
+    elastic = f"elastic gel {1e3 * fit.sensor.layer_thickness:.2f} mm thick"
+    shape = elastic if fit.sensor.gel else f"membrane {1e3 * fit.sensor.membrane:.2f} mm"
     print_line(f"then fitted to all {len(result.photographs)}; {shape}, position degree {fit.position_degree}")
     for line in fitted_range(fit.calibration):
         print_line(line)

@@ -115,7 +115,7 @@ def predict(
     ] = None,
     training_seed: Annotated[int, typer.Option(min=0, help="Which training of the model, where there are several.")] = 0,
     surface: Annotated[str, typer.Option(help="charts, joined (at their seams), both, or closed: one smooth watertight mesh.")] = "both",
-    resolution: Annotated[int, typer.Option(min=8, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
+    resolution: Annotated[int, typer.Option(min=64, max=400, help="Edges of the closed mesh along its longest side.")] = 128,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the chart fitting.")] = 0,
 ) -> None:
     """Reconstruct an object from one or several grasps.

@@ -19,6 +19,8 @@ VIEWS, PIXELS = 24, 137
 """Images per model, and pixels per side of each."""
 
 METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
+FIELD_OF_VIEW = 25.0
+"""Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""
 MAX_BYTES = 2**20
 """Maximum size of an image, or of the metadata: those of the cited renderings have 5 to 30 kB."""
 
@@ -73,7 +75,8 @@ def _read_metadata(path: Path) -> list[Viewpoint]:
 def _viewpoint(path: Path, number: int, line: str) -> Viewpoint:
     where = f"{path}, line {number}: {line.strip()[:80]!r}"
     try:
-        viewpoint = Viewpoint(*map(float, line.split()))
+        *where_from, _ = map(float, line.split())
+        viewpoint = Viewpoint(*where_from)
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{where} is not azimuth, elevation, in-plane rotation, distance ratio and field of view") from error
     if not all(map(math.isfinite, vars(viewpoint).values())) or viewpoint.distance <= 0:
@@ -117,4 +120,6 @@ def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequen
     for number, image in enumerate(images):
         Image.fromarray(image).save(folder / image_name(number))
     (folder / LIST).write_text("".join(f"{image_name(number)}\n" for number in range(len(images))))
-    (folder / METADATA).write_text("".join(" ".join(map(repr, vars(viewpoint).values())) + "\n" for viewpoint in viewpoints))
+    (folder / METADATA).write_text(
+        "".join(" ".join(map(repr, [*vars(viewpoint).values(), FIELD_OF_VIEW])) + "\n" for viewpoint in viewpoints)
+    )

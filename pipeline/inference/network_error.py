@@ -29,10 +29,9 @@ def error_note(reader: ObservationReader) -> str:
     """
     models, model = reader.models, reader.model
     model_inputs = (model.configuration, model.image, model.touch)
-    default_name = "single-image" if model.image == "rendering" else model.configuration  # whose description names the supplement's table
     name = next(
         (row for row, (configuration, row_inputs) in ROWS.items() if (configuration, row_inputs.image, row_inputs.touch) == model_inputs),
-        default_name,
+        model.configuration,
     )
     if note := _by_evaluation(reader, name):
         return note

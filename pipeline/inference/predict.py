@@ -21,7 +21,7 @@ from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import RobotObservation, load_observation, read_entries
 from pipeline.inference.observation_placement import describe_object, place_observation
 from pipeline.inference.observation_reader import ObservationReader, object_mask
-from pipeline.inference.prediction_warnings import guess, other_view, unseen_touches
+from pipeline.inference.prediction_warnings import guessed_surface_warning, unseen_touches, view_warning
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.kernels.vision.background import foreground
@@ -116,7 +116,7 @@ def predict(
         "charts", "joined" or "both"; or "closed": one closed, smooth mesh, of an object of half a metre within 0.5 mm of the touch charts,
         coloured where the image shows it and grey elsewhere.
     resolution
-        Edges of the closed mesh along the longest side of its box.
+        Edges of the closed mesh along the longest side of its box, 64 or more.
     accelerator
         Where the networks run, "auto" on a GPU where there is one.
     training_seed, seed
@@ -236,7 +236,12 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
     network_inputs = reader.of_robot(placed)
     reconstruction = reader.model.reconstruct([network_inputs])[0]
     touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
-    remarks = [describe_object(observed, placed.box), *placed.remarks, *unseen_touches(observed, touched), *guess(reconstruction)]
+    remarks = [
+        describe_object(observed, placed.box),
+        *placed.remarks,
+        *unseen_touches(observed, touched),
+        *guessed_surface_warning(reconstruction),
+    ]
     prediction = Prediction(
         replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
         touched,
@@ -264,7 +269,7 @@ def _of_object(
     model = reader.model
     network_inputs = reader.of_object(data, object_id, numbers)
     reconstruction = model.reconstruct([network_inputs])[0]
-    remarks = [*other_view(model, network_inputs), *guess(reconstruction), error_note(reader)]
+    remarks = [*view_warning(model, network_inputs), *guessed_surface_warning(reconstruction), error_note(reader)]
     prediction = Prediction(reconstruction, network_inputs.touched, remarks=remarks)
     if surface != "closed":
         return prediction

@@ -20,13 +20,13 @@ def unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> It
         yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
 
 
-def guess(reconstruction: Reconstruction) -> Iterator[str]:
+def guessed_surface_warning(reconstruction: Reconstruction) -> Iterator[str]:
     """Warn of a surface around the likeliest point, because the network finds none inside the object."""
     if reconstruction.is_guess:
         yield "warning: the network finds no point inside the object; the surface is a speck around the likeliest one"
 
 
-def other_view(model: Reconstructor, seen: Observation) -> Iterator[str]:
+def view_warning(model: Reconstructor, seen: Observation) -> Iterator[str]:
     """Warn of an image that is not from the camera of the training: it is given as it is."""
     camera = seen.scaled(model.config.centre).camera
     if camera is not None and model.camera is not None and not has_learned_view(model, camera):

@@ -17,7 +17,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor, masked_points
+from pipeline.kernels.touch.sensor import Sensor, masked_points, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
@@ -27,6 +27,8 @@ from pipeline.store.record import named_location
 ZARR = "touches.zarr"
 MODEL_SUFFIX = "-touch"
 """Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus"}}
+"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
@@ -112,7 +114,7 @@ class TouchReader:
         if not isinstance(loaded, LocalTouchModel):
             raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
         self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
-        if model is None and (differing := _differing(loaded.sensor, described)):
+        if model is None and (differing := sensor_differences(loaded.sensor, described, but_for=SAME_IMAGES)):
             raise InvalidInput(
                 f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
                 f"{folder} there if larger errors do no harm"
@@ -125,12 +127,6 @@ class TouchReader:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` where its pixels are not those of the untouched one."""
         indentation, contact = self.model.read(image[None], self.untouched)
         return TouchReading(indentation[0], contact[0], self.sensor)
-
-
-def _differing(one: Sensor, other: Sensor) -> list[str]:
-    """Name the entries in which two sensors differ, but for pixels and the gel's modulus, which changes no image."""
-    ours, theirs = (sensor.model_dump(exclude={"rows": True, "cols": True, "gel": {"modulus"}}) for sensor in (one, other))
-    return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:

@@ -65,5 +65,5 @@ class ImplicitReconstructor(Reconstructor):
             return vertices, faces, False
         coarse = 4 * spacing  # this surface is a guess, and needs no detail
         grid = np.stack(np.meshgrid(*(np.arange(low, high, coarse) for low, high in zip(*box, strict=True)), indexing="ij"), axis=-1)
-        lowest = distances(grid.reshape(-1, 3)).min() + 1e-9
+        lowest = distances(grid.reshape(-1, 3)).min() + 1e-6  # a micrometre: the same points may be rounded differently in other batches
         return *level_set_mesh(lambda points: distances(points) - lowest, *box, coarse, halvings=0), True

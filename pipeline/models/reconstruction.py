@@ -191,7 +191,7 @@ def close_reconstruction(
     reconstruction
         The reconstruction.
     resolution
-        Cells per side of the grid.
+        Edges of the mesh along the longest side of the surface's box, 64 or more.
     observation
         The observation whose touch charts are used, for an implicit network, whose reconstructions hold none.
 

@@ -24,7 +24,7 @@ from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import COLOURS, network_input
 from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
 from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor, masked_points
+from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, sensor_differences
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"
@@ -32,9 +32,8 @@ IMAGES_AT_ONCE = 32
 """Tactile images in one batch: at Table 5's width about half a GB of features."""
 SIDES_TOLERANCE = 0.03
 """Largest relative difference between the aspect ratios of photographs and sensor: pixels may not be quite square."""
-SAME_SENSOR = ("name", "width", "height", "w", "surface", "calibrated", "lights", "diffuse")
-"""Fields that are equal in all descriptions of one sensor, whatever their pixels, gel and background."""
-MM = 1e3
+MAY_DIFFER = {name: True for name in ("rows", "cols", "range", "membrane", "gel", "noise")} | {"calibrated": {"background"}}
+"""Entries that may differ from a local network's sensor: pixels, range, background and noise, and how soft the gel is."""
 
 
 class _Description(BaseModel):
@@ -226,10 +225,11 @@ class LocalTouchModel(TouchModel):
         return np.maximum(gel_at_rest - reading.indentation, 0).astype(np.float32), reading.contact
 
     def check_sensor(self, sensor: Sensor) -> None:
-        """Raise an `InvalidInput` if the sensor is another one; its number of pixels and its gel's softness may differ."""
-        if any(getattr(sensor, name) != getattr(self.sensor, name) for name in SAME_SENSOR):
+        """Raise an `InvalidInput` if the sensor is another one, but for the entries `MAY_DIFFER`."""
+        if differing := sensor_differences(self.sensor, sensor, but_for=MAY_DIFFER):
             raise InvalidInput(
-                f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s: run train-touch for it"
+                f"the local network knows sensor {self.sensor.name}, the tactile images are {sensor.name}'s, and {', '.join(differing)} "
+                "differ: run train-touch for it"
             )
 
     def _resized(self, images: np.ndarray, parameter: Tensor) -> Tensor:

@@ -15,9 +15,9 @@ from pipeline.console import Meter, errors
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
@@ -165,6 +165,6 @@ class BandMaker:
 @contextmanager
 def band_maker(attributes: Mapping[str, Mapping[str, Any]]) -> Iterator[BandMaker]:
     """Open a `BandMaker` for the scene, the hand and the sensors in the artifacts' attributes, for as long as the context lasts."""
-    scene, hand = load_scene(attributes["vision"]["settings"]["scene"]), grasping_hand(attributes)
+    scene, hand = dataset_scene(attributes["vision"]), grasping_hand(attributes)
     with Renderer(scene) as renderer:
         yield BandMaker(renderer, scene=scene, hand=hand, sensors=touch_sensors(attributes["touch"]))

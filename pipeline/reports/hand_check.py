@@ -49,7 +49,7 @@ VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
 
 MAX_TRIANGLES = 20_000
-"""Per link and picture; the others are left out."""
+"""Of each collision shape in a picture; the others are left out."""
 
 ROUNDED = 0.01
 """Share of a joint's range by which it may pass its limits: multipliers and limits are rounded."""

@@ -29,7 +29,7 @@ from pipeline.reports.gltf_animation import Clip
 from pipeline.reports.grasp_scene import GraspScenes, Rows
 from pipeline.reports.lift import CLOSING_SECONDS, lifts
 from pipeline.reports.reconstruction_gallery import render_mesh
-from pipeline.reports.report_source import ReportSource, best, dataset_scene, errors_table
+from pipeline.reports.report_source import ReportSource, best, errors_table, shown_scene
 from pipeline.reports.second_view import fitted_camera
 from stages.render_vision.renderer import Renderer
 
@@ -65,7 +65,7 @@ class ObjectPages:
 
     def __init__(self, source: ReportSource, template: Template, folder: Path, opened: ExitStack) -> None:
         self.source, self.template, self.folder, self._opened = source, template, folder, opened
-        self.scene = dataset_scene(source.directory)
+        self.scene = shown_scene(source.directory)
         self.sensors = source.sensors()
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
 

@@ -9,7 +9,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import depth_colors
 from pipeline.reports.reconstruction_gallery import FILL, predicted_mesh, render_mesh
-from pipeline.reports.report_source import ReportSource, best, dataset_scene
+from pipeline.reports.report_source import ReportSource, best, shown_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, second_view
 from stages.render_vision.renderer import Renderer
 
@@ -29,7 +29,7 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
     -------
     Captions, and square images (R, R, 3) uint8; without a reconstruction if the object was not evaluated.
     """
-    rows, sensors, scene = source.rows(object_id), source.sensors(), dataset_scene(source.directory)
+    rows, sensors, scene = source.rows(object_id), source.sensors(), shown_scene(source.directory)
     mesh = read_mesh(rows["surfaces"])
     camera = fitted_camera(scene.square_camera(PIXELS), mesh.vertices, FILL)
     with Renderer(scene, PIXELS) as renderer:

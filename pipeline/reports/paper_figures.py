@@ -29,7 +29,7 @@ from pipeline.reports.contact_sheet import BandMaker
 from pipeline.reports.contact_sheet_page import COLORS, depth_colors, spread_evenly
 from pipeline.reports.plots import save_figure
 from pipeline.reports.reconstruction_gallery import draw_gallery, nearest_middle_farthest, painted_mesh, render_mesh
-from pipeline.reports.report_source import ReportSource, dataset_scene
+from pipeline.reports.report_source import ReportSource, shown_scene
 from pipeline.reports.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
 from stages.evaluate.settings import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
@@ -58,7 +58,7 @@ def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[d
     Title, text and pictures of each figure.
     """
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
-    scene = dataset_scene(source.directory)
+    scene = shown_scene(source.directory)
     with Renderer(scene, PIXELS) as renderer:
         figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
         charts = source.collections.get("charts")

@@ -20,7 +20,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
 from pipeline.reports.plots import save_figure
-from pipeline.reports.report_source import Evaluation, dataset_scene
+from pipeline.reports.report_source import Evaluation, shown_scene
 from pipeline.reports.second_view import fitted_camera
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
@@ -53,7 +53,7 @@ def draw_gallery(directory: DataDirectory, evaluation: Evaluation, path: Path, o
     predictions, objects = evaluation.tables, evaluation.object_ids
     surfaces, charts = (directory.collection(artifact) for artifact in (SURFACES, CHARTS))
     columns = [(name, case) for name in names for case in _cases(predictions[name])]
-    scene = dataset_scene(directory)
+    scene = shown_scene(directory)
     first_camera = scene.square_camera(PIXELS)
     with Renderer(scene, PIXELS) as renderer, matplotlib.rc_context({"font.size": 8}):
         figure = Figure((1.6 * (1 + len(columns)), 1.75 * len(object_ids)), dpi=110, layout="constrained")

@@ -14,6 +14,7 @@ from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.dataset.touch_statistics import Tally, tally
+from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.errors import StoreError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.model import Hand
@@ -40,9 +41,6 @@ from stages.evaluate.evaluation_files import (
 )
 from stages.evaluate.settings import SHIPPED_SCORES
 from stages.evaluate.tables import ACCURACY
-
-SCENE = "supplement"
-"""The scene of the pictures of a dataset without images."""
 
 NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
 """Artifacts that a report needs, and those that it shows if they have been made."""
@@ -125,10 +123,10 @@ class ReportSource:
         return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
 
 
-def dataset_scene(directory: DataDirectory) -> Scene:
-    """Load the scene that a dataset's images show."""
+def shown_scene(directory: DataDirectory) -> Scene:
+    """Read the scene that a dataset's images show; load the supplement's for a dataset without images."""
     images = directory.collection(VISION).shards
-    return load_scene(str(images[0].attributes["settings"]["scene"]) if images else SCENE)
+    return dataset_scene(images[0].attributes) if images else load_scene("supplement")
 
 
 class Prediction(NamedTuple):

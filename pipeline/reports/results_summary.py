@@ -14,7 +14,7 @@ from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.comparison import beside
+from stages.evaluate.comparison import comparable_figures
 from stages.evaluate.evaluation_files import Figures, read_root, read_table
 
 GIVEN = {
@@ -62,12 +62,12 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
     -------
     The summary; None if nothing was measured with one grasp.
     """
-    network_inputs, figures, _ = beside(folder, scored)
+    network_inputs, figures, _ = comparable_figures(folder, scored)
     root = read_root(folder)
     seed, objects = root["seed"], len(read_table(folder, "objects")["object_id"])
     trainings = {name: [figures[name]] for name in network_inputs}
     for place in further:
-        further_figures = beside(place, scored)[1]  # of the same grasps
+        further_figures = comparable_figures(place, scored)[1]  # of the same grasps
         for name in trainings.keys() & read_root(place)["configurations"].keys():
             trainings[name].append(further_figures[name])
     errors: dict[str, dict[str, Interval]] = {}

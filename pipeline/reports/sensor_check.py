@@ -14,13 +14,12 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.fitted_range import fitted_range, slope_degrees
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.reports.plots import save_figure
 
 PRESS = 0.25
 """Depth to which ball and edge are pressed in, as a share of the gel's height in its middle."""
-MM = 1e3
 
 
 def check_sensor(path: Path, picture: Path) -> list[str]:
@@ -47,7 +46,7 @@ def gel_lines(sensor: Sensor) -> list[str]:
         return []
     pressure = press_gel(pressed_ball(sensor), sensor).pressure
     assert pressure is not None
-    layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * (sensor.gel.thickness or sensor.w):.4g} mm"
+    layer = f"{sensor.gel.modulus / 1e6:.3g} MPa, Poisson's ratio {sensor.gel.poisson:g}, {MM * sensor.layer_thickness:.4g} mm"
     felt = f"{normal_force(pressure, sensor):.3g} N, at most {pressure.max() / 1e3:.3g} kPa"
     return [f"elastic gel: {layer}; the ball in the picture, {MM * PRESS * height_in_middle(sensor):.3g} mm deep, presses with {felt}"]
 
@@ -98,7 +97,7 @@ def _section(axes: Axes, sensor: Sensor, depth: NDArray[np.float64]) -> None:
 
 
 def _plan(axes: Axes, sensor: Sensor) -> None:
-    """Draw the gel from below: every tenth row and column of pixels, and the lamps or the part that was fitted to photographs."""
+    """Draw the gel from below: about ten rows and columns of pixels, and the lamps or the part that was fitted to photographs."""
     x, y = (centres[:: max(1, len(centres) // 10)] * MM for centres in pixel_centres(sensor))
     axes.plot(*(grid.ravel() for grid in np.meshgrid(x, y)), ".", color="#bbbbbb", markersize=2)
     half, tall = MM * sensor.width / 2, MM * sensor.height / 2

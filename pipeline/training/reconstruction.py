@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, ClassVar
 
 import torch
@@ -151,12 +151,8 @@ class ReconstructionTraining(DatasetStage):
         """List the files of the network that the training begins with."""
         if settings.pretrained is None:
             return []
-        folder = pretrained_folder(settings.pretrained, self._network_name(settings))
+        folder = pretrained_folder(settings.pretrained, settings.configuration)
         return [folder / file for file in (DESCRIPTION, WEIGHTS)]
-
-    def _network_name(self, settings: Any) -> str:
-        """Name the network as folders of models do: not that of single images as the settings do, by a table of the supplement."""
-        return PurePath(self.writes(settings)).name
 
     def splits(self, settings: Any) -> tuple[str, ...]:
         """Name the splits: one to learn from, one to choose the best epoch by."""
@@ -194,7 +190,7 @@ class ReconstructionTraining(DatasetStage):
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
         """Give a network the weights of a trained one; return what that one has learned from."""
-        models, trained = job.settings.pretrained, self._network_name(job.settings)
+        models, trained = job.settings.pretrained, job.settings.configuration
         folder = pretrained_folder(models, trained)
         if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:
             raise StageError(

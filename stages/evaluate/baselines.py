@@ -13,7 +13,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.cloud_distances import CloudDistances, cloud_distances
-from pipeline.kernels.metrics.retrieval import SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from stages.evaluate.evaluation_files import Figure, Figures
 from stages.evaluate.ground_truth import TestObjects
 
@@ -91,8 +91,8 @@ def retrieve(
     spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
     sizes = [objects.diagonal(row) for row in range(len(ids))]
     masks = None if silhouettes is None else np.stack([silhouettes(name) for name in ids])  # (object, view, pixel)
-    queries = [SearchedCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]
-    touch_clouds = None if touched is None else [SearchedCloud(_scaled(points, size)) for points, size in zip(touched, sizes, strict=True)]
+    queries = [RetrievalCloud(_scaled(objects.points(row)[:POINTS], sizes[row])) for row in range(len(ids))]
+    touch_clouds = None if touched is None else [RetrievalCloud(_scaled(points, size)) for points, size in zip(touched, sizes, strict=True)]
     search = _Search(queries, touch_clouds, masks)
     blocks = range(0, len(names), BLOCK)
     steps = len(spread) + len(blocks) * len(ids) + (1 + search.kinds) * len(ids)
@@ -121,9 +121,9 @@ def retrieve(
         return {BASELINE_PREFIX + method: Figures(ids, measured(matches)) for method, matches in matches_by_method.items()}
 
 
-def _cloud(training: ObjectRows, name: str) -> SearchedCloud:
+def _cloud(training: ObjectRows, name: str) -> RetrievalCloud:
     """Read the points of an object that the search compares."""
-    return SearchedCloud(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
+    return RetrievalCloud(_scaled(training.read("points", name)[:POINTS].astype(np.float64), training.diagonal(name)))
 
 
 def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> NDArray[np.float64]:
@@ -143,7 +143,7 @@ class _Search:
     """
 
     def __init__(
-        self, queries: Sequence[SearchedCloud], touch_clouds: Sequence[SearchedCloud] | None, masks: NDArray[np.bool_] | None
+        self, queries: Sequence[RetrievalCloud], touch_clouds: Sequence[RetrievalCloud] | None, masks: NDArray[np.bool_] | None
     ) -> None:
         self._clouds = {"by touch": touch_clouds, "by truth": queries} if touch_clouds is not None else {"by truth": queries}
         self._nearest = {method: [(np.inf, 0)] * len(queries) for method in self._clouds}
@@ -152,7 +152,7 @@ class _Search:
             self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
         self.kinds = len(self._clouds) + (masks is not None)
 
-    def compare(self, clouds: Sequence[SearchedCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
+    def compare(self, clouds: Sequence[RetrievalCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
         """Compare a block of training objects from number `start` on, by their points and silhouettes."""
         if masks is not None and self._masks is not None:
             flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]

@@ -27,7 +27,7 @@ def difference(folder: Path, other: Path) -> str | None:
     return None if our_ids == their_ids else f"other objects ({abbreviate(sorted({*our_ids} ^ {*their_ids}) or their_ids)})"
 
 
-def beside(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures], set[int] | None]:
+def comparable_figures(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures], set[int] | None]:
     """Read the figures of an evaluation and of the scores that may be compared with it.
 
     Scores with another setting, seed or other objects are left out.

@@ -130,8 +130,10 @@ def stored(reconstruction: Reconstruction) -> Reconstruction:
     return replace(reconstruction, vertices=reconstruction.vertices.astype(np.float32).astype(np.float64))
 
 
-def draw(reconstruction: Reconstruction, count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Draw points from a reconstruction.
+def sample_reconstruction(
+    reconstruction: Reconstruction, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Draw points from the surface of a reconstruction.
 
     Parameters
     ----------
@@ -179,7 +181,7 @@ def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple
                 if not np.isfinite(reconstruction.vertices).all():
                     case_name = " ".join(map(str, (name, *identity)))
                     raise StageError(f"the reconstruction of {case_name} holds NaN or infinity; was the model trained to the end?")
-                points, faces = draw(reconstruction, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
+                points, faces = sample_reconstruction(reconstruction, objects.count, numpy_rng(job.seed, protocol.stage, *identity))
                 distances = cloud_distances(points, objects.points(row))
                 measured = MeasuredCase(row, case, reconstruction, points, faces, distances, is_first=case is cases[0])
                 rows += [

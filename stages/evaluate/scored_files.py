@@ -22,7 +22,7 @@ from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.metrics.retrieval import mean_squared_distance
 from pipeline.models.reconstruction import Reconstruction
 from pipeline.rng import numpy_rng
-from stages.evaluate.measure import draw
+from stages.evaluate.measure import sample_reconstruction
 
 CLOUD = ".npy"
 """Suffix of a point cloud as an array; a PLY file may hold one too."""
@@ -107,7 +107,7 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasp
             case_files[path.stem] = path
     for (number, first), case_files in paths.items():
         if missing := [object_id for object_id in tested if object_id not in case_files]:
-            which = f" with {number} grasps from {first} on" if len(paths) > 1 else ""
+            which = f" with {pluralise(number, 'grasp')} from {first} on" if len(paths) > 1 else ""
             faults.append(f"{len(missing)} of {len(tested)} test objects have no file{which}: {', '.join(missing)}")
     if not paths and not faults:
         faults.append(f"there is no file of a test object: files are called OBJECT with a suffix of {', '.join(SUFFIXES)}, and the test ")
@@ -193,7 +193,7 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
             if len(reconstruction.faces) and not _has_area(reconstruction):
                 yield f"{path.relative_to(folder)}: none of its {len(reconstruction.faces)} faces has an area"
                 continue
-            points, surface = truth(object_id), draw(reconstruction, DRAWN, numpy_rng(0, "score", object_id))[0]
+            points, surface = truth(object_id), sample_reconstruction(reconstruction, DRAWN, numpy_rng(0, "score", object_id))[0]
             if not misplaced and (problem := misplacement(surface, points)):
                 yield f"{path.relative_to(folder)}: {problem}{anyway}"
             else:

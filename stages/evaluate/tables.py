@@ -15,7 +15,7 @@ from pipeline.kernels.metrics.bootstrap import LEVEL, Interval, mean_interval
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, sampling_distance, sampling_share
 from pipeline.rng import numpy_rng
 from stages.evaluate.baselines import BASELINE_PREFIX, label
-from stages.evaluate.comparison import about_grasps, about_shipped, beside, left_out
+from stages.evaluate.comparison import about_grasps, about_shipped, comparable_figures, left_out
 from stages.evaluate.evaluation_files import Arrays, Figures, has_table, read_root, read_table
 from stages.evaluate.grasp_protocol import ALL, NEAR, NEAR_SHARE
 from stages.evaluate.single_image_tables import single_image_tables
@@ -66,7 +66,7 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
 def _grasp_tables(folder: Path, scored: Sequence[Path]) -> Iterator[Table]:
     root, objects = read_root(folder), read_table(folder, "objects")
     settings, paper, floor = root["settings"], root["paper_sizes"], objects["floor"].mean()
-    inputs_by_name, figures, common = beside(folder, scored)
+    inputs_by_name, figures, common = comparable_figures(folder, scored)
     yield from left_out(folder, scored)
     every = {name: figures[name] for name in inputs_by_name}
     networks = {name: network for name, network in every.items() if 1 in network.grasps}
@@ -154,7 +154,7 @@ def _distances_by_class(networks: Networks, members: Members, classes: list[str]
     rows = []
     for name, figures in networks.items():
         values = figures.per_object("mean_distance")
-        rows.append(Row([name, *(_estimate(values[member], seed, 1e3) for kind, member in members.items())]))
+        rows.append(Row([name, *(_estimate(values[member], seed, 1e3) for member in members.values())]))
     return Table("Mean distance, mm, with one grasp, by class", ["model", *classes], rows, ["", *[".2f"] * len(classes)])
 
 
@@ -206,7 +206,7 @@ def _rings(networks: Networks, count: int, floor: float, seed: int, paper: bool)
     sites: list[str] = []
     for name, figures in networks.items():
         columns = [figures.ring(number) for number in numbers]
-        rows.append(Row([name, *(_estimate(means[counts > 0], seed) for at, (means, counts) in enumerate(columns))]))
+        rows.append(Row([name, *(_estimate(means[counts > 0], seed) for means, counts in columns)]))
         rows += _theirs(TABLE_2.get(name) if paper else None, numbers, ".3e")
         sites = sites or [f"{counts.sum()}" for _, counts in columns]
     rows.append(Row([f"sites of {next(iter(networks))}", *sites], dim=True))
@@ -247,7 +247,7 @@ def _baselines(networks: Networks, training_objects: int, members: Members, clas
 def _chamfer_rows(name: str, figures: Figures, members: Members, seed: int, *, metres: bool = False) -> Iterator[Row]:
     """Make the rows of means and medians by class, in Table 3's unit; `metres` adds the mean over all in m²."""
     values = figures.per_object("chamfer")
-    means = [_estimate(values[member], seed, TABLE_3_FACTOR) for kind, member in members.items()]
+    means = [_estimate(values[member], seed, TABLE_3_FACTOR) for member in members.values()]
     medians = [TABLE_3_FACTOR * float(np.median(values[member])) for member in members.values()]
     yield Row([name, *means, *([float(values.mean())] if metres else [])])
     yield Row(["  median", *medians, *([None] if metres else [])], dim=True)

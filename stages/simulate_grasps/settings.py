@@ -48,7 +48,8 @@ class GraspSettings(ObjectSettings):
     )
     exhaustive: bool = setting(
         False,
-        "make all attempts, for their statistics; else the stage ends once no other could be kept: the same grasps in a third of the time",
+        "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a "
+        "third of the time, and a hold search once all grasps hold",
     )
     least_distance: float = setting(
         0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
@@ -105,6 +106,11 @@ class GraspSettings(ObjectSettings):
     def test(self) -> Literal["none", "lift", "six"]:
         """The hold test, with its default."""
         return self.hold_test or ("lift" if self.search == "hold" else "none")
+
+    @property
+    def makes_all_attempts(self) -> bool:
+        """Whether no grasp ends the search early: areas and margins have no greatest value at which it could end."""
+        return self.exhaustive or self.prefer != "touches"
 
     @model_validator(mode="after")
     def _distances_are_in_order(self) -> GraspSettings:

@@ -104,7 +104,7 @@ class SimulateGrasps(ObjectStage):
     def cost(self, settings: GraspSettings) -> Cost:
         """Estimate the attempts: about a dozen unless all are requested, and eight in a hold search, which tests each."""
         holds = settings.search == "hold"
-        attempts = settings.attempts if settings.exhaustive else min(settings.attempts, 8 if holds else 12)
+        attempts = settings.attempts if settings.makes_all_attempts else min(settings.attempts, 8 if holds else 12)
         test = {"none": 0.0, "lift": 0.06, "six": 0.3}[settings.test]
         seconds = attempts * (0.06 + 0.02 * settings.plans + test) if holds else 0.05 * attempts + test * settings.grasps
         return Cost(seconds=0.3 + seconds, kilobytes=settings.grasps)
@@ -197,12 +197,10 @@ class _Grasping:
         return kept, touched, faults
 
     def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Check whether no attempt can improve on these grasps."""
-        if self.settings.exhaustive:
+        """Check whether the search may end: no attempt can add touches to these grasps or, of a hold search, all of them hold."""
+        if self.settings.makes_all_attempts:
             return False
-        if self.settings.search == "hold":
-            return all(grasp.holds for grasp in kept)
-        return self.settings.prefer == "touches" and all(grasp.touched.all() for grasp in kept)
+        return all(grasp.holds if self.settings.search == "hold" else grasp.touched.all() for grasp in kept)
 
     def _stored(self, grasp: Grasp) -> StoredGrasp:
         """Add the squeeze to a grasp: the joint angles at which every sensor presses on."""

@@ -52,7 +52,9 @@ class PressSettings(ObjectSettings):
     depth: Range = setting(
         DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
     )
-    tilt: float = setting(8.0, "greatest tilt of a shape or patch, degrees: few are pressed quite flat", ge=0, le=60, changes="definition")
+    tilt: float = setting(
+        8.0, "greatest tilt, degrees, of a patch, and of three shapes in ten; the others lie flat", ge=0, le=60, changes="definition"
+    )
     scale: Range = setting(
         (0.04, 0.5),
         "least and greatest factor by which the object is scaled: whole toys to plain walls",

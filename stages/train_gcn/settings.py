@@ -55,9 +55,9 @@ class GcnSettings(ReconstructionSettings):
 class SingleImageSettings(GcnSettings):
     """How vision charts learn the object's shape from one rendering (supplement 3.6): as `train-gcn`'s settings, except these."""
 
-    configurations = {"table-11": SINGLE_IMAGE}  # noqa: RUF012
+    configurations = {"single-image": SINGLE_IMAGE}  # noqa: RUF012
 
-    configuration: Literal["table-11"] = setting("table-11", "the only network", changes="definition")
+    configuration: Literal["single-image"] = setting("single-image", "the only network", changes="definition")
     encoder_layers: Literal[12, 15, 18, 25] | None = setting(None, "the table's 25; the others are for images of 256 pixels")
     encoder_linear: int | None = setting(None, "features that the pooled ones become; null is the table's 250", ge=1, le=2**16)
     learning_rate: float = setting(3e-3, "for trainings of minutes; the supplement has 1e-5, for three days", gt=0, le=100)

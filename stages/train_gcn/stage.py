@@ -10,13 +10,13 @@ from torch import Tensor
 
 from pipeline.engine.stage import Cost
 from pipeline.kernels.charts.touch_chart import SIDE
+from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
+from pipeline.kernels.metrics.surface_regularisers import edge_length
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
-from pipeline.models.families import model_name
 from pipeline.models.observation import NetworkBatch
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
@@ -32,7 +32,7 @@ class GcnLearner(ReconstructionLearner):
     def __init__(self, network: Any, train: Items, valid: Items, settings: GcnSettings, seed: int) -> None:
         super().__init__(network, train, valid, settings, seed)
         faces = network.charts.position[network.charts.faces]  # of the closed surface that vertices that coincide make together
-        self._edges = neighbouring_vertices(faces)
+        self._edges = torch.from_numpy(mesh_edges(faces)[0])
 
     def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> list[SearchCloud]:
         """Read the points of each item's object."""
@@ -95,10 +95,6 @@ class TrainSingleImage(TrainGcn):
     summary = "Train the graph network that deforms vision charts to the object of a single rendering."
     settings_type = SingleImageSettings
     family = SingleImageReconstructor
-
-    def writes(self, settings: GcnSettings) -> str:
-        """Name the folder of the model."""
-        return model_name("single-image")
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Return an empty grid: the supplement searched none for this network."""

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
 from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
+from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
@@ -20,7 +21,6 @@ from stages.train_touch.settings import TouchTrainingSettings
 from stages.train_touch.variation import vary_change
 
 NAME = "train-touch"
-MM = 1e3
 AT_CONTACT = 0.85
 """Share of the windows that lie about a contact; the others lie anywhere."""
 

@@ -20,8 +20,8 @@ def depth_errors(data: Path, reference: Path) -> dict[str, float]:
     tactile_images, depth = (tensor.numpy() for tensor in touches.read(range(len(touches))))
     contact = in_gel(depth, touches.sensor)
     squares = np.where(contact, (model.maps(tactile_images)[0] - depth).astype(np.float64), 0.0) ** 2
-    rows_by_object = {int(number): touches.where[:, 0] == number for number in np.unique(touches.where[:, 0])}
-    return {str(number): 1e6 * float(np.sqrt(squares[rows].sum() / contact[rows].sum())) for number, rows in rows_by_object.items()}
+    rows_by_object = {touches.rows.object_ids[number]: touches.where[:, 0] == number for number in np.unique(touches.where[:, 0])}
+    return {name: 1e6 * float(np.sqrt(squares[rows].sum() / contact[rows].sum())) for name, rows in rows_by_object.items()}
 
 
 TRADE = Trade(

@@ -25,10 +25,10 @@ def test_a_file_and_arrays_give_the_same_surface(grasp_and_models: tuple[Path, P
     path, models = grasp_and_models
     read = vt.load_observation(path)
     assert read.camera is not None
-    from_file = vt.reconstruct(str(path), models, "occluded", resolution=16)
+    from_file = vt.reconstruct(str(path), models, "occluded", resolution=64)
     camera = {name: getattr(read.camera, name) for name in ("image", "mask", "intrinsics")} | {"pose": read.camera.pose.array}
     observation = vt.RobotObservation(object={"centre": read.object.centre, "diagonal": read.object.diagonal}, camera=camera)
-    from_arrays = vt.reconstruct(observation, str(models), "occluded", resolution=16)
+    from_arrays = vt.reconstruct(observation, str(models), "occluded", resolution=64)
     np.testing.assert_allclose(from_arrays.reconstruction.vertices, from_file.reconstruction.vertices, atol=1e-9)
     assert from_file.closed is not None
     assert "takes no touch: the touches are not used" in " ".join(from_file.remarks)
@@ -39,8 +39,8 @@ def test_a_file_and_arrays_give_the_same_surface(grasp_and_models: tuple[Path, P
 def test_wrong_observation_type_and_invalid_resolution_are_named(grasp_and_models: tuple[Path, Path]) -> None:
     with pytest.raises(TypeError, match="observation is a RobotObservation or the path of an observation file; this is NoneType"):
         vt.reconstruct(None, grasp_and_models[1])
-    for resolution in (0, 7, 401, 16.5, "x"):
-        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 8 to 400"):
+    for resolution in (0, 63, 401, 64.5, "x"):
+        with pytest.raises(vt.InvalidInput, match=f"resolution is {resolution!r}; it must be a whole number, 64 to 400"):
             vt.reconstruct(grasp_and_models[0], grasp_and_models[1], resolution=resolution)
 
 

@@ -157,7 +157,7 @@ def test_slow_prediction_prints_its_steps(data, tmp_path, monkeypatch):
 
 
 def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
-    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "16"]
+    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "64"]
     wrong = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "shut"])
     assert wrong.exit_code == 1
     assert "it is one of charts, joined, both, closed" in " ".join(wrong.output.split())
@@ -169,7 +169,7 @@ def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
 def test_closed_mesh_passes_through_the_touches_and_has_the_colours_of_the_image(data, tmp_path, suffix):
-    options = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 24}
+    options = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 64}
     prediction = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", **options)
     mesh, shape = trimesh.load_scene(prediction.files[0], process=False).to_mesh(), prediction.reconstruction
     assert prediction.files == [tmp_path / f"ball{suffix}"]
@@ -187,7 +187,7 @@ def test_closed_mesh_passes_through_the_touches_and_has_the_colours_of_the_image
 
 
 def test_closed_mesh_without_image_and_touch_is_grey(data, tmp_path):
-    prediction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=16)
+    prediction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=64)
     assert not prediction.closed.seen.any()
     mesh = trimesh.load(prediction.files[0], process=False)
     assert (np.asarray(mesh.visual.vertex_colors) == VISION_COLORS[0]).all()
@@ -244,7 +244,7 @@ def test_gltf_is_upright_whatever_axis_of_the_observation_is_up(data, grasp, tmp
 
 
 def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millimetres, tmp_path):
-    options = {"surface": "closed", "resolution": 24}
+    options = {"surface": "closed", "resolution": 64}
     prediction = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **options)
     seen = prediction.closed.seen
     assert 0.2 < seen.mean() < 0.6

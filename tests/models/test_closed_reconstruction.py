@@ -25,7 +25,7 @@ def test_closed_mesh_passes_through_the_touch_charts(own):
         side=9,
     )
     given = Observation(None, np.stack([CHART + 0.1, CHART]), np.array([False, True]))
-    mesh = trimesh.Trimesh(*(close_reconstruction(parts, 24) if own else close_reconstruction(whole, 24, given)), process=False)
+    mesh = trimesh.Trimesh(*(close_reconstruction(parts, 64) if own else close_reconstruction(whole, 64, given)), process=False)
     assert mesh.is_watertight
     assert np.sqrt(igl.point_mesh_squared_distance(CHART, mesh.vertices, mesh.faces)[0]).max() <= 5e-4
-    assert close_reconstruction(whole, 24)[0][:, 2].max() < 0.1035
+    assert close_reconstruction(whole, 64)[0][:, 2].max() < 0.1035

@@ -27,7 +27,7 @@ from pipeline.reports.contact_sheet_page import (
     grasp_note,
     size_note,
 )
-from tests.kernels.vision.shapes import ball
+from tests.kernels.vision.shapes import SCENE, ball
 from tests.stages import ball_dataset
 
 SENSOR = load_sensor("gel_16mm")
@@ -46,8 +46,9 @@ def make_band(name: str) -> Band:
 
 @pytest.fixture(scope="module")
 def maker() -> Iterator[BandMaker]:
-    names = {"vision": {"settings": {"scene": "supplement", "hand": "allegro_right"}}, "grasps": {"settings": {"hand": "allegro_right"}}}
-    with band_maker(names | {"touch": {"sensors": [SENSOR.model_dump()] * 4}}) as opened:
+    hand = {"settings": {"hand": "allegro_right"}}
+    vision, touch = hand | {"scene": SCENE.model_dump(mode="json")}, {"sensors": [SENSOR.model_dump()] * 4}
+    with band_maker({"grasps": hand, "vision": vision, "touch": touch}) as opened:
         yield opened
 
 

@@ -16,6 +16,7 @@ from pipeline.config.settings import Settings
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
+from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.normalise import bounding_diagonal
@@ -214,7 +215,7 @@ def stages() -> list[Given]:
             vision,
             (GRASPS,),
             {"camera": np.array(["front"])},
-            {"settings": HAND | {"scene": "supplement"}},
+            {"settings": HAND, "scene": load_scene("supplement").model_dump(mode="json")},
         ),
         Given(TOUCH, touch, (SURFACES, GRASPS), {"untouched": np.stack([untouched_image(SENSOR)] * SENSORS)}, sensors),
         Given(DISTANCES, distances, (SURFACES,), {}, {}),

@@ -143,7 +143,7 @@ def test_surface_quality_of_a_sphere_equals_closed_forms(evaluation):
 def test_closed_meshes_are_measured_on_request(data, evaluation):
     assert not len(figures(evaluation[0], "none").available("watertight"))
     names = ("none", "occluded-touch")
-    folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=24)
+    folder, printed = evaluate(data, "shut", configurations=names, grasps=(1, 7), closed_resolution=64)
     assert "evaluate.grasps: 7 left out: the dataset holds 5 grasps of each object" in printed
     assert list(read_root(folder)["configurations"]) == [*names]
     for name in names:
@@ -379,6 +379,7 @@ def test_verdict_needs_a_one_sided_interval_and_enough_objects(low, high, count,
         ({"points": 3000}, StageError, "2000 points"),
         ({"configurations": ("single-image",)}, ValueError, "unknown configuration.*choose from none, touch"),
         ({"accelerator": "abacus"}, ValueError, "abacus"),
+        ({"closed_resolution": 63}, ValueError, "greater than or equal to 64"),
     ],
 )
 def test_invalid_evaluation_settings_give_an_error(data, settings, error, words):

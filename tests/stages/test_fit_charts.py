@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
+from pipeline.kernels.charts.fit_options import FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
@@ -177,8 +177,8 @@ def test_faults_of_an_object_are_invalid_input(tmp_path: Path) -> None:
 
 
 def test_settings_give_the_fit_options_of_the_kernel() -> None:
-    letter = {"residual_limit": None, "step_samples": 4000, "cloud_points": None, "check_every": 1, "learning_rate": 3e-3}
-    assert ChartSettings.model_validate(letter).fit_options(SENSOR.width) == SUPPLEMENT
+    letter = {"step_samples": 4000, "cloud_points": None, "check_every": 1, "learning_rate": 3e-3}
+    assert ChartSettings.model_validate(letter | {"residual_limit": None}).fit_options(SENSOR.width) == FitOptions(**letter)
     assert ChartSettings(residual_limit=None).fit_options(SENSOR.width) == FitOptions()
     tight = ChartSettings(tight=True).fit_options(SENSOR.width)
     assert tight.halt == 2.3e-4

@@ -172,7 +172,7 @@ def test_each_view_of_an_object_gives_a_mesh(data, tmp_path):
     assert made[0].reconstruction.vertices.shape == made[1].reconstruction.vertices.shape
     assert (made[0].reconstruction.vertices != made[1].reconstruction.vertices).any()
     coloured = predict(
-        tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=3, surface="closed", resolution=32
+        tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=3, surface="closed", resolution=64
     ).closed
     assert coloured is not None
     assert coloured.seen.any()

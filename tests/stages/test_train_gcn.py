@@ -11,9 +11,10 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput, StoreError
+from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
-from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
+from pipeline.kernels.metrics.surface_regularisers import edge_length
 from pipeline.kernels.metrics.surface_sampling import sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
@@ -119,7 +120,8 @@ def test_edge_weight_shortens_edges(tmp_path, data):
             optimizer.step()
         seen = stack_observations([items.view(0, 1, np.array([0]))], config, camera=None, like=torch.zeros(()))
         vertices = network(**vars(seen)).detach()
-        return float(edge_length(network.merge_coinciding(vertices), neighbouring_vertices(network.charts.position[network.charts.faces])))
+        edges = torch.from_numpy(mesh_edges(network.charts.position[network.charts.faces])[0])
+        return float(edge_length(network.merge_coinciding(vertices), edges))
 
     without, asked = edge(0.0), edge(50.0)
     print(f"mean squared edge {without:.3g} m², {asked:.3g} m² with its weight")

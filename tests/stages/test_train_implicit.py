@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -141,6 +142,19 @@ def test_untouched_pieces_are_left_out_without_an_image(data, monkeypatch):
         felt = np.tile(touched, (1, 9, 1)).astype(np.float32)
         (made,) = model.reconstruct([Observation(None, felt, np.array([True]))])
         assert len(trimesh.Trimesh(made.vertices, made.faces, process=False).split()) == pieces
+
+
+def test_guess_is_a_surface_although_two_evaluations_round_differently(data, monkeypatch):
+    model = load_reconstructor(NAME, folder_of(data, f"models/implicit/{NAME}"))
+    calls = itertools.count()
+
+    def distances(code, queries, errors):  # nothing is inside
+        return torch.linalg.norm(queries - torch.tensor(spheres.CENTRE), dim=2) + 0.1 + 1e-8 * next(calls)
+
+    monkeypatch.setattr(model.network, "decode_with_touches", distances)
+    (made,) = model.reconstruct([Observation(None, np.zeros((0, 9, 3), np.float32), np.zeros(0, bool))])
+    assert made.is_guess
+    assert len(made.faces)
 
 
 def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):

@@ -148,8 +148,11 @@ def test_models_are_saved_and_read_other_pixel_counts(trained: tuple[LocalTouchM
         model.read(press.image[None], np.zeros((4, 4, 3), np.uint8))
     with pytest.raises(InvalidInput, match="reads uint8"):
         model.read(press.image[None].astype(float))
-    model.check_sensor(load_sensor("gelsight"))
-    with pytest.raises(InvalidInput, match="knows sensor gelsight, the tactile images are gel_16mm's: run train-touch"):
+    sensor = load_sensor("gelsight")
+    assert sensor.calibrated is not None
+    optics = sensor.calibrated.model_copy(update={"background": ((100.0, 100.0, 100.0),)})
+    model.check_sensor(sensor.model_copy(update={"calibrated": optics, "noise": 3.0, "given_height": sensor.height}))
+    with pytest.raises(InvalidInput, match=r"the tactile images are gel_16mm's, and calibrated, .*name, .* differ: run train-touch"):
         model.check_sensor(load_sensor("gel_16mm"))
 
 

@@ -34,6 +34,7 @@ from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches
 from stages.train_unet.settings import UnetSettings
 from stages.train_unet.stage import TrainUnet
+from stages.train_unet.trade import depth_errors
 from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 
@@ -218,6 +219,14 @@ def test_weights_of_the_best_epoch_are_stored(trained: tuple[Path, dict[str, Any
     stored = UnetLearner(model.network, valid, valid, UnetSettings.model_validate(SETTINGS))
     with torch.no_grad():
         assert stored.validate(stored.network)["loss"] == pytest.approx(facts["best"]["loss"], rel=1e-6)
+
+
+def test_trade_measures_the_depth_error_of_each_test_object(trained: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch) -> None:
+    data = trained[0]
+    monkeypatch.setattr(DataDirectory, "verified_folder", lambda *_: data / "models")
+    tactile_images, depth = (tensor.numpy() for tensor in load_touches(data, "test").read(range(GRASPS_EACH * (SENSORS - 1))))
+    differences = (load_touch_model(data / "models", "cpu").maps(tactile_images)[0] - depth)[depth < SENSOR.w]
+    assert depth_errors(data, data) == {"ball-3": pytest.approx(1e6 * np.sqrt(np.square(differences).mean()), rel=1e-4)}
 
 
 def test_tactile_images_of_another_sensor_are_refused(trained: tuple[Path, dict[str, Any]]) -> None:

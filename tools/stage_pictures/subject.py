@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.errors import StageError
-from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, family_of, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
@@ -69,7 +69,7 @@ def open_subject(data: Place, object_id: str | None = None) -> Iterator[Subject]
     if object_id not in (None, *candidates):
         raise StageError(f"{object_id} is no object of the test split; these are {', '.join(candidates)}")
     object_id, grasp = clearest_grasp(source, [object_id] if object_id else candidates)
-    scene = load_scene(str(source.attributes("vision")["settings"]["scene"]))
+    scene = dataset_scene(source.attributes("vision"))
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
     with Renderer(scene, PIXELS) as renderer:
         yield Subject(source, networks, renderer, scene, object_id, grasp)

@@ -22,7 +22,7 @@ class StopRule(IntEnum):
 
 @dataclass(frozen=True, config=ConfigDict(allow_inf_nan=False))
 class FitOptions:
-    """Options of a chart's fit. The defaults are fast; the supplement's options are `SUPPLEMENT`.
+    """Options of a chart's fit. The defaults are fast; the supplement (2.3) has one loss, of all points, for the steps and the halt.
 
     Attributes
     ----------
@@ -61,7 +61,3 @@ class FitOptions:
     def always_exact(self) -> bool:
         """Whether each step has all samples and points."""
         return self.step_samples >= self.samples and self.cloud_points is None
-
-
-SUPPLEMENT = FitOptions(step_samples=4000, cloud_points=None, check_every=1, learning_rate=3e-3)
-"""Section 2.3 exactly: one loss, of all points, for the steps and the halt."""

@@ -11,14 +11,12 @@ from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight
-from pipeline.kernels.geometry.surface_wrapping import mesh_edges, neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
+from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight, mesh_edges
+from pipeline.kernels.geometry.surface_wrapping import neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128
 """Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
-COARSEST = 64
-"""A coarser mesh is made at this resolution: edges much longer than a body is thick swell it, and charts shorter than them distort it."""
 TOLERANCE = 4e-4
 """m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
 INPUT_SMOOTHING_ROUNDS = 4
@@ -57,7 +55,7 @@ def closed_surface(
     chart_faces
         (G, 3) the faces of each, wound so that normals point into the object, as the sensor's do.
     resolution
-        Edges of the mesh along the longest side of the surface's box; fewer than `COARSEST` are made as that many.
+        Edges of the mesh along the longest side of the surface's box. With fewer than 64, thin bodies swell and charts distort them.
 
     Returns
     -------
@@ -72,7 +70,7 @@ def closed_surface(
     used_vertices = vertices[np.unique(faces)]
     if not len(used_vertices) or not np.isfinite(used_vertices).all() or not (extent := float(np.ptp(used_vertices, axis=0).max())) > 0:
         raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent, and cannot be closed")
-    spacing = extent / max(resolution, COARSEST)
+    spacing = extent / resolution
     if is_watertight(faces):  # else its rims would shrink
         vertices = smooth_mesh(vertices, faces, INPUT_SMOOTHING_ROUNDS)
     closed, sides = wrap_surface(vertices, faces, spacing)

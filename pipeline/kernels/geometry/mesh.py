@@ -55,6 +55,14 @@ def directed_edges(faces: NDArray[np.integer]) -> NDArray[np.integer]:
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
+def mesh_edges(faces: NDArray[np.integer]) -> tuple[Faces, Faces]:
+    """List the edges of a mesh: (E, 2) their ends, and (F, 3) the edge after each corner of each face."""
+    following = np.roll(faces, -1, axis=1)
+    count = np.int64(faces.max()) + 1  # with which int32 faces do not overflow
+    unique, edge = np.unique(np.minimum(faces, following) * count + np.maximum(faces, following), return_inverse=True)
+    return np.stack(np.divmod(unique, count), axis=1), edge.reshape(-1, 3)
+
+
 def is_watertight(faces: NDArray[np.integer]) -> bool:
     """Whether each edge of (F, 3) faces is shared by exactly two of them."""
     return bool(graph.is_watertight(directed_edges(faces))[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.mesh import Faces, Points, check_coordinates, face_cross_products, without_slivers
+from pipeline.kernels.geometry.mesh import Faces, Points, check_coordinates, face_cross_products, mesh_edges, without_slivers
 from pipeline.kernels.geometry.signed_distance import is_inside
 from pipeline.kernels.geometry.transforms import unit_vectors
 
@@ -147,11 +147,3 @@ SPLITS = {
     3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
 }
 """The faces that replace a face, by its number of split sides: corners are 0, 1, 2, the middles of the sides after them 3, 4, 5."""
-
-
-def mesh_edges(faces: Faces) -> tuple[Faces, Faces]:
-    """List the edges of a mesh: (E, 2) their ends, and (F, 3) the edge after each corner of each face."""
-    following = np.roll(faces, -1, axis=1)
-    count = int(faces.max()) + 1
-    unique, edge = np.unique(np.minimum(faces, following) * count + np.maximum(faces, following), return_inverse=True)
-    return np.stack(np.divmod(unique, count), axis=1), edge.reshape(-1, 3)

@@ -16,7 +16,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from pipeline.kernels.geometry.mesh import Mesh, directed_edges, without_slivers
+from pipeline.kernels.geometry.mesh import Mesh, mesh_edges, without_slivers
 from pipeline.kernels.hand.model import Link, Shape
 
 MAX_FACES = 1000
@@ -82,7 +82,7 @@ def _slab_points(mesh: Mesh, count: int) -> list[NDArray[np.float64]]:
         return [vertices]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     axis = int(np.argmax(high - low))
-    edges = mesh.vertices[np.unique(np.sort(directed_edges(mesh.faces), axis=1), axis=0)]  # (E, 2, 3)
+    edges = mesh.vertices[mesh_edges(mesh.faces)[0]]  # (E, 2, 3)
     ends = np.linspace(low[axis], high[axis], count + 1)
     cuts = [_crossings(edges, axis, end) for end in ends]
     height = vertices[:, axis]

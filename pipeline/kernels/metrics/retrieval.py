@@ -21,7 +21,7 @@ def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
     return float(np.square(tree.query(points)[0]).mean())
 
 
-class SearchedCloud:
+class RetrievalCloud:
     """A cloud that is compared with many others, by all of its points or by bounds from few of them.
 
     Parameters
@@ -48,7 +48,7 @@ class SearchedCloud:
             levels.append((points, nearest, distances))
         return tuple(levels)
 
-    def bound(self, target: SearchedCloud, level: int) -> float:
+    def bound(self, target: RetrievalCloud, level: int) -> float:
         """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
 
         Triangle inequality: a point r away from a coarse point is at most r nearer to the target than that.
@@ -60,7 +60,9 @@ class SearchedCloud:
         return float(np.square(bounds).mean()) * ROUNDING
 
 
-def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both: bool, below: float = np.inf) -> tuple[float, int] | None:
+def nearest_cloud(
+    query: RetrievalCloud, clouds: Sequence[RetrievalCloud], *, both: bool, below: float = np.inf
+) -> tuple[float, int] | None:
     """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
 
     Parameters
@@ -95,7 +97,7 @@ def nearest_cloud(query: SearchedCloud, clouds: Sequence[SearchedCloud], *, both
     return None
 
 
-def chamfer_matrix(clouds: Sequence[SearchedCloud], advance: Callable[[], None] = lambda: None) -> NDArray[np.float64]:
+def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None] = lambda: None) -> NDArray[np.float64]:
     """Compute the Chamfer distance of each cloud to each other.
 
     Parameters

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.calibrated_shading import MM
 from pipeline.kernels.touch.pressed_gel import gel_under
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 RING = 3.0
 """Radius of the region around a contact that is fitted and compared, in contact radii."""

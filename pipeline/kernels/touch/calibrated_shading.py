@@ -9,23 +9,12 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.elastic_contact import press_elastic
-from pipeline.kernels.touch.gel_membrane import membrane_indentation
 from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
-from pipeline.kernels.touch.sensor import Sensor, pixel_centres
+from pipeline.kernels.touch.pressed_gel import gel_under
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 FLAT = 1e-7
-"""m: pixels whose indentation and depth in the shade are smaller keep the untouched colours."""
-MM = 1e3
-
-
-def gel_indentation(pressed: NDArray[np.float64], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the indentation of the gel, (rows, cols) m, from the impression D' and the sensor's membrane or elastic gel if it has one."""
-    if sensor.gel is not None:
-        return press_elastic(pressed, sensor, sensor.gel).indentation
-    if sensor.membrane == 0 or not pressed.any():
-        return pressed
-    return membrane_indentation(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
+"""m: pixels at the ends of a row whose indentation is smaller, as it is above and below them, are not shaded."""
 
 
 def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
@@ -42,7 +31,7 @@ def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration:
     -------
     (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
     """
-    return indentation_change(gel_indentation(pressed, sensor), sensor, calibration)
+    return indentation_change(gel_under(pressed, sensor).indentation, sensor, calibration)
 
 
 def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:

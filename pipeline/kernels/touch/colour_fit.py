@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.ball_contact import Photograph, contact_box
-from pipeline.kernels.touch.calibrated_shading import MM, powers
+from pipeline.kernels.touch.calibrated_shading import powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, Sample, left_out_error, sample_photographs, solve
 from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
-from pipeline.kernels.touch.sensor import Gel, Sensor, pixel_centres
+from pipeline.kernels.touch.sensor import MM, Gel, Sensor, pixel_centres
 
 MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 """Widths of the membrane that are tried, in contact radii."""

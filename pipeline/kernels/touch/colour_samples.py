@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.touch.ball_contact import RING, Box, Photograph, ball_impression, distance_from
-from pipeline.kernels.touch.calibrated_shading import MM, fitted_positions, gel_indentation, powers
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.calibrated_shading import fitted_positions, powers
+from pipeline.kernels.touch.pressed_gel import gel_under
+from pipeline.kernels.touch.sensor import MM, Sensor
 
 CONTACT_WEIGHT = 3.0
 """Weight of a pixel in the contact, where colours change more, relative to one in the ring around it."""
@@ -111,7 +112,7 @@ def sample_photographs(
         row, col = np.nonzero(distance < RING)
         share = distance[row, col]
         row, col = stride * row, stride * col
-        bump = gel_indentation(ball_impression(sensor, photograph.contact, ball_radius), sensor)
+        bump = gel_under(ball_impression(sensor, photograph.contact, ball_radius), sensor).indentation
         slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
         size = np.sqrt(1 + slope_x**2 + slope_y**2)
         normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]] + [MM * bump[row, col]]

@@ -43,7 +43,7 @@ def touch_success(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
 
 
 def pressed_pixels(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
-    """Find the pixels at which a surface presses into the gel: 0 < D < w - `CONTACT_MARGIN`, (..., rows, cols)."""
+    """Find the pixels that touch: 0 < D < w - `CONTACT_MARGIN`, (..., rows, cols), the rule of `touch_success`; `in_gel` has no margin."""
     judged = depth.astype(np.float32).astype(np.float64)
     return np.asarray((judged > 0) & (judged < gel_surface(sensor) - CONTACT_MARGIN))
 

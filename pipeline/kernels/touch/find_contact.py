@@ -115,12 +115,12 @@ def _by_symmetry(change: NDArray[np.float64], region: Any) -> tuple[float, float
 def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> float:
     """Find the radius around a point at which the strength of the change falls fastest, pixels."""
     rays = _polar(strength[..., None], x, y, reach, 1)[..., 0]
-    rays = rays[:, np.isfinite(rays).mean(axis=0) >= LEAST_SEEN / 2]
-    if rays.shape[1] < SMALLEST:
+    radii = np.flatnonzero(np.isfinite(rays).mean(axis=0) >= LEAST_SEEN / 2)
+    if len(radii) < SMALLEST:
         raise InvalidInput(f"the contact at ({x:.0f}, {y:.0f}) lies outside the image; photograph one whose rim shows")
-    mean = gaussian(np.nanmean(rays, axis=0), 2)
+    mean = gaussian(np.nanmean(rays[:, radii], axis=0), 2)
     brightest = int(mean.argmax())
-    return float(brightest + np.gradient(mean)[brightest:].argmin())
+    return float(radii[brightest + np.gradient(mean)[brightest:].argmin()])
 
 
 def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> Round:

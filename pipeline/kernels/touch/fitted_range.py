@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 
 from pipeline.kernels.touch.ball_contact import Circle
-from pipeline.kernels.touch.calibrated_shading import MM
 from pipeline.kernels.touch.optics import POSITION_TERMS, Calibration
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import MM, Sensor
 
 STEEP = 45.0
 """Degrees of slope that an edge pressed into the gel has: steeper ones are photographed with a ball that is pressed in deeply."""
@@ -46,7 +45,7 @@ def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequ
     Lines that name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and the
     slopes that are missing.
     """
-    thirds = {(int(3 * (circle.y + 0.5) / sensor.rows), int(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
+    thirds = {(math.floor(3 * (circle.y + 0.5) / sensor.rows), math.floor(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
     empty = [(row, column) for row in range(3) for column in range(3) if (row, column) not in thirds]
     lines = []
     if empty and POSITION_TERMS[len(calibration.coefficients[0][0])] > 0:

@@ -46,7 +46,7 @@ def gel_top(sensor: Sensor) -> float:
 
 
 def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
-    """Find the pixels where a surface presses into the gel; `depth` is (..., rows, cols) D, m."""
+    """Find the pixels where a surface lies in the gel: D < w, (..., rows, cols) in m; for shapes. `pressed_pixels` decides what touches."""
     return np.asarray(depth < gel_surface(sensor))
 
 

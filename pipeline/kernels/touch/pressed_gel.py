@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.touch.calibrated_shading import gel_indentation
 from pipeline.kernels.touch.elastic_contact import press_elastic
+from pipeline.kernels.touch.gel_membrane import membrane_indentation
 from pipeline.kernels.touch.gel_surface import impression
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -58,7 +58,9 @@ def gel_under(pressed: NDArray[np.float64], sensor: Sensor) -> PressedGel:
     if sensor.gel is not None:
         indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
         return PressedGel(indentation, pressure > 0, pressure)
-    indentation = gel_indentation(pressed, sensor)
+    indentation = pressed
+    if sensor.membrane > 0 and pressed.any():
+        indentation = membrane_indentation(pressed, (sensor.membrane / sensor.pitch[0], sensor.membrane / sensor.pitch[1]))
     return PressedGel(indentation, (pressed > 0) & (indentation <= pressed))
 
 

@@ -6,7 +6,8 @@ rows, +z is the outward normal. Lengths are metres.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from pydantic.json_schema import SkipJsonSchema
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.optics import Calibration, Lights
 
+MM = 1e3
+"""Millimetres per metre."""
 MAX_PIXELS_PER_SIDE = 4096
 """Rows and columns of an image: more than any camera of a sensor has."""
 
@@ -153,6 +156,12 @@ class Sensor(BaseModel):
     def shape(self) -> tuple[int, int]:
         """(rows, cols) of an image."""
         return self.rows, self.cols
+
+
+def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]) -> list[str]:
+    """Name the entries in which two sensors differ; `but_for` names those that may, as pydantic's `exclude` does."""
+    ours, theirs = (sensor.model_dump(exclude=dict(but_for)) | {"height": sensor.height} for sensor in (one, other))
+    return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
 
 
 def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

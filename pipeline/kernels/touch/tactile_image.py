@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.calibrated_shading import gel_indentation, indentation_change, polynomial_background
-from pipeline.kernels.touch.gel_surface import gel_surface, impression
+from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
+from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.lamp_shading import WHITE, shade
 from pipeline.kernels.touch.optics import Calibration, Lights
+from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import Sensor
 
 
@@ -49,7 +50,7 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
     instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
     values change, none by more than 1.
     """
-    return image_of_gel(gel_indentation(impression(depth, sensor), sensor), sensor, rng)
+    return image_of_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
 def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:

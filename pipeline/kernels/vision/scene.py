@@ -42,7 +42,7 @@ class NamedCamera(Camera):
 
     @model_validator(mode="after")
     def _has_one_size(self) -> NamedCamera:
-        if self.size is not None and "resolution" in self.model_fields_set:
+        if self.size is not None and self.resolution != type(self).model_fields["resolution"].default:  # which a stored scene has
             raise ValueError(f"resolution {self.resolution} and size {list(self.size)} are two sizes of one image; leave resolution out")
         return self
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import optical_centre
 
 STEEPEST = 0.1
 """Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
@@ -40,8 +41,7 @@ def seen_colors(
         (V,) bool: whether the vertex faces the camera, nothing of the mesh is between them, and its pixel shows the object.
     """
     rows, cols = shown.shape
-    eye = -np.linalg.solve(matrix[:, :3], matrix[:, 3])
-    to_camera = eye - vertices
+    to_camera = optical_centre(matrix) - vertices
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
     places = project_points(matrix, vertices)
     in_image = ((places >= 0) & (places < [cols, rows])).all(axis=1)  # NaN behind the camera is not

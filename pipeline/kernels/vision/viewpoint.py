@@ -31,15 +31,12 @@ class Viewpoint:
         Rotation about the viewing direction, degrees: 0 in all renderings.
     distance
         Over `FARTHEST`.
-    field_of_view
-        Degrees; stored in the file, and not used.
     """
 
     azimuth: float
     elevation: float
     in_plane: float
     distance: float
-    field_of_view: float
 
 
 def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.charts.fit_options import SUPPLEMENT, FitOptions, StopRule
+from pipeline.kernels.charts.fit_options import FitOptions, StopRule
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from pipeline.kernels.metrics.surface_sampling import map_to_surface
@@ -94,6 +94,10 @@ def twin(cloud: Cloud, halt: float, samples: int, cap: int) -> tuple[torch.Tenso
         loss.backward()
         adam.step()
     return vertices.detach(), step
+
+
+SUPPLEMENT = FitOptions(step_samples=4000, cloud_points=None, check_every=1, learning_rate=3e-3)
+"""Section 2.3 exactly."""
 
 
 def test_fit_with_the_supplements_options_equals_the_slow_twin() -> None:

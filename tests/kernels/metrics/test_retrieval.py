@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.kernels.metrics.retrieval import COARSE, SearchedCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import COARSE, RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
 
@@ -24,38 +24,38 @@ def shapes(count: int, seed: int) -> list[np.ndarray]:
 
 
 def test_chamfer_matrix_of_points_on_a_line():
-    found = chamfer_matrix([SearchedCloud(line(0)), SearchedCloud(line(1, 3)), SearchedCloud(line(1))])
+    found = chamfer_matrix([RetrievalCloud(line(0)), RetrievalCloud(line(1, 3)), RetrievalCloud(line(1))])
     assert found.tolist() == [[0, (1 + 9) / 2 + 1, 2], [(1 + 9) / 2 + 1, 0, (0 + 4) / 2], [2, (0 + 4) / 2, 0]]
 
 
 @pytest.mark.parametrize("both", [True, False])
 def test_nearest_cloud_equals_that_of_exhaustive_search(both):
     clouds, queries = shapes(16, 0), shapes(4, 1)
-    searched = [SearchedCloud(cloud) for cloud in clouds]
+    searched = [RetrievalCloud(cloud) for cloud in clouds]
     for cloud in (*queries, clouds[5]):
         every = chamfer_to_all(cloud, clouds) if both else squared_distance_to_all(cloud, clouds)
-        value, number = nearest_cloud(SearchedCloud(cloud), searched, both=both) or (np.nan, -1)
+        value, number = nearest_cloud(RetrievalCloud(cloud), searched, both=both) or (np.nan, -1)
         assert number == int(np.argmin(every))
         assert value == pytest.approx(min(every), rel=1e-9, abs=1e-18)
-        assert nearest_cloud(SearchedCloud(cloud), searched, both=both, below=value) is None
+        assert nearest_cloud(RetrievalCloud(cloud), searched, both=both, below=value) is None
 
 
 def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
-    nearest = nearest_cloud(SearchedCloud(cloud), [SearchedCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
+    nearest = nearest_cloud(RetrievalCloud(cloud), [RetrievalCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
     assert nearest == (0.0, 2)
 
 
 def test_lower_bounds_hold_and_avoid_most_comparisons():
-    clouds = [SearchedCloud(cloud) for cloud in shapes(40, 3)]
+    clouds = [RetrievalCloud(cloud) for cloud in shapes(40, 3)]
     query, *others = clouds
     for other in others:
         bounds = [query.bound(other, level) for level in range(len(COARSE) + 1)]
         assert max(bounds[:-1]) <= bounds[-1]
     exact = []
-    genuine = SearchedCloud.bound
+    genuine = RetrievalCloud.bound
 
-    class Counted(SearchedCloud):
+    class Counted(RetrievalCloud):
         def bound(self, target, level):
             exact.append(level == len(COARSE))
             return genuine(self, target, level)

@@ -7,11 +7,12 @@ import pytest
 import torch
 import trimesh
 
-from pipeline.kernels.metrics.surface_regularisers import edge_length, neighbouring_vertices
+from pipeline.kernels.geometry.mesh import mesh_edges
+from pipeline.kernels.metrics.surface_regularisers import edge_length
 
 CUBE = trimesh.creation.box()
 CORNERS = torch.tensor(CUBE.vertices)
-EDGES = neighbouring_vertices(CUBE.faces)
+EDGES = torch.from_numpy(mesh_edges(np.asarray(CUBE.faces))[0])
 
 
 def test_a_cube_has_twelve_sides_and_six_diagonals() -> None:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, gel_indentation, polynomial_background, powers
+from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.gel_membrane import membrane_indentation
+from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -155,7 +156,7 @@ def test_noise_has_the_set_standard_deviation_and_needs_a_generator() -> None:
 
 def test_contact_keeps_its_depth_and_indents_the_gel_around_it() -> None:
     pressed = bump()
-    surface = gel_indentation(pressed, SMALL)
+    surface = gel_under(pressed, SMALL).indentation
     assert surface.max() == pressed.max()
     assert (surface[pressed == 0] > 0).any()
-    assert gel_indentation(pressed, SMALL.model_copy(update={"membrane": 0.0})) is pressed
+    assert gel_under(pressed, SMALL.model_copy(update={"membrane": 0.0})).indentation is pressed

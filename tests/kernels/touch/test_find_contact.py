@@ -32,7 +32,7 @@ def full_contact() -> tuple[np.ndarray, np.ndarray]:
     return tactile_image(sensor.w - pressed, sensor, np.random.default_rng(0)), untouched_image(sensor)
 
 
-@pytest.mark.parametrize("seen", [1.7, 1.3, 1.0])
+@pytest.mark.parametrize("seen", [1.7, 1.3, 1.0, 0.85])
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
 def test_contact_cut_by_the_rim_is_found(full_contact: tuple[np.ndarray, np.ndarray], side: str, seen: float) -> None:
     """`seen` radii of its two are in the image."""

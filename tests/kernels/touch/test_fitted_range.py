@@ -32,6 +32,8 @@ def test_thirds_without_a_contact_and_missing_slopes_are_named() -> None:
         "no contact in the upper left, lower right of the gel: press there",
         "no slope steeper than 31 degrees: press deeper, or use a smaller ball",
     ]
+    beyond = Circle(-4.0, -4.0, 60.0)  # of a contact that the corner cuts
+    assert missing_photographs(SENSOR, OPTICS, [beyond, *EVERYWHERE[1:]]) == ["no contact in the upper left of the gel: press there"]
     coefficients = tuple(tuple(term[:1] for term in colour) for colour in OPTICS.coefficients)
     everywhere_alike = OPTICS.model_copy(update={"coefficients": coefficients, "steepest": 0.433})
     assert missing_photographs(SENSOR, everywhere_alike, EVERYWHERE[:1]) == [

@@ -10,7 +10,7 @@ from pipeline.kernels.vision.viewpoint import Viewpoint, placed_camera, viewpoin
 
 
 def viewpoint(azimuth: float, elevation: float, distance: float = 1.0) -> Viewpoint:
-    return Viewpoint(azimuth, elevation, 0.0, distance, 25.0)
+    return Viewpoint(azimuth, elevation, 0.0, distance)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import yaml
 
 from pipeline.dataset.grasping_hand import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
@@ -84,6 +85,9 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     path.write_text(json.dumps(described | {"cameras": [wide]}))
     (row,) = rows(VisionSettings(resolution=64, scene=str(path), hand=HAND), task("a", 0.1))
     assert row["occluded"].shape == (GRASPS, 1, 48, 96, 3)
+    scene, attributes = load_scene(path), STAGE.attributes(VisionSettings(scene=str(path), hand=HAND))
+    path.unlink()
+    assert dataset_scene(json.loads(json.dumps(attributes))) == scene
     path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
     with pytest.raises(InvalidInput, match="images of several sizes"):
         load_scene(path)

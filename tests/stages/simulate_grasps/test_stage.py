@@ -88,6 +88,15 @@ def test_early_stop_keeps_the_same_grasps() -> None:
         np.testing.assert_array_equal(rows[1][name], rows[0][name])
 
 
+@pytest.mark.parametrize("prefer", ["area", "closure"])
+def test_hold_search_for_the_best_score_makes_all_attempts(prefer: str) -> None:
+    box = centred(trimesh.creation.box((0.03, 0.03, 0.1)))
+    changes = {"hand": "two_finger_gripper", "search": "hold", "hold_test": "none", "prefer": prefer, "attempts": 4, "grasps": 1}
+    with SimulateGrasps().session(SETTINGS.model_copy(update=changes), {}) as process:
+        row = process(*unit_of(box, *points_on(box, 1000, seed=3)))
+    assert row["attempts"] == 4
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("category", CATEGORIES)
 def test_kept_grasps_touch_with_most_sensors_at_standard_settings(category: str) -> None:
