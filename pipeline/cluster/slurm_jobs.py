@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllocation
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, Stage, names_read
@@ -92,7 +94,10 @@ def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) ->
             return None
         changes = {name: value} | changes
     assignments = tuple(f"{stage.name}.{name}={value}" for name, value in changes.items())
-    return Job(stage, type(settings).model_validate(dict(settings) | changes), assignments)
+    try:
+        return Job(stage, type(settings).model_validate(dict(settings) | changes), assignments)
+    except ValidationError:  # the setting takes no such value: `train-single-image` makes no `models/unet`
+        return None
 
 
 def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:
