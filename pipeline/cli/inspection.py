@@ -78,7 +78,7 @@ def collect_garbage(
     from pipeline.store.garbage import collect_everything, links
 
     directory = DataDirectory(data)
-    if not directory.exists():
+    if not directory.is_data_directory():
         fail(f"{data} is not a data directory: it has no dataset.json, and no record")
     removed = collect_everything(directory, 60 * older_than)
     for path in removed:

@@ -111,9 +111,9 @@ def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) 
         text = f"would be made from {pluralise(foreseen.total)}, {size}"
     else:
         made = f"make {foreseen.missing} of {pluralise(foreseen.total)}"
-        work = made if foreseen.missing else f"publish {pluralise(foreseen.total, 'finished row')}"
+        finished = f"verify {pluralise(foreseen.total)}" if check else f"publish {pluralise(foreseen.total, 'finished row')}"
         uncounted = "; damaged rows are not counted" if check and foreseen.missing < foreseen.total else ""
-        text = f"would {work}, {size}{uncounted}"
+        text = f"would {made if foreseen.missing else finished}, {size}{uncounted}"
     print_line(f"{stage.name} {path}: {text}")
 
 

@@ -15,6 +15,7 @@ from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllo
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import DatasetStage, Stage, names_read
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import invalid_entries
 
 SEED = "training_seed"
 """The setting that trainings and their evaluation share."""
@@ -86,18 +87,29 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
 def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) -> Job | None:
     """Find the job in which a stage writes this folder, if necessary with another value of the setting that names it, and another seed."""
     changes: dict[str, Any] = {SEED: seed} if seed is not None and dict(settings).get(SEED, seed) != seed else {}
-    seeded = type(settings).model_validate(dict(settings) | changes)
+    if (seeded := _changed(stage, settings, changes)) is None:
+        return None
     output, value = stage.writes(seeded), Path(folder).name
     if output != folder:
         name = next((name for name, current in seeded if current == Path(output).name), None)
         if name is None or Path(output).parent != Path(folder).parent:
             return None
         changes = {name: value} | changes
-    assignments = tuple(f"{stage.name}.{name}={value}" for name, value in changes.items())
-    try:
-        return Job(stage, type(settings).model_validate(dict(settings) | changes), assignments)
-    except ValidationError:  # the setting takes no such value: `train-single-image` makes no `models/unet`
+    if (changed := _changed(stage, settings, changes)) is None:
         return None
+    return Job(stage, changed, tuple(f"{stage.name}.{name}={value}" for name, value in changes.items()))
+
+
+def _changed(stage: Stage, settings: Settings, changes: dict[str, Any]) -> Settings | None:
+    """Change settings; return None where one of the changed ones takes no such value: `train-single-image` makes no `models/unet`."""
+    try:
+        return type(settings).model_validate(dict(settings) | changes)
+    except ValidationError as error:
+        if all(item["loc"][:1] and item["loc"][0] in changes for item in error.errors()):
+            return None
+        raise InvalidInput(
+            f"{stage.name} with {', '.join(f'{name}={value}' for name, value in changes.items())}: {invalid_entries(error)}"
+        ) from error
 
 
 def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:

@@ -18,7 +18,8 @@ Item = dict[str, Any]
 class GraspDataset(Dataset[Item]):
     """The grasps of a dataset's split, each a dict of tensors and the object's name.
 
-    Arrays with a grasp dimension give that grasp's part, arrays of the object come whole and are read once per object, constants
+    Arrays with a grasp dimension give that grasp's part, arrays of the object (also of its presses, or viewpoints) come whole and are read
+    once per object, constants
     (`untouched`) come as they are; shapes, units and frames are the schemas'. `local_points` and `local_count`
     are computed from depth and pose where they are not stored: the same to the bit. Parameters and errors are those of `ObjectRows`.
 
@@ -33,6 +34,7 @@ class GraspDataset(Dataset[Item]):
         self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # whose shape gives the number of grasps
         self.arrays = tuple(arrays)
         self.left_out = self.rows.left_out
+        self._of_grasps = {name for name in arrays if self.rows.dims(name)[1:2] == ("grasp",)}
         grasps = self.rows.size("joint_angles", "grasp")
         self.items = [(object_id, grasp) for object_id in self.rows.object_ids for grasp in range(grasps)]
 
@@ -41,7 +43,7 @@ class GraspDataset(Dataset[Item]):
 
     def __getitem__(self, index: int) -> Item:
         object_id, grasp = self.items[index]
-        numbers = {name: grasp if self.rows.dims(name)[1:2] == ("grasp",) else None for name in self.arrays}
+        numbers = {name: grasp if name in self._of_grasps else None for name in self.arrays}
         arrays = {name: _tensor(self.rows.read(name, object_id, number)) for name, number in numbers.items()}
         return {"object_id": object_id, "grasp": grasp} | arrays
 

@@ -34,7 +34,7 @@ def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan
     if isinstance(request.stage, DatasetStage):
         yield plan_folder(request)
         return
-    directory = DataDirectory(request.data)
+    directory = DataDirectory(request.data)  # once for all: what others publish in its inputs meanwhile needs another run
     shards, numbers = _selected_shards(request, directory, shard)
     for number in numbers:
         yield plan_shard(request, directory, number, shards)

@@ -82,7 +82,7 @@ class ObjectStage(Stage):
         return ()
 
     def describe_misfits(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
-        """Report, before a run, which of these objects (name and inputs) do not fit the settings; by default nothing."""
+        """Report, before a run, which of these objects (name and inputs), or parts of the hand, do not fit; by default nothing."""
         return ()
 
     def describe_shard(self, settings: Any, shard: Shard) -> Iterable[str]:

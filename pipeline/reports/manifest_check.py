@@ -154,7 +154,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_tables(checked),
         *_first(faults),
         *_first([doubt for item in checked if (doubt := item.doubt)]),
-        *missing_remarks({item.name: ", ".join(item.missing) for item in checked if item.missing}),
+        *missing_remarks({item.name: item.missing for item in checked if item.missing}),
         *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),

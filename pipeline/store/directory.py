@@ -54,7 +54,7 @@ class DataDirectory:
         self.root = place(root)
         self._collections: dict[str, Collection] = {}
 
-    def exists(self) -> bool:
+    def is_data_directory(self) -> bool:
         """Check whether the folder is a data directory: it has a description, or a record."""
         return exists(self.root / DESCRIPTION) or bool(self.shard_records(*ARTIFACTS) or self.folders())
 

@@ -31,41 +31,43 @@ _UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")
 """Names that `temporary` gives."""
 
 
-def unreferenced(directory: DataDirectory, folder: Place, published: str | None = None) -> Iterator[Place]:
+def unreferenced(directory: DataDirectory, folder: Place, older_than: float = -math.inf) -> Iterator[Place]:
     """Find the groups and folders directly in a folder that no record names, and unfinished files; all other names are the user's.
 
-    With `published`, the name of one record, no other record is read: of what has another record, nothing is found.
+    Only those are found that were replaced or written more than `older_than` seconds ago; the records of others are not read, so that a
+    publication among thousands of shards reads few of them.
     """
-    versions: list[str] = []
+    versions: dict[str, list[str]] = {}  # by the name of their record
     for name, is_folder in sorted(list_folder(folder).items()):
         if _UNFINISHED.fullmatch(name) or (name.endswith(TEMPORARY) and _is_ours(directory, folder, name.removesuffix(TEMPORARY))):
-            yield folder / name
-        elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
-            versions.append(name)
-    records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
-    for name in versions:
-        record = f"{unversioned(name)}.json"
-        if records.get(record, True):  # missing, or a folder
-            if _is_ours(directory, folder, name):
+            if _age(folder / name) > older_than:
                 yield folder / name
-        elif published in (None, record) and named_location(folder / record) not in (None, name):  # a damaged one may have named it
-            yield folder / name
+        elif is_folder and is_version(name) and (isinstance(folder, Path) or files_below(folder / name)):  # some servers list empty folders
+            versions.setdefault(f"{unversioned(name)}.json", []).append(name)
+    records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
+    for record, names in versions.items():
+        has_record = not records.get(record, True)  # neither missing nor a folder
+        for name in names:
+            if (has_record and len(names) == 1) or _age(folder / name) <= older_than:
+                continue
+            if named_location(folder / record) not in (None, name) if has_record else _is_ours(directory, folder, name):
+                yield folder / name  # None: a damaged record may have named it
 
 
 def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:
-    """Check whether a group or folder has a name that is given in this folder, whether or not it has a record."""
-    if not is_version(name):
-        return False
-    record = f"{unversioned(name)}.json"
+    """Check whether a run gives a group or folder in this folder such a name."""
+    record = f"{unversioned(name)}.json" if is_version(name) else ""
     if folder == directory.root:
         return RECORD.fullmatch(record) is not None
-    return folder.parent != directory.root or folder.name in TREES or (fnmatch.fnmatch(record, SHARD_RECORD) and name.endswith(".zarr"))
+    if folder.parent == directory.root and folder.name not in TREES:  # an artifact's
+        return fnmatch.fnmatch(record, SHARD_RECORD) and name.endswith(".zarr")
+    return is_version(name)
 
 
-def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS, *, published: str | None = None) -> list[Place]:
-    """Remove what no record of a folder names, if it was replaced or written `older_than` seconds ago or earlier.
+def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
+    """Remove what no record of a folder names, if it was replaced or written more than `older_than` seconds ago.
 
-    If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else. `published` is as in `unreferenced`.
+    If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
 
     Returns
     -------
@@ -73,19 +75,19 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
     """
     if _link_to(directory, folder):
         return []
-    expired = [path for path in unreferenced(directory, folder, published) if time.time() - _written(path) > older_than]
+    expired = [*unreferenced(directory, folder, older_than)]
     for path in expired:
         remove(path)
     return expired
 
 
-def _written(path: Place) -> float:
-    """Return when a path was written or replaced, s since 1970; infinity if it is gone."""
+def _age(path: Place) -> float:
+    """Return how long ago a path was written or replaced, s; minus infinity if it is gone."""
     if isinstance(path, Path):
         with suppress(FileNotFoundError):  # another run has renamed or removed it
-            return path.lstat().st_mtime
-        return math.inf
-    return max((file.written for file in files_below(path).values()), default=0.0)
+            return time.time() - path.lstat().st_mtime
+        return -math.inf
+    return time.time() - max((file.written for file in files_below(path).values()), default=0.0)
 
 
 def mark_replaced(path: Place) -> None:

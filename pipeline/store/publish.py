@@ -169,4 +169,4 @@ def _publish(
     if not replace_version(record_path, serialise_with_checksum(record), version):
         raise StoreError(f"{record_path} was published by another run meanwhile; run again")
     if isinstance(path, Path):  # object storage has no locks: there, `vt-pipeline collect-garbage` does it
-        collect(directory, path.parent, published=record_path.name)
+        collect(directory, path.parent)

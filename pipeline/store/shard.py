@@ -184,7 +184,8 @@ class Shard:
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when first used, and kept; after `verify` they are the verified ones.
+    Arrays are read when first used, and kept; after `verify` they are the verified ones. Constants of the shard can be read, and are `in`
+    the row, but are not listed with its arrays.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:

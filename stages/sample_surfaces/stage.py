@@ -55,7 +55,7 @@ class SampleSurfaces(ObjectStage):
         if not shard.has("missing_names"):  # all objects failed
             return
         paths = shard.read("missing_names")
-        yield from missing_remarks({name: str(paths[row]) for name, row in shard.position.items() if paths[row]})
+        yield from missing_remarks({name: str(paths[row]).split(", ") for name, row in shard.position.items() if paths[row]})
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """Estimate one mesh and its points."""
@@ -102,13 +102,13 @@ def _origin(unit: Unit) -> Row:
     }
 
 
-def missing_remarks(missing: Mapping[str, str]) -> Iterator[str]:
+def missing_remarks(missing: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """Name the objects that are drawn without textures or materials, and a missing file."""
     if missing:
         first, paths = next(iter(missing.items()))
         yield (
             f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
-            f"({abbreviate([*missing])}): {first} names {abbreviate(paths.split(', '))}; put such files anywhere below the folder "
+            f"({abbreviate([*missing])}): {first} names {abbreviate(paths)}; put such files anywhere below the folder "
             "of meshes, or name a folder that holds both"
         )
 

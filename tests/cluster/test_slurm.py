@@ -46,6 +46,18 @@ def test_every_stage_depends_on_the_makers_of_its_inputs():
         assert sorted(dependencies) == sorted(makers[name] for name in read), job.name
 
 
+def test_single_image_training_is_no_variant_of_others_with_their_seed():
+    jobs = plan("train-gcn", "train-single-image", "evaluate", assignments=("evaluate.training_seed=1",))
+    assert [name for name in jobs if name.startswith("train-single-image")] == ["train-single-image"]
+    assert all("seed-1" in output for output in jobs["evaluate"].waits_for)
+
+
+def test_training_that_a_setting_forbids_is_an_error():
+    settings = ("train-implicit.encoder_norm=batch", "train-implicit.devices=2", "evaluate.configurations=[implicit-any]")
+    with pytest.raises(InvalidInput, match="train-implicit with configuration=implicit-any: "):
+        plan("train-implicit", "evaluate", assignments=("train-implicit.configuration=implicit-touch", *settings))
+
+
 def test_shard_waits_for_its_own_shard_and_dataset_stages_for_all_shards():
     dependencies = dependencies_of(plan("sample-surfaces", "simulate-grasps", "train-unet", "fit-charts", "evaluate"))
     assert dependencies["simulate-grasps"] == "aftercorr:sample-surfaces"

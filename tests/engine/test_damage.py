@@ -291,14 +291,19 @@ def test_garbage_is_collected_in_data_directories_only(tmp_path):
     assert leftover.exists()
 
 
-def test_publishing_reads_no_record_of_another_shard(tmp_path, monkeypatch):
+def test_publishing_collects_old_groups_and_reads_only_their_records(tmp_path, monkeypatch):
     run(request(tmp_path, shards=3))
+    replaced = published(tmp_path).shards[0].path
+    run(request(tmp_path, shards=3, settings={"samples": 9}), shard=1)
     (lost := tmp_path / "noise" / "0009-of-0009-0123456789abcdef.zarr").mkdir()
-    os.utime(lost, (0, 0))
+    for path in (replaced, lost):
+        assert path.exists(), "readers may have it open"
+        os.utime(path, (0, 0))
     read: list[str] = []
     monkeypatch.setattr(garbage, "named_location", lambda path: read.append(path.name) or named_location(path))
-    run(request(tmp_path, shards=3, settings={"samples": 9}), shard=1)
-    assert read == ["0001-of-0003.json"] * 2, "one version is there from before"
+    run(request(tmp_path, shards=3, settings={"samples": 9}), shard=2)
+    assert read == ["0001-of-0003.json"]
+    assert not replaced.exists()
     assert not lost.exists(), "it has no record"
 
 

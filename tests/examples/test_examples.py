@@ -99,7 +99,7 @@ def test_observations_have_no_faults_for_the_shipped_network(name, tmp_path):
 @pytest.mark.slow
 def test_rgbd_observation_gives_a_closed_mesh_at_the_object(tmp_path):
     options = ["predict", str(tmp_path / "a.ply"), "--observation", str(EXAMPLES / "robot_grasp" / "rgbd.yaml"), "--surface", "closed"]
-    done = CliRunner().invoke(app, [*options, "--resolution", "48"])
+    done = CliRunner().invoke(app, [*options, "--resolution", "64"])
     assert done.exit_code == 0, done.output
     mesh = trimesh.load(tmp_path / "a.ply")
     assert mesh.is_watertight

@@ -41,9 +41,13 @@ MINE = f"mine.{'0' * 32}.tmp"
 """A file of another user with the name of an unfinished one."""
 
 
+GARBAGE = ("0001-of-0001-0123456789abcdef.zarr", "evaluation-0123456789abcdef")
+"""Folders of another user with names that a run gives in an artifact's folder, and in the others."""
+
+
 def _bystanders(folder: Path) -> dict[Path, bytes]:
     """Put files of another user with names like garbage into a folder; return their contents."""
-    files = {folder / MINE: b"of value", folder / "album-0123456789abcdef" / "one.png": b"of value, too"}
+    files = {folder / MINE: b"of value"} | {folder / name / "one.png": b"of value, too" for name in GARBAGE}
     for path, content in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)

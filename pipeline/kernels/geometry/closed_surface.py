@@ -17,6 +17,8 @@ from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128
 """Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
+COARSEST = 64
+"""The least of them: with fewer, thin bodies swell and charts distort them."""
 TOLERANCE = 4e-4
 """m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
 INPUT_SMOOTHING_ROUNDS = 4
@@ -55,7 +57,7 @@ def closed_surface(
     chart_faces
         (G, 3) the faces of each, wound so that normals point into the object, as the sensor's do.
     resolution
-        Edges of the mesh along the longest side of the surface's box. With fewer than 64, thin bodies swell and charts distort them.
+        Edges of the mesh along the longest side of the surface's box, `COARSEST` or more.
 
     Returns
     -------
@@ -65,8 +67,10 @@ def closed_surface(
     Raises
     ------
     InvalidInput
-        A vertex is NaN or infinite, or the surface has no extent.
+        A vertex is NaN or infinite, the surface has no extent, or the resolution is too small.
     """
+    if resolution < COARSEST:
+        raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
     used_vertices = vertices[np.unique(faces)]
     if not len(used_vertices) or not np.isfinite(used_vertices).all() or not (extent := float(np.ptp(used_vertices, axis=0).max())) > 0:
         raise InvalidInput(f"a surface of {len(faces)} faces has vertices that are NaN or infinite, or no extent, and cannot be closed")

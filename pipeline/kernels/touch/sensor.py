@@ -159,9 +159,15 @@ class Sensor(BaseModel):
 
 
 def sensor_differences(one: Sensor, other: Sensor, *, but_for: Mapping[str, Any]) -> list[str]:
-    """Name the entries in which two sensors differ; `but_for` names those that may, as pydantic's `exclude` does."""
-    ours, theirs = (sensor.model_dump(exclude=dict(but_for)) | {"height": sensor.height} for sensor in (one, other))
+    """Name the entries in which two sensors differ, defaults filled in; `but_for` names those that may, as pydantic's `exclude` does."""
+    ours, theirs = (_filled_in(sensor).model_dump(exclude=dict(but_for)) for sensor in (one, other))
     return sorted(name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name))
+
+
+def _filled_in(sensor: Sensor) -> Sensor:
+    """Give a sensor the height and the thickness that it has by default."""
+    gel = sensor.gel and sensor.gel.model_copy(update={"thickness": sensor.layer_thickness})
+    return sensor.model_copy(update={"given_height": sensor.height, "gel": gel})
 
 
 def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -177,3 +177,8 @@ def test_vertex_normals_of_a_sphere_point_outwards():
     ball = trimesh.creation.icosphere(3)
     np.testing.assert_allclose(vertex_normals(ball.vertices, ball.faces), ball.vertices, atol=0.02)
     assert (vertex_normals(np.zeros((3, 3)), np.array([[0, 1, 2]])) == 0).all()
+
+
+def test_fewer_edges_than_thin_parts_need_are_refused():
+    with pytest.raises(InvalidInput, match="resolution 63"):
+        closed(JOINED * RADII, resolution=63)

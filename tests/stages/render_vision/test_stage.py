@@ -11,7 +11,7 @@ from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
@@ -88,6 +88,8 @@ def test_cameras_need_not_be_square_but_have_one_size(tmp_path) -> None:
     scene, attributes = load_scene(path), STAGE.attributes(VisionSettings(scene=str(path), hand=HAND))
     path.unlink()
     assert dataset_scene(json.loads(json.dumps(attributes))) == scene
+    with pytest.raises(StoreError, match="delete `vision`"):
+        dataset_scene({})
     path.write_text(json.dumps(described | {"cameras": [wide, wide | {"name": "tall", "size": [48, 96]}]}))
     with pytest.raises(InvalidInput, match="images of several sizes"):
         load_scene(path)
