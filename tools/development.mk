@@ -79,5 +79,5 @@ bench-touch: installed-dev  ## score depth read in photographs of REAL=FOLDER, b
 	@$(if $(REAL),,echo "name the folder of the photographs: make bench-touch REAL=FOLDER (docs/real-touch.md says what to clone into it)"; exit 1)
 	@$(BIN)/python -m benchmarks.real_touch $(call quoted,$(REAL)) --write docs/real-touch.md
 
-tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (40 minutes on 2 cores)
+tradeoff: installed-dev  ## measure what settings cost and how wrong they are; writes docs/tradeoff.md (half an hour on 2 cores)
 	@$(BIN)/python -m benchmarks.tradeoff --write docs/tradeoff.md

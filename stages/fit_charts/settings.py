@@ -29,7 +29,7 @@ class ChartSettings(ObjectSettings):
         "m, RMS from cloud to chart: the halt alone leaves a fifth of the charts at 250 to 330 µm, ten steps short; null is the supplement",
         gt=0,
     )
-    tight: bool = setting(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, which takes 3.5 times as long")
+    tight: bool = setting(False, "true halts at 2.3e-4 sensor widths² and 100 µm RMS, which takes nearly four times as long")
     max_iterations: int = setting(
         1000, "nearly all charts halt earlier, even tight ones; those that do not gain little later", ge=1, le=10_000
     )
