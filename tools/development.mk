@@ -9,13 +9,13 @@ installed-browser installed-exports installed-peers: installed-dev
 SHIPPED_SETTINGS := sample-distances.queries=6144 train-unet.epochs=1 train-unet.learning_rate=0.001 train-implicit.batch_size=8 train-implicit.features=192 \
          train-implicit.encoder_width=0.5 train-implicit.validation_items=6 train-implicit.validation_queries=1000 train-implicit.cache_megabytes=4000
 learn  = $(MAKE) --no-print-directory train MANIFEST=$(1) DATA=data/$(1)/draft CONFIGURATIONS=implicit-any SEEDS=$(2) SET=$(call quoted,$(SHIPPED_SETTINGS) $(3) $(SET))
-GO_ON := train-implicit.epochs=70 train-implicit.learning_rate=0.001 train-implicit.placement_error=0.006 train-implicit.pretrained
+FURTHER_TRAINING := train-implicit.epochs=70 train-implicit.learning_rate=0.001 train-implicit.placement_error=0.006
 # Resumed where it was killed, as all stages are: on 2 quiet cores an hour and a quarter for the data, then 100 epochs, a minute each on one core;
 # then as long again for objects of more kinds, which the same network goes on to learn from, and from the same objects once more.
 weights:  ## train the network that ships and the U-Net, measure it, and write both with a card to pipeline/assets/weights (7 hours)
 	@$(call learn,weights,0,train-implicit.epochs=100)
-	@$(call learn,thirteen-classes,1,$(GO_ON)=data/weights/draft/models)
-	@$(call learn,thirteen-classes,0,$(GO_ON)=data/thirteen-classes/draft/models/seed-1)
+	@$(call learn,thirteen-classes,1,$(FURTHER_TRAINING) train-implicit.pretrained=data/weights/draft/models)
+	@$(call learn,thirteen-classes,0,$(FURTHER_TRAINING) train-implicit.pretrained=data/thirteen-classes/draft/models/seed-1)
 	@$(BIN)/python -m tools.ship_weights data/thirteen-classes/draft
 
 sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks that read photographs of shipped sensors; with REAL=FOLDER cards say how well (4 minutes)

@@ -87,16 +87,16 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
 def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) -> Job | None:
     """Find the job in which a stage writes this folder, if necessary with another value of the setting that names it, and another seed."""
     changes: dict[str, Any] = {SEED: seed} if seed is not None and dict(settings).get(SEED, seed) != seed else {}
-    if (seeded := _changed(stage, settings, changes)) is None:
+    if (changed := _changed(stage, settings, changes)) is None:
         return None
-    output, value = stage.writes(seeded), Path(folder).name
+    output, value = stage.writes(changed), Path(folder).name
     if output != folder:
-        name = next((name for name, current in seeded if current == Path(output).name), None)
+        name = next((name for name, current in changed if current == Path(output).name), None)
         if name is None or Path(output).parent != Path(folder).parent:
             return None
         changes = {name: value} | changes
-    if (changed := _changed(stage, settings, changes)) is None:
-        return None
+        if (changed := _changed(stage, settings, changes)) is None:
+            return None
     return Job(stage, changed, tuple(f"{stage.name}.{name}={value}" for name, value in changes.items()))
 
 
@@ -105,7 +105,7 @@ def _changed(stage: Stage, settings: Settings, changes: dict[str, Any]) -> Setti
     try:
         return type(settings).model_validate(dict(settings) | changes)
     except ValidationError as error:
-        if all(item["loc"][:1] and item["loc"][0] in changes for item in error.errors()):
+        if all(item["loc"] and item["loc"][0] in changes for item in error.errors()):
             return None
         raise InvalidInput(
             f"{stage.name} with {', '.join(f'{name}={value}' for name, value in changes.items())}: {invalid_entries(error)}"

@@ -1,4 +1,4 @@
-"""The scene of a dataset's images, as the root of its vision artifact describes it.
+"""Read the scene of a dataset's images from the root of its vision artifact.
 
 A separate module, so that what reads touches, and its keys, do not depend on cameras.
 """

@@ -79,8 +79,16 @@ def load_reconstructor(configuration: str, folder: Path, device: torch.device | 
     StoreError
         The folder holds no such network.
     """
-    loaded = FAMILIES[family_of(configuration)](folder, device)
-    return loaded.restricted_to(inputs_of(configuration)) if configuration in ROWS else loaded
+    return load_rows({configuration: folder}, device)[configuration]
+
+
+def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -> dict[str, Reconstructor]:
+    """Load the networks of configurations, by name, as `load_reconstructor`; one that several rows share is read once."""
+    loaded: dict[Path, Reconstructor] = {}
+    for name, folder in folders.items():
+        if folder not in loaded:
+            loaded[folder] = FAMILIES[family_of(name)](folder, device)
+    return {name: loaded[folder].restricted_to(inputs_of(name)) if name in ROWS else loaded[folder] for name, folder in folders.items()}
 
 
 def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:

@@ -46,12 +46,19 @@ def unreferenced(directory: DataDirectory, folder: Place, older_than: float = -m
             versions.setdefault(f"{unversioned(name)}.json", []).append(name)
     records = list_folder(folder) if versions else {}  # after the versions were listed: a record that was published meanwhile is there
     for record, names in versions.items():
-        has_record = not records.get(record, True)  # neither missing nor a folder
+        has_record = records.get(record) is False  # neither missing nor a folder
+        if has_record and len(names) == 1:
+            continue  # the version that the record names
         for name in names:
-            if (has_record and len(names) == 1) or _age(folder / name) <= older_than:
-                continue
-            if named_location(folder / record) not in (None, name) if has_record else _is_ours(directory, folder, name):
-                yield folder / name  # None: a damaged record may have named it
+            if _age(folder / name) > older_than and (
+                _is_replaced(folder / record, name) if has_record else _is_ours(directory, folder, name)
+            ):
+                yield folder / name
+
+
+def _is_replaced(record: Place, name: str) -> bool:
+    """Check whether a record names another version than this one; a damaged record may have named it."""
+    return named_location(record) not in (None, name)
 
 
 def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
-from pipeline.models.families import ROWS, inputs_of, load_reconstructor, model_name, trained_folder
+from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, trained_folder
 from pipeline.models.learned_view import has_learned_view
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
@@ -46,10 +46,9 @@ class EvaluateShipped(Evaluate):
         return {}
 
     def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
-        """Load the network that ships, and restrict it to the inputs of each row."""
-        network = load_reconstructor(DEFAULT, shipped_folder(), device_of(job.settings.accelerator))
-        rows: Sequence[str] = job.settings.configurations
-        return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): network.restricted_to(inputs_of(name)) for name in rows}
+        """Load the network that ships, with the inputs of each row."""
+        loaded = load_rows(dict.fromkeys(job.settings.configurations, shipped_folder()), device_of(job.settings.accelerator))
+        return {SHIPPED_ROWS + name.removeprefix(f"{DEFAULT}-"): network for name, network in loaded.items()}
 
     def writes(self, settings: Any) -> str:
         """Name the folder."""

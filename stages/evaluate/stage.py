@@ -16,7 +16,7 @@ from rich.markup import escape
 from pipeline.config.manifest import SPLITS
 from pipeline.dataset.touch_statistics import has_paper_sizes
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
-from pipeline.models.families import ROWS, inputs_of, load_reconstructor, model_name, network_of
+from pipeline.models.families import inputs_of, load_rows, model_name
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.row_files import Result, RowFiles
@@ -57,11 +57,9 @@ class NetworkEvaluation(DatasetStage):
         return {}
 
     def load(self, job: DatasetJob) -> dict[str, Reconstructor]:
-        """Load each model once, and restrict it to the inputs of its rows."""
-        rows, device = self.rows(job.settings), device_of(job.settings.accelerator)
-        networks = {model: network_of(name) for name, model in rows.items()}
-        loaded = {model: load_reconstructor(network, job.models[model], device) for model, network in networks.items()}
-        return {name: loaded[model].restricted_to(inputs_of(name)) if name in ROWS else loaded[model] for name, model in rows.items()}
+        """Load the network of each row."""
+        folders = {name: job.models[model] for name, model in self.rows(job.settings).items()}
+        return load_rows(folders, device_of(job.settings.accelerator))
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Measure model by model, then the baselines, and write the tables."""

@@ -109,7 +109,7 @@ class GraspSettings(ObjectSettings):
 
     @property
     def makes_all_attempts(self) -> bool:
-        """Whether no grasp ends the search early: areas and margins have no greatest value at which it could end."""
+        """Check whether no grasp ends the search early: areas and margins have no greatest value at which it could end."""
         return self.exhaustive or self.prefer != "touches"
 
     @model_validator(mode="after")

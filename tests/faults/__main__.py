@@ -59,7 +59,7 @@ CACHES = ("inductor", "dask-scratch-space")
 """Folders that torch and Dask keep among temporary files for all runs; Dask clears its folder at the start."""
 
 TEMPORARY = "temporary files after all of these"
-"""The row of what the runs left among temporary files."""
+"""Name of the row for what the runs left among temporary files."""
 
 CERTIFICATE = """
 The last fault is no loss of data: a killed run left Dask's temporary folder with its certificate ([Reliability](reliability.md)).

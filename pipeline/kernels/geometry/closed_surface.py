@@ -18,7 +18,7 @@ from pipeline.kernels.geometry.transforms import unit_vectors
 RESOLUTION = 128
 """Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
 COARSEST = 64
-"""The least of them: with fewer, thin bodies swell and charts distort them."""
+"""Fewest edges: with fewer, thin bodies swell and charts distort them."""
 TOLERANCE = 4e-4
 """m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
 INPUT_SMOOTHING_ROUNDS = 4

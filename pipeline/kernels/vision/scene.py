@@ -67,7 +67,7 @@ def _fit_together(cameras: tuple[NamedCamera, ...]) -> tuple[NamedCamera, ...]:
 
 
 class Scene(BaseModel):
-    """The surroundings of an object: cameras, a lamp, constant light, a background."""
+    """Describe the surroundings of an object: cameras, a lamp, constant light, a background."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
