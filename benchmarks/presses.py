@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -44,16 +43,10 @@ def measure(data: Path, turns: int) -> Table:
         "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "ms per press: median / 99 % / most"], [note]
     )
     for name, call in calls.items():
-        table.add(name, times[name], times[name].over(times[convolution]), quantiles(_by_press(call, depths, turns)))
+        table.add(
+            name,
+            times[name],
+            times[name].over(times[convolution]),
+            quantiles([min(over_items(call, [depth])() for _ in range(turns)) for depth in depths]),
+        )
     return table
-
-
-def _by_press(call: Callable[[NDArray[np.float64]], object], depths: Sequence[NDArray[np.float64]], turns: int) -> list[float]:
-    """Time each press, the least of `turns` times, ms."""
-
-    def once(depth: NDArray[np.float64]) -> float:
-        start = time.process_time()
-        call(depth)
-        return (time.process_time() - start) * 1e3
-
-    return [min(once(depth) for _ in range(turns)) for depth in depths]

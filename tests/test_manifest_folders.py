@@ -229,6 +229,12 @@ def test_name_that_is_not_utf8_is_refused(tmp_path):
         manifest(folder("directory")).objects(tmp_path)
 
 
+def test_names_with_blanks_of_other_scripts_are_accepted(tmp_path):
+    for name in ("花瓶\u3000大.obj", "Scan 9.41\u202fPM.obj", "می\u200cخواهم.obj"):
+        (tmp_path / name).write_text(CUBE)
+    assert len(manifest(folder("directory")).objects(tmp_path)) == 3
+
+
 def test_names_in_other_scripts_stay_apart(tmp_path):
     for name in ("杯子/红杯.obj", "杯子/蓝杯.obj", "瓶子/大瓶.obj"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

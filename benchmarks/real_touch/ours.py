@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.real_touch.photograph_sets import PhotographSet
+from pipeline.inference.calibrate_sensor import uncalibrated_sensor
 from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, fit_colours
 from pipeline.kernels.touch.sensor import Sensor
 
@@ -12,21 +13,8 @@ THICKNESS = 4e-3
 
 def calibrated_sensor(photographs: PhotographSet) -> Sensor:
     """Calibrate a sensor as `calibrate-sensor` does, with all balls of a set."""
-    rows, cols = photographs.untouched.shape[:2]
     pitch = 1e-3 * photographs.mm_per_pixel
-    sensor = Sensor.model_validate(
-        {
-            "name": photographs.name,
-            "width": cols * pitch,
-            "height": rows * pitch,
-            "rows": rows,
-            "cols": cols,
-            "w": THICKNESS,
-            "range": 5 * THICKNESS,
-            "noise": "none",
-            "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
-        }
-    )
+    sensor = uncalibrated_sensor(photographs.name, photographs.untouched.shape[:2], pitch=pitch, thickness=THICKNESS)
     fit = fit_colours(sensor, photographs.balls, photographs.untouched, 1e-3 * photographs.ball_radius, FIT_FOR_DEPTH)
     optics = fit.calibration.model_copy(update={"background": photographs.untouched_path.name})
     print(f"{photographs.name}: degree {fit.position_degree} in the position, gel {fit.sensor.gel}", flush=True)

@@ -42,33 +42,19 @@ def calibrate_sensor(
     to the contacts above all, with an elastic gel.
     """
     from pipeline.inference.ball_photographs import read_photographs
-    from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, write_sensor
+    from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, uncalibrated_sensor, write_sensor
     from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions
     from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
-    from pipeline.kernels.touch.sensor import Sensor
     from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
     photographs, image, left_out = read_photographs(folder, untouched)
-    rows, cols = image.shape[:2]
-    pitch, radius = 1e-3 * mm_per_pixel, 1e-3 * ball_radius
+    radius = 1e-3 * ball_radius
     began = time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
-        sensor = Sensor.model_validate(
-            {
-                "name": out.stem,
-                "width": cols * pitch,
-                "height": rows * pitch,
-                "rows": rows,
-                "cols": cols,
-                "w": 1e-3 * thickness,
-                "range": 5e-3 * thickness,
-                "noise": "none",
-                "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
-            }
-        )
+        sensor = uncalibrated_sensor(out.stem, image.shape[:2], pitch=1e-3 * mm_per_pixel, thickness=1e-3 * thickness)
         result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Iterator
 from importlib import resources
@@ -12,9 +13,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from pipeline.config.objects import Object, checksum
-from pipeline.console import visible
+from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
+
+NOT_UTF8 = re.compile("[\ud800-\udfff]")
+"""What the bytes of a file's name become that are not UTF-8 (Python's `surrogateescape`)."""
 
 MAX_OBJECTS = 200_000
 """Most objects of a source: listing them takes a second, and memory, before anything else is done."""
@@ -69,9 +73,9 @@ class MeshSource(Source):
         Raises
         ------
         InvalidInput
-            Its path is not UTF-8, in which records are written.
+            Its path has control characters, or bytes that are not UTF-8, in which records are written.
         """
-        if visible(str(file)) != str(file):
+        if CONTROLS.search(str(file)) or NOT_UTF8.search(str(file)):
             raise InvalidInput(f"{str(file)!r} has bytes that are not UTF-8, or control characters, in its name; rename it")
         unit, axis = stated_units(file)
         return {

@@ -20,8 +20,8 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """Pillow would open others too, some by starting a program."""
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 """Suffixes of their files."""
-MAX_BYTES, MAX_PIXELS = 2**28, 2**25
-"""Limits of a file, and of the image in it: 33 megapixels take 100 MB."""
+MAX_BYTES, MAX_PIXELS = 2**28, 2**26
+"""Limits of a file, and of the image in it: 67 megapixels take 200 MB."""
 
 
 def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
@@ -83,7 +83,7 @@ def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, con
 
 def _check(path: Path, image: Image.Image, modes: tuple[str, ...], what: str, remedy: str) -> None:
     if image.width * image.height > MAX_PIXELS:
-        raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most that are read")
+        raise InvalidInput(f"{path} has {image.width} x {image.height} pixels; {MAX_PIXELS} are the most; make it smaller")
     if image.mode not in modes:
         raise InvalidInput(f"{path} has {what} {image.mode}; save it as {remedy}")
     if image.mode == "RGB" and _bits(image) > 8:  # Pillow would keep their high bytes

@@ -6,6 +6,7 @@ The key of a mesh covers them, and its reader may open no others.
 from __future__ import annotations
 
 import hashlib
+import html
 import json
 import os
 import re
@@ -44,6 +45,9 @@ MAX_NON_ASCII = 2**25
 
 MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 """A line of an OBJ that names material libraries."""
+
+COLLADA_IMAGE, COLLADA_NAME = re.compile(rb"<image\b[^>]*\bid=\"([^\"]*)\""), re.compile(rb"<init_from>([^<]*)</init_from>")
+"""The id of a COLLADA file's image, and what an image or a surface is made from: a file's name, or an image's id."""
 
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
@@ -94,7 +98,7 @@ class Companions(Mapping[str, bytes]):
 
     def __getitem__(self, name: str) -> bytes:
         if name == ALL_LIBRARIES and self._libraries:
-            return b"\n".join(self[library] for library in self._libraries)
+            return b"\n".join(decode_text(self[library]).encode() for library in self._libraries)
         if name not in self.paths:
             raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
@@ -118,7 +122,9 @@ class Companions(Mapping[str, bytes]):
             case ".gltf" | ".glb":
                 yield from _gltf_names(file)
             case ".dae":
-                yield from (_decode(name[1]) for name in re.finditer(rb"<init_from>([^<]*)</init_from>", content))
+                images = {_decode(match[1]) for match in COLLADA_IMAGE.finditer(content)}  # a surface names its image in the same element
+                names = (html.unescape(_decode(match[1])) for match in COLLADA_NAME.finditer(content))
+                yield from (name for name in names if name not in images)
             case ".ply":
                 yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
@@ -235,7 +241,12 @@ def _names_after(word: bytes, content: bytes) -> Iterator[str]:
 
 
 def _decode(name: bytes) -> str:
+    return decode_text(name).strip()
+
+
+def decode_text(content: bytes) -> str:
+    """Decode text that is UTF-8, or else Latin-1."""
     try:
-        return name.decode().strip()
+        return content.decode()
     except UnicodeDecodeError:
-        return name.decode("latin-1").strip()
+        return content.decode("latin-1")

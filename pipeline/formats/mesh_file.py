@@ -15,7 +15,7 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
-from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
+from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -80,7 +80,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     except MemoryError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
-        if "memory" in str(error).lower():  # libxml2 calls it a fault of the XML
+        if "memory" in str(error).lower() and not isinstance(error, OSError):  # libxml2 calls it a fault of the XML
             raise MemoryError from error
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
@@ -96,9 +96,9 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
         return _read(content, file, companions)
     except (InvalidInput, MemoryError):
         raise
-    except ModuleNotFoundError:  # text that is not UTF-8: trimesh needs a package to guess its encoding, of comments and names
-        text = companions.content if isinstance(content, Path) else content
-        return _read(text.decode("latin-1").encode(), file, companions)
+    except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
+        text, end, data = (companions.content if isinstance(content, Path) else content).partition(b"end_header")  # binary data of a PLY
+        return _read(decode_text(text).encode() + end + data, file, companions)
     except Exception:
         return _read(content, file, companions, skip_materials=True)
 

@@ -77,6 +77,30 @@ def check_name(path: Path, untouched_path: Path) -> None:
             raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
 
 
+def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thickness: float) -> Sensor:
+    """Describe a sensor whose colours are not known: photographs of `shape` (rows, cols) pixels of `pitch` m, a gel `thickness` m thick.
+
+    Raises
+    ------
+    ValidationError
+        No sensor is like this.
+    """
+    rows, cols = shape
+    return Sensor.model_validate(
+        {
+            "name": name,
+            "width": cols * pitch,
+            "height": rows * pitch,
+            "rows": rows,
+            "cols": cols,
+            "w": thickness,
+            "range": 5 * thickness,
+            "noise": "none",
+            "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
+        }
+    )
+
+
 def calibrate(
     sensor: Sensor,
     photographs: Sequence[Photograph],

@@ -40,7 +40,9 @@ class ChartSettings(ObjectSettings):
         500, "points of the chart in a step's loss: several times faster than all; below 60 µm take 2000", ge=1, le=50_000
     )
     cloud_points: int | None = setting(500, "points of the cloud in a step's loss, others each step; null takes all", ge=1, le=50_000)
-    check_every: int = setting(10, "steps between two checks of the exact loss; 1 acts as 2 unless each step takes all points", ge=1)
+    check_every: int = setting(
+        10, "steps between two checks of the exact loss; 1 acts as 2 unless each step takes all points", ge=1, le=100
+    )
     learning_rate: float = setting(
         1e-2, "Adam's, sensor widths: charts as near as with the supplement's 3e-3, in a third of the time", gt=0
     )

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.dataset.touch_charts import is_surface
 from pipeline.engine.trade import Trade
-from schemas.charts import FITTED
 
 
 def residuals(data: Path, reference: Path) -> dict[str, float]:
@@ -16,7 +14,7 @@ def residuals(data: Path, reference: Path) -> dict[str, float]:
     rows = ObjectRows(data, ("residual", "stop_rule"), split=None)
     residual_by_object = {}
     for name in rows.object_ids:
-        fitted = np.isin(rows.read("stop_rule", name), FITTED)
+        fitted = is_surface(rows.read("stop_rule", name))
         if fitted.any():
             residual_by_object[name] = 1e6 * float(rows.read("residual", name)[fitted].mean())
     return residual_by_object

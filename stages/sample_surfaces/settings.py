@@ -12,8 +12,9 @@ class SurfaceSettings(ObjectSettings):
     )
     directions: int = setting(
         256,
-        "directions of which two must be free for a point to be exterior: 64 miss 0.1 % of the surface, more find ever narrower gaps",
-        ge=2,
+        "directions of which two must be free for a point to be exterior: 64 miss 0.1 % of the surface, more find ever narrower gaps; with "
+        "fewer than 16, faces of a box may see no two",
+        ge=16,
     )
     max_faces: int = setting(
         500_000, "with more, physics takes minutes per object and its result hardly changes", gt=0, changes="definition"

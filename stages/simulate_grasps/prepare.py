@@ -26,8 +26,6 @@ MEASURE_SPACING = 0.003
 """m, of the spheres that measure penetration: accurate to 0.3 mm at edges, better on faces."""
 FINGER_GAP = 0.001
 """m kept between fingers, and between fingers and palm; half of their gap at rest where that is less."""
-RIM_CELLS = 2
-"""Cells that the distance grid reaches beyond the hand's reach: the largest error of a look-up (`object_distances.LOOKUP_ERROR_CELLS`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +40,8 @@ class PreparedHand:
 
     @property
     def reach(self) -> float:
-        """The distance from an object, m, up to which the fingers' clearance must be known: that of their largest sphere's centre."""
-        return self.ik.clearance + max(float(spheres.radii.max()) for spheres in self.ik.fingers.spheres)
+        """The distance from an object, m, up to which the hand's clearance must be known: that of its largest sphere's centre."""
+        return self.ik.clearance + max(float(spheres.radii.max(initial=0.0)) for spheres in (self.palm_spheres, *self.ik.fingers.spheres))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +92,11 @@ def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell:
     cell
         Of the distance grid, m.
     reach
-        Of the hand, m: distances above it are bounds only.
+        Of the hand, m: the distance up to which its clearance must be known.
     """
     return PreparedObject(
         points=points.astype(np.float64),
         normals=normals.astype(np.float64),
-        field=build_distance_field(mesh.vertices, mesh.faces, cell=cell, band=reach + RIM_CELLS * cell),
+        field=build_distance_field(mesh.vertices, mesh.faces, cell=cell, band=reach),
         faces=box_faces(mesh.triangles),
     )

@@ -16,6 +16,7 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
 from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.elastic_contact import contact_cells
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.press_patches import random_patch
 from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
@@ -50,12 +51,19 @@ class SimulatePresses(ObjectStage):
         return sensor_files([settings.sensor])
 
     def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Check that the gel is thicker than the deepest press, and that it has what `gel` scales."""
+        """Check that the gel is thicker than the deepest press and the cells of its contact, and that it has what `gel` scales."""
         sensor = pressed_sensor(settings)
         if settings.depth[1] >= sensor.w:
             raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
         if settings.gel is not None and sensor.gel is None and sensor.membrane == 0:
             raise InvalidInput(f"gel is {list(settings.gel)}, but {sensor.name} has neither membrane nor gel to scale; leave gel out")
+        if settings.gel is not None and sensor.gel is not None:
+            thinnest, cell = settings.gel[0] * sensor.layer_thickness, max(contact_cells(sensor)[1])
+            if thinnest < cell:
+                raise InvalidInput(
+                    f"gel begins at {settings.gel[0]}: the elastic gel of {sensor.name} would be {thinnest:.3g} m thick, its contact is "
+                    f"solved on cells of {cell:.3g} m; begin gel at {math.ceil(100 * cell / sensor.layer_thickness) / 100:g}"
+                )
 
     def constants(self, settings: PressSettings) -> Row:
         """Render the sensor with nothing in its gel."""

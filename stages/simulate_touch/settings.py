@@ -24,8 +24,9 @@ class TouchSettings(ObjectSettings):
     )
     gel_bits: int | None = setting(
         26,
-        "depth in the gel is stored in steps of 2^-26 m: error at most 8 nm, a fifth fewer bytes; null keeps float32's precision",
-        ge=10,
+        "depth in the gel is stored in steps of 2^-26 m: error at most 8 nm, a fifth fewer bytes; null keeps float32's precision. Half a "
+        "step is below the 0.1 mm by which a successful touch enters the gel",
+        ge=13,
         le=40,
     )
     far_bits: int | None = setting(

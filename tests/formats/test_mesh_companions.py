@@ -54,6 +54,20 @@ def test_texture_elsewhere_below_the_root_is_found_by_name(tmp_path: Path, named
     assert load_mesh(file, tmp_path / "root").look.textures[0][0, 0, 0] == 9
 
 
+def test_texture_of_a_collada_file_is_named_by_its_image_alone(tmp_path: Path) -> None:
+    """A surface names the image's id in the element in which the image names its file."""
+    images = (
+        '<image id="wood_png" name="wood"><init_from>oak &amp; ash.png</init_from></image>'
+        '<image id="gone"><init_from>no.png</init_from></image>'
+    )
+    surface = '<newparam><surface type="2D"><init_from>wood_png</init_from></surface></newparam>'
+    (tmp_path / "a.dae").write_text(f"<COLLADA><library_images>{images}</library_images>{surface}</COLLADA>")
+    Image.new("RGB", (2, 2)).save(tmp_path / "oak & ash.png")
+    companions = Companions(tmp_path / "a.dae")
+    assert list(companions) == ["oak & ash.png"]
+    assert companions.missing == ["no.png"]
+
+
 @pytest.mark.parametrize("options", ["-s 1 1 1", "-clamp on -o 0.5 -.5", "-bm 2"])
 def test_options_before_a_texture_and_comments_are_no_names(tmp_path: Path, options: str) -> None:
     file = textured(tmp_path, f"{options} paint.png\n# map_Kd none.png")

@@ -231,15 +231,23 @@ def test_missing_file_is_refused_by_name(tmp_path):
         load_mesh(tmp_path / "gone.obj")
 
 
-@pytest.mark.parametrize("suffix", ["obj", "off", "stl"])
+@pytest.mark.parametrize("suffix", ["obj", "off", "stl", "ply"])
 def test_comments_and_names_that_are_not_utf8_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str) -> None:
     monkeypatch.setitem(sys.modules, "charset_normalizer", None)  # with it, trimesh guesses
-    lines = {"obj": "# Größe\n{}", "off": "OFF\n# Größe\n{}", "stl": "solid Größe\n{}"}[suffix]
-    text = BOX.export(file_type="stl_ascii" if suffix == "stl" else suffix)
-    body = text if suffix == "obj" else text.partition("\n")[2]
+    first = {"obj": "# Größe\n", "off": "OFF\n# Größe\n", "stl": "solid Größe\n", "ply": "ply\ncomment Größe\n"}[suffix]
+    exported = BOX.export(file_type="stl_ascii" if suffix == "stl" else suffix)
+    content = exported if isinstance(exported, bytes) else exported.encode()  # a PLY is binary
     path = tmp_path / f"box.{suffix}"
-    path.write_bytes(lines.format(body).encode("latin-1"))
+    path.write_bytes(first.encode("latin-1") + (content if suffix == "obj" else content.partition(b"\n")[2]))
     assert len(parse_mesh(path, tmp_path).faces) == len(BOX.faces)
+
+
+def test_materials_that_are_not_utf8_keep_their_textures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "charset_normalizer", None)
+    (tmp_path / "a.obj").write_bytes("mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nusemtl grün\nf 1/1 2/1 3/1\n".encode("latin-1"))
+    (tmp_path / "a.mtl").write_bytes("# Größe\nnewmtl grün\nmap_Kd grün.png\n".encode("latin-1"))
+    Image.new("RGB", (2, 2), (9, 99, 9)).save(tmp_path / "grün.png")
+    assert parse_mesh(tmp_path / "a.obj", tmp_path).look.textures[0][0, 0].tolist() == [9, 99, 9, 255]
 
 
 @pytest.mark.parametrize("first", range(8))

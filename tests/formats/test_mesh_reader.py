@@ -67,6 +67,14 @@ def test_small_file_that_expands_to_gigabytes_is_refused(
         load_mesh(path)
 
 
+def test_missing_buffer_is_named_whatever_its_name(tmp_path: Path) -> None:
+    (tmp_path / "memory_card.gltf").write_bytes(
+        BOX.export(file_type="gltf")["model.gltf"].replace(b"gltf_buffer_0.bin", b"memory_card.bin")
+    )
+    with pytest.raises(InvalidInput, match=r"names 'memory_card\.bin', which is not a file below"):
+        load_mesh(tmp_path / "memory_card.gltf")
+
+
 def test_file_that_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_reader, "SECONDS", 1)
     path = instances_of_instances(tmp_path)

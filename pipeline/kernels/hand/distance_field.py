@@ -21,6 +21,8 @@ BLOCK = 4
 """Cells along the side of a block; one exact distance tells whether a block is near the surface."""
 MAX_CELLS = 6_000_000
 """Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
+LOOKUP_ERROR_CELLS = 2
+"""Largest error of a look-up within the grid's band, in cells, and the width of the grid's rim beyond the band."""
 SIDE_PROBE_CELLS = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
 ON_SURFACE_CELLS = 1e-6
@@ -136,8 +138,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     cell
         Side of a cell, m; enlarged where the grid would pass `MAX_CELLS`.
     band
-        Distance from the surface up to which the grid's values are more than bounds, m; also the grid's rim around the object. It is
-        enlarged to two cells: the grid's corner must be known to be outside.
+        Distance from the surface, m, of which a look-up never falls short where a point is farther away, on the grid or off it.
 
     Returns
     -------
@@ -156,13 +157,13 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     tree = igl.AABB()
     tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
-    cell, band, blocks = _grid_layout(high - low, cell, band)
-    low = low - band
+    cell, rim, blocks = _grid_layout(high - low, cell, band)
+    low = low - rim
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
     block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
-    distance = _per_cell(np.maximum(block_distance - reach, band))
-    is_near = _per_cell(block_distance <= band + reach)
+    distance = _per_cell(np.maximum(block_distance - reach, rim))
+    is_near = _per_cell(block_distance <= rim + reach)
     centres = low + (np.argwhere(is_near) + 0.5) * cell
     squared, face, closest = tree.squared_distance(vertices, faces, centres)
     distance[is_near] = np.sqrt(squared)
@@ -184,9 +185,9 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
 
 
 def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
-    """Compute the side of a cell and the band, m, and the blocks along each axis, for an object of an extent (3,), m."""
+    """Compute the side of a cell, the rim around an object of an extent (3,), all in m, and the blocks along each axis."""
     while True:
-        rim = max(band, 2 * cell)
+        rim = band + LOOKUP_ERROR_CELLS * cell  # cells without a surface: the grid's corner is known to be outside
         blocks = np.ceil((extent + 2 * rim) / (cell * BLOCK))
         if blocks.prod() * BLOCK**3 <= MAX_CELLS:
             return cell, rim, blocks.astype(np.int64)

@@ -12,7 +12,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
-from pipeline.kernels.hand.distance_field import DistanceField
+from pipeline.kernels.hand.distance_field import LOOKUP_ERROR_CELLS, DistanceField
 from pipeline.kernels.hand.grid_loops import gaps, least_distances
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
@@ -21,8 +21,6 @@ PROBE_DEPTH = 0.6
 """Height above the sensor plane, in gel thicknesses, that a surface should reach: a firm touch, far from the rigid face."""
 PROBES = 4
 """Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
-LOOKUP_ERROR_CELLS = 2
-"""Largest error of a look-up within the grid's band, in cells: spheres whose gap may be too small by this much are measured exactly."""
 IDENTITY = np.eye(4)
 
 

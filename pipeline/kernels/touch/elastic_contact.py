@@ -68,15 +68,15 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
     object, and meets it where p > 0. So the force, the derivative of a minimum by the depth, grows with the depth. Where images have more
     than `MAX_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
     """
-    factor = -(-max(sensor.shape) // MAX_CELLS)
+    factor, pitch = contact_cells(sensor)
     coarse = _cell_means(pressed, factor)
     if not coarse.any():
         return ElasticContact(np.zeros(sensor.shape), np.zeros(sensor.shape))
-    pitch, thickness = (sensor.pitch[0] * factor, sensor.pitch[1] * factor), sensor.layer_thickness
+    thickness = sensor.layer_thickness
     if thickness < max(pitch):
         raise InvalidInput(
-            f"the elastic gel of sensor {sensor.name!r} is {thickness} m thick, its contact is solved on cells of {max(pitch):.3g} m: "
-            "give the sensor more pixels, or the gel its thickness in metres"
+            f"the elastic gel of sensor {sensor.name!r} is {thickness:.3g} m thick, its contact is solved on cells of {max(pitch):.3g} m: "
+            f"make the gel at least as thick, or, where an image has fewer than {MAX_CELLS} pixels per side, take more"
         )
     displacement = _grid_displacement(coarse.shape, pitch, gel.poisson, thickness)
     window = tuple(slice(at[0], at[-1] + 1) for at in (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0)))
@@ -90,6 +90,12 @@ def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
         indentation, pressure = _refine(indentation, factor, sensor.shape), _spread(unit_pressure, pressed > 0, factor)
     surface = np.where(pressed > 0, np.maximum(indentation, pressed), indentation)
     return ElasticContact(surface, gel.modulus / (1 - gel.poisson**2) * pressure)
+
+
+def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:
+    """Compute how many pixels the cells have, per side, on which contact is solved, and the cells' height and width, m."""
+    factor = -(-max(sensor.shape) // MAX_CELLS)
+    return factor, (sensor.pitch[0] * factor, sensor.pitch[1] * factor)
 
 
 def _cell_means(pressed: Array, factor: int) -> Array:

@@ -107,13 +107,14 @@ def small_memory(monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.mark.parametrize("size", [0.1, 0.5, 3, 10, 1e3])
 def test_enlarged_cells_keep_the_sign(size, small_memory) -> None:
-    """The rim grows with the cells: narrower than a cell, its corner would not be known to be outside."""
+    """The rim grows with the cells: else its corner would not be known to be outside, and off the grid all would seem near."""
     field = build_distance_field(BOX.vertices * size / 0.3, BOX.faces, cell=0.005, band=0.01)
     points = AROUND * size / 0.3
     expected = box_distance(points, SIDES * size / 0.3)
     np.testing.assert_allclose(field.exact(points), expected, atol=1e-14 * size)
     far = np.abs(expected) > 2 * field.cell
     np.testing.assert_array_equal(np.sign(field.lookup(points.T.astype(np.float32)))[far], np.sign(expected)[far])
+    assert (field.lookup(10 * points.T.astype(np.float32))[np.abs(AROUND).max(axis=1) > 0.1] > 0.01).all()
     assert field.inside.size <= small_memory
 
 

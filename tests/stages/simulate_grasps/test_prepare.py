@@ -1,4 +1,4 @@
-"""Prepared hands and objects: the distance grid classifies clear fingers correctly."""
+"""Prepared hands and objects: the distance grid classifies clear fingers and palms correctly."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.transforms import compose
+from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.object_distances import finger_clearance
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
@@ -31,6 +32,25 @@ def test_distance_grid_classifies_clear_fingers_as_clear(hand_name: str) -> None
     assert clear > 150
     assert mistaken <= 0.03 * clear
     assert missed <= 0.03 * clear
+
+
+@pytest.mark.parametrize("hand_name", ["allegro_right", "two_finger_gripper"])
+def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
+    """A band narrower than the palm's spheres had a gripper's palm in the way at any distance."""
+    prepared, mesh = prepare_hand(SETTINGS.model_copy(update={"hand": hand_name})), bar()
+    points, normals = points_on(mesh, 2000, seed=0)
+    field = prepare_object(mesh, points, normals, cell=SETTINGS.grid_cell, reach=prepared.reach).field
+    rng, clearance = np.random.default_rng(0), prepared.ik.clearance
+    poses = [
+        tangent_palm_pose(prepared.hand, points[place], normals[place], distance=0.15, angle=rng.uniform(0, 2 * np.pi))
+        for place in rng.integers(len(points), size=200)
+    ]
+    frames = compose(np.array(poses)[:, None], prepared.ik.frames[0])
+    centres = prepared.palm_spheres.world_centres(frames)
+    exact = (field.exact(centres.reshape(3, -1).T).reshape(centres.shape[1:]) - prepared.palm_spheres.radii).min(axis=1)
+    by_grid = gaps(field.grid, frames, prepared.palm_spheres.single, np.float32(clearance))
+    assert (exact >= clearance).sum() > 150
+    np.testing.assert_array_equal(by_grid >= clearance, exact >= clearance)
 
 
 def _exact_clearance(prepared: PreparedHand, exact, frames: np.ndarray) -> np.ndarray:

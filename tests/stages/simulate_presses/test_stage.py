@@ -134,3 +134,9 @@ def test_key_covers_the_sensor(tmp_path):
 def test_factor_of_a_gel_without_membrane_is_refused(surfaces):
     with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; leave gel out"):
         run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")
+
+
+def test_gel_scaled_thinner_than_the_cells_of_its_contact_is_refused(surfaces, tmp_path):
+    worn = SENSOR.format(elastic_sensor(tmp_path))  # 6.8 mm thick, in cells of a third of a millimetre
+    with pytest.raises(StageError, match=r"gel begins at 0.02: the elastic gel of soft would be 0.000136 m thick.*; begin gel at 0.06"):
+        run_stage(surfaces, "simulate-presses", manifest(), *SMALL, worn, "simulate-presses.gel=[0.02, 2]")
