@@ -16,7 +16,7 @@ def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direct
     Parameters
     ----------
     bump
-        (rows, cols) float64, height of the gel towards the camera, m.
+        (rows, cols) float64, height of the gel towards the camera, m; negative where an elastic gel rises.
     pitch
         Size of a pixel along y and x, m.
     direction
@@ -31,6 +31,7 @@ def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direct
     Notes
     -----
     The edge of the shade is carried from line to line towards the far side, a line per step, with linear interpolation within a line.
+    Beyond the image the gel is at rest, at height 0.
     """
     step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
     swapped = abs(step_x) > abs(step_y)
@@ -51,7 +52,7 @@ def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray
     lines, length = image.shape
     offset = math.floor(shift)
     share = shift - offset
-    edge, padded = np.zeros(length), np.zeros(length + 4)
+    edge, padded = np.full(length, -drop), np.zeros(length + 4)
     for line in range(lines):
         row, out = image[line], shade[line]
         for i in range(length):
@@ -59,4 +60,4 @@ def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray
             padded[i + 2] = max(edge[i], row[i])
         near, far = padded[offset + 2 : offset + 2 + length], padded[offset + 3 : offset + 3 + length]
         for i in range(length):
-            edge[i] = max(near[i] + share * (far[i] - near[i]) - drop, 0.0)
+            edge[i] = near[i] + share * (far[i] - near[i]) - drop

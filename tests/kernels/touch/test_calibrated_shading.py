@@ -134,6 +134,16 @@ def test_shadow_of_a_wall_is_as_long_as_its_height_over_the_slope() -> None:
     np.testing.assert_allclose(shade_depth(wall.T.copy(), (1e-4, 1e-4), direction=-np.pi / 2, slope=0.5), shade.T, atol=1e-15)
 
 
+def test_nothing_shades_a_gel_below_rest_but_steps_that_are_steeper_than_the_rays() -> None:
+    """A ditch of 0.1 mm, with rays that fall by 0.05 mm per pixel: one pixel of it is in the shade of its edge."""
+    assert (shade_depth(np.full((5, 5), -4e-5), (1e-4, 1e-4), direction=0.0, slope=0.5) == 0).all()
+    ditch = np.zeros((8, 30))
+    ditch[:, 10:20] = -1e-4
+    expected = np.zeros(30)
+    expected[10] = 0.5e-4
+    np.testing.assert_allclose(shade_depth(ditch, (1e-4, 1e-4), direction=np.pi, slope=0.5), np.tile(expected, (8, 1)), atol=1e-15)
+
+
 def test_shadows_fall_away_from_the_lamp_in_every_direction() -> None:
     hill = bump(radius=0.002)
     x, y = np.meshgrid(*pixel_centres(SMALL))
