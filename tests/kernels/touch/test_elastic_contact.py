@@ -178,7 +178,7 @@ def test_force_hardly_changes_if_pixels_do_not_fill_whole_cells():
 
 def test_gel_thinner_than_a_pixel_is_refused():
     thin = Gel(modulus=E, thickness=1e-5)
-    with pytest.raises(InvalidInput, match=r"1e-05 m thick, its contact is solved on cells of 0.00018 m: give the sensor more pixels"):
+    with pytest.raises(InvalidInput, match=r"1e-05 m thick, its contact is solved on cells of 0.00018 m: make the gel at least as thick"):
         press_elastic(np.full((60, 100), 1e-4), sensor(60, 100, thin), thin)
 
 

@@ -60,7 +60,7 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
     assert row["closure"].min() > 0
     touched = row["touch_success"]
     surface = np.abs(np.abs(row["contact_point"] - [0, 0, 0.6]) - np.array(size) / 2).min(axis=2)
-    assert surface[touched].max() < 5e-4  # contact points lie on the box, their normals point into it
+    assert surface[touched].max() < 1e-3  # contact points lie on the box, or below its edges, their normals point into it
     assert ((row["contact_normal"] * (row["contact_point"] - [0, 0, 0.6])).sum(axis=2)[touched] < 0).all()
     assert not row["contact_point"][~touched].any()
     assert (row["pregrasp_angles"] != row["squeeze_angles"]).any()
