@@ -46,8 +46,8 @@ MAX_NON_ASCII = 2**25
 MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 """A line of an OBJ that names material libraries."""
 
-COLLADA_IMAGE, COLLADA_NAME = re.compile(rb"<image\b[^>]*\bid=\"([^\"]*)\""), re.compile(rb"<init_from>([^<]*)</init_from>")
-"""The id of a COLLADA file's image, and what an image or a surface is made from: a file's name, or an image's id."""
+COLLADA_IMAGE = re.compile(rb"<image\b(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
+"""The name of an image's file in a COLLADA file; surfaces have the same element, with the id of an image."""
 
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
@@ -122,9 +122,7 @@ class Companions(Mapping[str, bytes]):
             case ".gltf" | ".glb":
                 yield from _gltf_names(file)
             case ".dae":
-                images = {_decode(match[1]) for match in COLLADA_IMAGE.finditer(content)}  # a surface names its image in the same element
-                names = (html.unescape(_decode(match[1])) for match in COLLADA_NAME.finditer(content))
-                yield from (name for name in names if name not in images)
+                yield from (html.unescape(_decode(image[1])) for image in COLLADA_IMAGE.finditer(content))
             case ".ply":
                 yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":

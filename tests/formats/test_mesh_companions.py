@@ -54,11 +54,11 @@ def test_texture_elsewhere_below_the_root_is_found_by_name(tmp_path: Path, named
     assert load_mesh(file, tmp_path / "root").look.textures[0][0, 0, 0] == 9
 
 
-def test_texture_of_a_collada_file_is_named_by_its_image_alone(tmp_path: Path) -> None:
+def test_textures_of_a_collada_file_are_named_by_its_images_alone(tmp_path: Path) -> None:
     """A surface names the image's id in the element in which the image names its file."""
     images = (
         '<image id="wood_png" name="wood"><init_from>oak &amp; ash.png</init_from></image>'
-        '<image id="gone"><init_from>no.png</init_from></image>'
+        '<image id="no.png"><asset/>\n<init_from>no.png</init_from></image>'
     )
     surface = '<newparam><surface type="2D"><init_from>wood_png</init_from></surface></newparam>'
     (tmp_path / "a.dae").write_text(f"<COLLADA><library_images>{images}</library_images>{surface}</COLLADA>")
