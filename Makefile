@@ -134,7 +134,7 @@ report: every-simulate-touch $$(addprefix evaluate.,$$(SEEDS))  ## check the sup
 # what `reproduce` sets itself
 FIXED    := MANIFEST PRESET SEEDS OBJECTS
 $(if $(filter reproduce,$(MAKECMDGOALS)),$(foreach name,$(FIXED),$(if $(filter override,$(origin $(name))),$(error reproduce has its own $(name); leave it out))))
-# LONG=1: thirteen times the epochs for charts, and implicit networks of five times theirs, a night on 2 cores; killed, it continues where it was.
+# LONG=1: graph networks with thirteen times the epochs, and implicit ones with five times, a night on 2 cores; killed, it continues where it was.
 FOUR      = MANIFEST=four-classes PRESET=draft CONFIGURATIONS=$(call quoted,$(CONFIGURATIONS)$(if $(LONG), implicit-occluded-touch implicit-unoccluded)) \
             DATA=$(call quoted,$(if $(filter override,$(origin DATA)),$(DATA),data/four-classes/$(if $(LONG),long,draft))) \
             SET=$(call quoted,$(if $(LONG),train-gcn.epochs=80 train-implicit.epochs=500,evaluate.grasps=[1$(comma)5]) $(SET))

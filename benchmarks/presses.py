@@ -43,10 +43,6 @@ def measure(data: Path, turns: int) -> Table:
         "Presses: gel and tactile image", ["mean ms, least / median", "÷ one convolution", "ms per press: median / 99 % / most"], [note]
     )
     for name, call in calls.items():
-        table.add(
-            name,
-            times[name],
-            times[name].over(times[convolution]),
-            quantiles([min(over_items(call, [depth])() for _ in range(turns)) for depth in depths]),
-        )
+        by_press = [min(over_items(call, [depth])() for _ in range(turns)) for depth in depths]
+        table.add(name, times[name], times[name].over(times[convolution]), quantiles(by_press))
     return table

@@ -18,7 +18,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
-"""What the bytes of a file's name become that are not UTF-8 (Python's `surrogateescape`)."""
+"""Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
 
 MAX_OBJECTS = 200_000
 """Most objects of a source: listing them takes a second, and memory, before anything else is done."""

@@ -47,7 +47,7 @@ MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 """A line of an OBJ that names material libraries."""
 
 COLLADA_IMAGE = re.compile(rb"<image\b(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
-"""The name of an image's file in a COLLADA file; surfaces have the same element, with the id of an image."""
+"""The file of an image in a COLLADA file. Surfaces contain `init_from` too, but with the id of an image."""
 
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""

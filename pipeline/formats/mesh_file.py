@@ -97,7 +97,9 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     except (InvalidInput, MemoryError):
         raise
     except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
-        text, end, data = (companions.content if isinstance(content, Path) else content).partition(b"end_header")  # binary data of a PLY
+        text, end, data = (companions.content if isinstance(content, Path) else content).partition(
+            b"end_header"
+        )  # after it a PLY is binary
         return _read(decode_text(text).encode() + end + data, file, companions)
     except Exception:
         return _read(content, file, companions, skip_materials=True)

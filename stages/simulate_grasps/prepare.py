@@ -40,7 +40,7 @@ class PreparedHand:
 
     @property
     def reach(self) -> float:
-        """The distance from an object, m, up to which the hand's clearance must be known: that of its largest sphere's centre."""
+        """Distance from an object, m, up to which distances must be known: the clearance and the radius of the largest sphere."""
         return self.ik.clearance + max(float(spheres.radii.max(initial=0.0)) for spheres in (self.palm_spheres, *self.ik.fingers.spheres))
 
 
@@ -92,7 +92,7 @@ def prepare_object(mesh: Mesh, points: np.ndarray, normals: np.ndarray, *, cell:
     cell
         Of the distance grid, m.
     reach
-        Of the hand, m: the distance up to which its clearance must be known.
+        Of the hand, m: distances beyond it need be bounds only.
     """
     return PreparedObject(
         points=points.astype(np.float64),

@@ -22,7 +22,7 @@ BLOCK = 4
 MAX_CELLS = 6_000_000
 """Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
 LOOKUP_ERROR_CELLS = 2
-"""Largest error of a look-up within the grid's band, in cells, and the width of the grid's rim beyond the band."""
+"""Largest error of a look-up within the grid's band, in cells; as many cells beyond the band are part of the grid."""
 SIDE_PROBE_CELLS = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
 ON_SURFACE_CELLS = 1e-6
@@ -138,7 +138,7 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     cell
         Side of a cell, m; enlarged where the grid would pass `MAX_CELLS`.
     band
-        Distance from the surface, m, of which a look-up never falls short where a point is farther away, on the grid or off it.
+        Distance from the surface up to which the grid's values are more than bounds, m.
 
     Returns
     -------
@@ -157,13 +157,13 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
     tree = igl.AABB()
     tree.init(vertices, faces)
     low, high = vertices[faces].min(axis=(0, 1)), vertices[faces].max(axis=(0, 1))
-    cell, rim, blocks = _grid_layout(high - low, cell, band)
-    low = low - rim
+    cell, margin, blocks = _grid_layout(high - low, cell, band)
+    low = low - margin
     block_centres = low + (np.argwhere(np.ones(blocks)) + 0.5) * cell * BLOCK
     block_distance = np.sqrt(tree.squared_distance(vertices, faces, block_centres)[0]).reshape(blocks)
     reach = BLOCK * cell * np.sqrt(3) / 2  # from a block's centre to its corner
-    distance = _per_cell(np.maximum(block_distance - reach, rim))
-    is_near = _per_cell(block_distance <= rim + reach)
+    distance = _per_cell(np.maximum(block_distance - reach, margin))
+    is_near = _per_cell(block_distance <= margin + reach)
     centres = low + (np.argwhere(is_near) + 0.5) * cell
     squared, face, closest = tree.squared_distance(vertices, faces, centres)
     distance[is_near] = np.sqrt(squared)
@@ -185,12 +185,12 @@ def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, ce
 
 
 def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
-    """Compute the side of a cell, the rim around an object of an extent (3,), all in m, and the blocks along each axis."""
+    """Compute the side of a cell and the grid's margin around an object of an extent (3,), all in m, and the blocks along each axis."""
     while True:
-        rim = band + LOOKUP_ERROR_CELLS * cell  # cells without a surface: the grid's corner is known to be outside
-        blocks = np.ceil((extent + 2 * rim) / (cell * BLOCK))
+        margin = band + LOOKUP_ERROR_CELLS * cell  # at least two cells without a surface: the corner is known to be outside
+        blocks = np.ceil((extent + 2 * margin) / (cell * BLOCK))
         if blocks.prod() * BLOCK**3 <= MAX_CELLS:
-            return cell, rim, blocks.astype(np.int64)
+            return cell, margin, blocks.astype(np.int64)
         cell *= 1.05  # a few dozen rounds for the largest objects
 
 

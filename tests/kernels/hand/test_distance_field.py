@@ -107,7 +107,7 @@ def small_memory(monkeypatch: pytest.MonkeyPatch) -> int:
 
 @pytest.mark.parametrize("size", [0.1, 0.5, 3, 10, 1e3])
 def test_enlarged_cells_keep_the_sign(size, small_memory) -> None:
-    """The rim grows with the cells: else its corner would not be known to be outside, and off the grid all would seem near."""
+    """The margin grows with the cells: the grid's corner is known to be outside, and points off the grid are not taken for near ones."""
     field = build_distance_field(BOX.vertices * size / 0.3, BOX.faces, cell=0.005, band=0.01)
     points = AROUND * size / 0.3
     expected = box_distance(points, SIDES * size / 0.3)

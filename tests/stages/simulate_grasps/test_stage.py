@@ -59,8 +59,10 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
     assert row["opposition"].min() > 150
     assert row["closure"].min() > 0
     touched = row["touch_success"]
-    surface = np.abs(np.abs(row["contact_point"] - [0, 0, 0.6]) - np.array(size) / 2).min(axis=2)
-    assert surface[touched].max() < 1e-3  # contact points lie on the box, or below its edges, their normals point into it
+    from_faces = np.sort(np.abs(np.abs(row["contact_point"] - [0, 0, 0.6]) - np.array(size) / 2), axis=2)
+    at_edge = from_faces[..., 1] < 2e-3  # the middle of a contact that is bent around an edge lies below it
+    assert from_faces[touched & ~at_edge, 0].max() < 5e-4  # contact points lie on the box, their normals point into it
+    assert from_faces[touched, 0].max() < 1e-3
     assert ((row["contact_normal"] * (row["contact_point"] - [0, 0, 0.6])).sum(axis=2)[touched] < 0).all()
     assert not row["contact_point"][~touched].any()
     assert (row["pregrasp_angles"] != row["squeeze_angles"]).any()
