@@ -65,14 +65,14 @@ def test_textures_of_a_collada_file_are_named_by_its_images_alone(tmp_path: Path
     Image.new("RGB", (2, 2)).save(tmp_path / "oak & ash.png")
     companions = Companions(tmp_path / "a.dae")
     assert list(companions) == ["oak & ash.png"]
-    assert companions.missing == ["no.png"]
+    assert companions.unread == ["no.png is missing below the folder of meshes"]
 
 
 @pytest.mark.parametrize("options", ["-s 1 1 1", "-clamp on -o 0.5 -.5", "-bm 2"])
 def test_options_before_a_texture_and_comments_are_no_names(tmp_path: Path, options: str) -> None:
     file = textured(tmp_path, f"{options} paint.png\n# map_Kd none.png")
     Image.new("RGB", (2, 2), (9, 9, 9)).save(file.with_name("paint.png"))
-    assert Companions(file).missing == []
+    assert Companions(file).unread == []
     assert load_mesh(file).look.textures[0][0, 0, 0] == 9
 
 
@@ -85,7 +85,7 @@ def test_texture_of_another_mesh_and_ambiguous_texture_are_not_taken(tmp_path: P
     for folder in ("old", "new"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "soda.png").write_bytes(b"x")
-    assert Companions(file, tmp_path).missing == ["../textures/soda.png"]
+    assert Companions(file, tmp_path).unread == ["../textures/soda.png is missing below the folder of meshes"]
 
 
 def test_link_below_the_root_to_a_texture_outside_is_not_followed(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_link_below_the_root_to_a_texture_outside_is_not_followed(tmp_path: Path
     Image.new("RGB", (2, 2)).save(tmp_path / "soda.png")
     (tmp_path / "root" / "soda.png").symlink_to(tmp_path / "soda.png")
     (tmp_path / "root" / "linked").symlink_to(tmp_path)
-    assert Companions(file, tmp_path / "root").missing == ["maps/soda.png"]
+    assert Companions(file, tmp_path / "root").unread == ["maps/soda.png is missing below the folder of meshes"]
 
 
 @pytest.mark.parametrize("name", ["pipe", "/dev/zero", "/etc/hostname", "link", "loop", "a\0b", "x" * 300])
