@@ -17,22 +17,18 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
+from pipeline.formats.mesh_parts import GREY, MAX_UV, Decode, check_count, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
+from pipeline.formats.off import read_off
+from pipeline.formats.ply import read_ply
+from pipeline.formats.stl import read_stl
+from pipeline.formats.threemf import read_threemf
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
-
-MAX_UV = 2.0**20
-"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
-MAX_FACES = 2_000_000
-"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
 """Accepted formats of textures. Pillow would read others too, some by starting other programs."""
@@ -91,24 +87,48 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
-    """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
-    content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content)) if file.suffix.lower() == ".obj" else file
+    """Read the parts of a file."""
+    unread = companions.unread
+    match file.suffix.lower():
+        case ".stl":
+            return read_stl(companions.content, unread)
+        case ".off":
+            return read_off(companions.content, unread)
+        case ".ply":
+            return read_ply(companions.content, companions, _decoder(unread), unread)
+        case ".3mf":
+            return read_threemf(companions.content, _decoder(unread), unread)
+        case ".obj":
+            content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content))
+            return _read_without_damage(content, file, companions)
+        case _:
+            return _read_without_damage(file, file, companions)
+
+
+def _read_without_damage(content: Path | bytes, file: Path, companions: Companions) -> list[Mesh]:
+    """Read the parts of a file with trimesh, without materials if they are damaged: the shape is still usable."""
     try:
         return _read(content, file, companions)
     except (InvalidInput, MemoryError):
         raise
     except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
-        text, end, data = (companions.content if isinstance(content, Path) else content).partition(
-            b"end_header"
-        )  # after it a PLY is binary
-        return _read(decode_text(text).encode() + end + data, file, companions)
+        return _read(decode_text(companions.content if isinstance(content, Path) else content).encode(), file, companions)
     except Exception:
         return _read(content, file, companions, skip_materials=True)
 
 
-def _check(what: str, number: int, limit: int, remedy: str) -> None:
-    if number > limit:
-        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
+def _decoder(unread: list[str]) -> Decode:
+    """Return a function that decodes the textures of one file, and notes those that it cannot."""
+    textures = _Textures()
+
+    def decode(name: str, content: bytes) -> NDArray[np.uint8] | None:
+        try:
+            return textures.decode(Image.open(BytesIO(content)))
+        except (OSError, ValueError) as error:
+            unread.append(f"{name} cannot be decoded: {error}")
+            return None
+
+    return decode
 
 
 class _Textures:
@@ -134,7 +154,7 @@ class _Textures:
             if image.format not in (None, *FORMATS):  # None: made by a conversion
                 raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
             self._pixels += image.width * image.height
-            _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
+            check_count("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
             self._decoded[digest] = np.array(_eight_bits(image).convert("RGBA"))
         return self._decoded[digest]
 
@@ -156,8 +176,7 @@ def _read(content: Path | bytes, file: Path, companions: Companions, skip_materi
     scene: Any = trimesh.load_scene(content if isinstance(content, Path) else BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
-    _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
-    _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
+    check_mesh(sum(len(parts[name].faces) for _, name in nodes), sum(len(parts[name].vertices) for _, name in nodes))
     textures = _Textures()
     linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
     looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}

@@ -6,11 +6,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.polygons import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
 """A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
@@ -20,8 +20,6 @@ VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
-TURN = 1e-6
-"""Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
 
 
 def rewrite_lines(content: bytes) -> bytes:
@@ -94,33 +92,8 @@ def _cut_concave(
         indices = named[firsts[numbers, None] + np.arange(size)]
         known = ((indices >= 0) & (indices < len(vertices))).all(axis=1)
         corners = vertices[indices[known]]  # (faces, size, 3)
-        for place in np.flatnonzero(_is_concave(corners)):
-            cut = _ear_clip(corners[place])
+        for place in np.flatnonzero(is_concave(corners)):
+            cut = ear_clip(corners[place])
             if len(cut) == size - 2:
                 triangles[int(numbers[known][place])] = cut
     return triangles
-
-
-def _is_concave(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether polygons (P, N, 3) turn against their own sense at a corner."""
-    sides = np.roll(corners, -1, axis=1) - corners
-    lengths, normal = np.linalg.norm(sides, axis=2), _normal(corners)
-    turns = (np.cross(np.roll(sides, 1, axis=1), sides) * normal[:, None]).sum(axis=2)
-    limit = TURN * lengths * np.roll(lengths, 1, axis=1) * np.linalg.norm(normal, axis=1)[:, None]
-    return np.asarray((turns < -limit).any(axis=1))
-
-
-def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute twice the area of polygons (…, N, 3) as vectors (…, 3)."""
-    spokes = corners - corners[..., :1, :]
-    return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=-2)).sum(axis=-2))
-
-
-def _ear_clip(corners: NDArray[np.float64]) -> NDArray[np.integer]:
-    """Cut a polygon (N, 3), as seen along its normal, into triangles (T, 3) of its corners."""
-    normal, sides = _normal(corners), np.roll(corners, -1, axis=0) - corners
-    across = sides[np.linalg.norm(sides, axis=1).argmax()]
-    plane = np.stack([across / np.linalg.norm(across), np.cross(normal, across) / np.linalg.norm(np.cross(normal, across))], axis=1)
-    return np.asarray(
-        mapbox_earcut.triangulate_float64(np.ascontiguousarray(corners @ plane), np.array([len(corners)], np.uint32))
-    ).reshape(-1, 3)
