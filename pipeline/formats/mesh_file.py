@@ -71,7 +71,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
     companions = Companions(file, root)
     try:
-        meshes = _read_parts(file, companions)
+        meshes = [mesh for mesh in _read_parts(file, companions) if len(mesh.faces)]
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
@@ -119,13 +119,14 @@ def _read_without_damage(content: Path | bytes, file: Path, companions: Companio
 
 def _decoder(unread: list[str]) -> Decode:
     """Return a function that decodes the textures of one file, and notes those that it cannot."""
-    textures = _Textures()
+    textures, images = _Textures(), list[Image.Image]()  # which knows images by their identity
 
     def decode(name: str, content: bytes) -> NDArray[np.uint8] | None:
         try:
-            return textures.decode(Image.open(BytesIO(content)))
+            images.append(Image.open(BytesIO(content)))
+            return textures.decode(images[-1])
         except (OSError, ValueError) as error:
-            unread.append(f"{name} cannot be decoded: {error}")
+            unread.append(f"{name} cannot be decoded: {str(error).partition(' <')[0]}")
             return None
 
     return decode

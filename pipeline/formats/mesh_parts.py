@@ -40,10 +40,13 @@ def check_mesh(faces: int, vertices: int) -> None:
 
 
 def read_numbers(text: bytes) -> NDArray[np.float64]:
-    """Read the numbers between blanks, up to the first word that is none."""
+    """Read the numbers between blanks; refuse other text."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DeprecationWarning)  # of text that is no number
-        return np.fromstring(text, np.float64, sep=" ")
+        warnings.simplefilter("error", DeprecationWarning)  # what earlier versions of NumPy raise
+        try:
+            return np.fromstring(text, np.float64, sep=" ")
+        except (ValueError, DeprecationWarning) as error:
+            raise InvalidInput("it has other text where numbers are expected; the file is damaged") from error
 
 
 def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
@@ -70,8 +73,8 @@ def build_part(
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
         raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
     check_mesh(len(faces), len(vertices))
-    kept = [number for number, texture in enumerate(textures) if texture is not None]
     page = np.full(len(faces), -1) if page is None or uv is None else page
+    kept = [number for number in np.unique(page[page >= 0]).tolist() if textures[number] is not None]
     page = np.where(np.isin(page, kept), np.searchsorted(kept, page), -1)
     if face_color is None:
         blank = GREY if vertex_color is None else WHITE
@@ -84,7 +87,7 @@ def build_part(
         face_material=face_material.reshape(-1).astype(np.int32),
         base_color=materials.astype(np.uint32).view(np.uint8).reshape(-1, 4),
         material_texture=((materials >> 32) - 1).astype(np.int32),
-        textures=tuple(texture for texture in textures if texture is not None),
+        textures=tuple(texture for number in kept if (texture := textures[number]) is not None),
         vertex_color=vertex_color,
     )
     return Mesh(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32), look)

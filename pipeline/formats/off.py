@@ -23,9 +23,9 @@ def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
     kind = KIND.match(text)
     columns = (kind[1] or kind[2] or b"").decode() if kind else ""
     lines = [line for line in (text[kind.end() :] if kind else text).splitlines() if line.strip()]
-    counts = read_numbers(lines[0]) if lines else np.empty(0)
     if "n" in columns or (lines and lines[0].split()[0] == b"BINARY"):
         raise InvalidInput("it is an OFF of many dimensions or a binary one, which cannot be read; write it as text in three dimensions")
+    counts = read_numbers(lines[0]) if lines else np.empty(0)
     if len(counts) < 2 or not ((counts >= 0) & (counts == np.rint(counts))).all():
         raise InvalidInput("it does not begin with OFF and the numbers of its vertices and faces")
     vertex_count, face_count = int(counts[0]), int(counts[1])
@@ -61,7 +61,9 @@ def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[NDA
     if color.shape[1] in (3, 4) and "C" in kind:
         return vertices, eight_bits(color, fractions=True)
     if color.shape[1] or "C" in kind:
-        unread.append(f"{color.shape[1]} further numbers of each vertex are not read; colours are three or four after the word COFF")
+        unread.append(
+            f"the last {color.shape[1]} numbers of each vertex are not read; a colour is three or four numbers after the word COFF"
+        )
     return vertices, None
 
 
@@ -69,8 +71,6 @@ def _faces(lines: Sequence[bytes], unread: list[str]) -> tuple[NDArray[np.int64]
     """Read corners (C,), sizes (P,) and colours (P, 4) of faces from lines of a size, corners and perhaps a colour."""
     numbers = read_numbers(b" ".join(lines))
     widths = np.array([len(line.split()) for line in lines], np.int64)
-    if len(numbers) != widths.sum():
-        raise InvalidInput(f"a word in its {len(lines)} faces is no number; the file is damaged")
     firsts = np.cumsum(widths) - widths
     sizes = numbers[firsts].astype(np.int64)
     further = widths - 1 - sizes
@@ -78,7 +78,7 @@ def _faces(lines: Sequence[bytes], unread: list[str]) -> tuple[NDArray[np.int64]
         raise InvalidInput(f"the line of face {int(np.argmax((further < 0) | (sizes < 0)))} has fewer corners than it says; it is damaged")
     corners = numbers[np.repeat(firsts + 1 - (np.cumsum(sizes) - sizes), sizes) + np.arange(sizes.sum())].astype(np.int64)
     if odd := np.count_nonzero(~np.isin(further, (0, 3, 4))):
-        unread.append(f"colours of {odd} faces are not read; they are neither three nor four numbers")
+        unread.append(f"colours of {odd} faces are not read; a colour is three or four numbers")
     colored = np.isin(further, (3, 4))
     if not colored.any():
         return corners, sizes, None

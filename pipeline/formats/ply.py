@@ -37,9 +37,7 @@ TEXTURE = "texturefile"
 
 def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread: list[str]) -> list[Mesh]:
     """Read the surface of a PLY file, with the textures among its files; append what is not read to `unread`."""
-    elements, comments, rest = read_elements(content)
-    if rest:
-        unread.append(f"{rest} bytes or numbers after the last row are ignored")
+    elements, comments = read_elements(content, unread)
     named = {element.name: element for element in elements}
     vertex = named.pop("vertex", Element("vertex", 0))
     if (vertices := vertex.columns("x", "y", "z")) is None:
@@ -52,7 +50,7 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
     if len(corners) and not (corners.min() >= 0 and corners.max() < len(vertices)):
         raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
     if lines := np.count_nonzero(sizes < 3):
-        unread.append(f"{lines} faces of fewer than three corners are not read")
+        unread.append(f"faces of fewer than three corners are not read ({lines})")
     check_mesh(int(np.maximum(sizes - 2, 0).sum()) + len(strips), len(vertices))
     places, polygon = triangulate(corners, sizes, vertices)
     faces = np.concatenate([corners[places], strips])
@@ -110,7 +108,7 @@ def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
         if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
             raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
         if element.length and element.name != "camera":
-            unread.append(f"{element.length} rows of {element.name} are not read")
+            unread.append(f"elements of the PLY that are no faces are not read: {element.name} ({element.length})")
 
 
 def _textures(comments: Sequence[str], files: Mapping[str, bytes], decode: Decode) -> list[NDArray[np.uint8] | None]:

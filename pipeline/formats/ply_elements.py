@@ -22,7 +22,7 @@ TYPES = {
 }
 """NumPy's types by their names in a PLY file, old and new."""
 
-HEADER = re.compile(rb"\s*ply[ \t]*(\r\n|\n|\r).*?^end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL | re.MULTILINE)
+HEADER = re.compile(rb"\s*ply[ \t]*[\r\n].*?[\r\n]end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class Element:
 class _Numbers:
     """The numbers of a text file, each at a position of its own, whatever its type."""
 
+    unit = "numbers"
+
     def __init__(self, content: bytes) -> None:
         self._numbers = read_numbers(content)
         self.length = len(self._numbers)
@@ -68,6 +70,8 @@ class _Numbers:
 class _Bytes:
     """The numbers of a binary file, at any positions."""
 
+    unit = "bytes"
+
     def __init__(self, content: bytes) -> None:
         self._content, self.length = content, len(content)
 
@@ -79,8 +83,8 @@ class _Bytes:
         return np.ndarray((count,), kind, self._content, strides=(1,))[positions].astype(kind.newbyteorder("="))
 
 
-def read_elements(content: bytes) -> tuple[list[Element], list[str], int]:
-    """Read the elements and the comments of a PLY file, and how many numbers or bytes follow the last element."""
+def read_elements(content: bytes, unread: list[str]) -> tuple[list[Element], list[str]]:
+    """Read the elements and the comments of a PLY file; append what follows the last element to `unread`."""
     if not (header := HEADER.match(content)):
         raise InvalidInput("it has no header that begins with ply and ends with end_header; it is cut off, or not a PLY")
     elements, comments, order = _parse_header([decode_text(line) for line in header[0].splitlines()])
@@ -89,7 +93,9 @@ def read_elements(content: bytes) -> tuple[list[Element], list[str], int]:
     for element in elements:
         check_count(f"rows of {element.name}", element.length, 3 * MAX_FACES, "decimate the mesh")
         start = _read_rows(element, source, start)
-    return elements, comments, source.length - start
+    if start < source.length:
+        unread.append(f"{source.length - start} {source.unit} after the last row are ignored")
+    return elements, comments
 
 
 def _parse_header(lines: Sequence[str]) -> tuple[list[Element], list[str], str]:
@@ -184,5 +190,6 @@ def _walk_sizes(element: Element, source: _Numbers | _Bytes, start: int) -> list
 
 
 def _cut_off(element: Element, source: _Numbers | _Bytes) -> InvalidInput:
-    what = "bytes" if isinstance(source, _Bytes) else "numbers"
-    return InvalidInput(f"its {element.length} rows of {element.name} need more than the {source.length} {what} that follow; it is cut off")
+    return InvalidInput(
+        f"its {element.length} rows of {element.name} need more than the {source.length} {source.unit} that follow; it is cut off"
+    )

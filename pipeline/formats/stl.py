@@ -15,7 +15,7 @@ HEAD = 84
 """Bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles."""
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-VERTEX = re.compile(rb"^[ \t]*vertex[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+VERTEX = re.compile(rb"[\r\n][ \t]*vertex[ \t]+([^\r\n]*)", re.IGNORECASE)
 TEXT = re.compile(rb"\s*solid\b.*?\b(?:facet|normal|vertex|endsolid)\b", re.DOTALL | re.IGNORECASE)
 MAGICS = re.compile(rb"COLOR=(.{4})", re.DOTALL)
 """The colour of the whole object in the title of a binary file that Magics writes: red, green, blue, opacity."""
@@ -29,7 +29,7 @@ def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
         return _read_text(content)
     if len(content) < max(whole, HEAD):
         raise InvalidInput(
-            f"it does not begin with the word solid, and a binary STL of {count} triangles has {whole} bytes, the file {len(content)}; "
+            f"it is no text, and as a binary STL it should have {max(whole, HEAD)} bytes for {count} triangles; it has {len(content)}; "
             "it is cut off, or not an STL"
         )
     check_count("faces", count, MAX_FACES, "decimate the mesh")

@@ -62,6 +62,10 @@ class _Part:
     name: str
     model: Model
 
+    @property
+    def unit(self) -> str:
+        return self.model.root.attributes.get("unit", "")
+
     @cached_property
     def resources(self) -> dict[str, Element]:
         return {element.attributes.get("id", ""): element for element in self.model.root.first("resources").children}
@@ -85,6 +89,7 @@ class _Builder:
         self._package, self._decode, self._unread = package, decode, unread
         self._parts: dict[str, _Part] = {}
         self._properties: dict[str, _Properties] = {}
+        self._unit = ""  # of the main model, which is the first
         self._instances = self._faces = self._vertices = 0
         self.left_out: dict[str, None] = {}  # in order, each once
         self.lost: dict[str, None] = {}
@@ -107,9 +112,9 @@ class _Builder:
                 uri = part.model.namespaces.get(prefix, prefix)
                 if not any(known in uri for known in EXTENSIONS):
                     raise InvalidInput(f"it requires {uri}, which cannot be read; export it without that extension")
-            units = [of.model.root.attributes.get("unit", "millimeter") for of in (*self._parts.values(), part)]
-            if len(set(units)) > 1:
-                raise InvalidInput(f"its models are in {units[0]} and in {units[-1]}; export it in one unit")
+            self._unit = self._unit or part.unit or "millimeter"
+            if (part.unit or self._unit) != self._unit:
+                raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
             if part.model.painted:
                 self.lost["colours that a slicer painted on triangles are not read"] = None
             self._parts[key] = part

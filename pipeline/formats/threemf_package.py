@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from array import array
 from collections.abc import Iterator
@@ -19,6 +20,16 @@ from pipeline.formats.mesh_parts import MAX_FACES, check_count
 
 MAX_ELEMENTS = 1_000_000
 """Maximum number of elements of a model beside its vertices and triangles."""
+
+HEAD_BYTES = 65_536
+"""Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
+
+MODEL = "3D/3dmodel.model"
+"""The usual name of the main model."""
+
+RELATION, TARGET = re.compile(rb"<[^<>]*Relationship\s[^<>]*>"), re.compile(rb"\sTarget\s*=\s*[\"']([^\"']*)")
+MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
+"""A relation to the main model (Open Packaging Conventions, section 6.5)."""
 
 PAINT = ("paint_color", "mmu_segmentation")
 """Attributes of triangles in which slicers store painted colours in a form of their own."""
@@ -79,18 +90,21 @@ class Package:
             raise InvalidInput(f"it names the part {name}, which is not in the file; export it again")
         return self._archive.open(self._names[_normal(name)])
 
+    def head(self, name: str) -> bytes:
+        """Read the first `HEAD_BYTES` of a part; none if its compression may expand to gigabytes."""
+        usual = self._archive.getinfo(self._names[_normal(name)]).compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+        with self.open(name) as stream:
+            return stream.read(HEAD_BYTES) if usual else b""
+
     @cached_property
     def main(self) -> str:
         """The name of the main model: the one that relations name, or else the usual one."""
-        if "_rels/.rels" in self:
-            with self.open("_rels/.rels") as stream:
-                for relation in parse_model(stream).root.all("Relationship"):
-                    if relation.attributes.get("Type", "").endswith("/3dmodel"):
-                        return relation.attributes["Target"]
-        models = [name for name in self._names if name.endswith(".model")]
+        relations = self.head("_rels/.rels") if "_rels/.rels" in self else b""
+        named = [TARGET.search(relation) for relation in RELATION.findall(relations) if MAIN.search(relation)]
+        models = [target[1].decode() for target in named if target] or [name for name in self._names if name.endswith(".model")]
         if not models:
             raise InvalidInput("it has no part that ends with .model; it is a ZIP file, not a 3MF")
-        return "3d/3dmodel.model" if "3d/3dmodel.model" in models else models[0]
+        return MODEL if MODEL.lower() in models else models[0]
 
 
 def _normal(name: str) -> str:

@@ -19,11 +19,12 @@ from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import fingerprint
-from pipeline.formats.file_units import MODEL, stated_units
+from pipeline.formats.file_units import stated_units
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.formats.threemf_package import MODEL
 from stages.registry import load_stage, resolve
 from tests.fuzz.predict_target import Predictions
 from tests.fuzz.store_target import Stores
