@@ -98,7 +98,7 @@ class Companions(Mapping[str, bytes]):
                 self.unread.append(f"{name} is missing below the folder of meshes")
 
     def __getitem__(self, name: str) -> bytes:
-        if name == ALL_LIBRARIES and self._libraries:
+        if name == ALL_LIBRARIES:
             return b"\n".join(decode_text(self[library]).encode() for library in self._libraries)
         if name not in self.paths:
             raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")

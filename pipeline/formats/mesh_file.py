@@ -19,7 +19,7 @@ from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
 from pipeline.formats.mesh_parts import GREY, MAX_UV, Decode, check_count, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
-from pipeline.formats.obj_lines import rewrite_lines
+from pipeline.formats.obj_lines import rewrite_lines, rewrite_uses
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
 from pipeline.formats.stl import read_stl
@@ -99,7 +99,8 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
         case ".3mf":
             return read_threemf(companions.content, _decoder(unread), unread)
         case ".obj":
-            content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content))
+            content = rewrite_uses(rewrite_lines(companions.content), companions[ALL_LIBRARIES], unread)
+            content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), content)
             return _read_without_damage(content, file, companions)
         case _:
             return _read_without_damage(file, file, companions)

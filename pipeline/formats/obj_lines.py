@@ -1,10 +1,12 @@
 """Lines of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, counts relative numbers from the file's end, and skips
-lines that begin with a blank."""
+lines that begin with a blank and materials with a comment behind their name."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,10 @@ VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
+USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
+DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
+"""Names that programs write where faces have no material."""
 
 
 def rewrite_lines(content: bytes) -> bytes:
@@ -97,3 +103,54 @@ def _cut_concave(
             if len(cut) == size - 2:
                 triangles[int(numbers[known][place])] = cut
     return triangles
+
+
+def rewrite_uses(content: bytes, libraries: bytes, unread: list[str]) -> bytes:
+    """Write the names of materials as their libraries do, without comments behind them and in the same case.
+
+    Parameters
+    ----------
+    content
+        Of an OBJ file.
+    libraries
+        The content of its material libraries.
+    unread
+        Names that no library defines, or that have several definitions, are appended to it.
+
+    Returns
+    -------
+    The content with other names.
+    """
+    definitions = defaultdict[bytes, set[bytes]](set)
+    pieces = DEFINITION.split(libraries)
+    for name, definition in zip(pieces[1::2], pieces[2::2], strict=True):
+        definitions[_name(name)].add(b" ".join(definition.split()))
+    folded = {name.lower(): name for name in definitions}
+    undefined, several = dict[bytes, None](), dict[bytes, None]()  # each once, in order
+
+    def named(use: re.Match[bytes]) -> bytes:
+        stated = _name(use[1])
+        candidates = (stated, _name(stated.partition(b"#")[0]))  # a name may contain it
+        name = next((name for name in candidates if name in definitions), None)
+        name = name or next((folded[name.lower()] for name in candidates if name.lower() in folded), stated)
+        if name not in definitions and name.lower() not in NO_MATERIAL:
+            undefined[name] = None
+        if len(definitions.get(name, ())) > 1:
+            several[name] = None
+        return b"usemtl " + name
+
+    content = USE.sub(named, content)
+    if definitions and undefined:
+        unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
+    if several:
+        unread.append(f"materials with several definitions have the last one: {_list_names(several)}")
+    return content
+
+
+def _name(text: bytes) -> bytes:
+    return b" ".join(text.split())
+
+
+def _list_names(names: Collection[bytes]) -> str:
+    listed = ", ".join(name.decode("utf-8", "replace") for name in islice(names, 5))
+    return f"{listed} and {len(names) - 5} more" if len(names) > 5 else listed
