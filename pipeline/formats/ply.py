@@ -139,7 +139,7 @@ def _colors(element: Element, unread: list[str]) -> NDArray[np.uint8] | None:
 
 def _unsigned(levels: NDArray[Any]) -> NDArray[Any]:
     """Read signed bytes, which some programs declare, as unsigned ones."""
-    return levels.view(np.uint8) if levels.dtype == np.int8 else levels
+    return levels if levels.dtype.kind == "f" else levels + np.int64(256) * (levels < 0)
 
 
 def _corner_uv(

@@ -16,7 +16,9 @@ HEAD = 84
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 VERTEX = re.compile(rb"[\r\n][ \t]*vertex[ \t]+([^\r\n]*)", re.IGNORECASE)
-TEXT = re.compile(rb"\s*solid\b.*?\b(?:facet|normal|vertex|endsolid)\b", re.DOTALL | re.IGNORECASE)
+SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
+"""How text begins. A binary file may too, but has a zero byte in the number of its triangles."""
+
 MAGICS = re.compile(rb"COLOR=(.{4})", re.DOTALL)
 """The colour of the whole object in the title of a binary file that Magics writes: red, green, blue, opacity."""
 
@@ -25,7 +27,7 @@ def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
     """Read the triangles of an STL file; append what is not read to `unread`."""
     count = int.from_bytes(content[80:HEAD], "little")
     whole = HEAD + count * TRIANGLE.itemsize
-    if len(content) != whole and TEXT.match(content):
+    if SOLID.match(content) and b"\0" not in content[:HEAD]:
         return _read_text(content)
     if len(content) < max(whole, HEAD):
         raise InvalidInput(
