@@ -16,6 +16,9 @@ from pipeline.kernels.geometry.mesh import Mesh
 KIND = re.compile(rb"\s*((?:ST|C|N|4|n)*)OFF\b|\s*off\b|\s*((?:ST|C|N|4|n)*)OFF(?=\d)")
 """The first word: which numbers follow the position of a vertex. Some files have no blank behind it; it may be missing."""
 
+MAX_NORMAL = 2 * np.pi
+"""Largest part of a normal that programs write: they sum up the angles of the faces at a vertex."""
+
 
 def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
     """Read the faces of an OFF file; append what is not read to `unread`."""
@@ -56,15 +59,21 @@ def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[NDA
     table = numbers.reshape(len(lines), width)
     vertices = table[:, :3] / table[:, 3:4] if position == 4 else table[:, :3]
     color = table[:, position + normal : width - uv]
+    before, behind = table[:, position : width - uv - 3], table[:, width - uv - 3 : width - uv]
+    if normal and color.shape[1] in (3, 4) and _are_colors(before, behind):
+        color = before
     if uv:
         unread.append("texture coordinates of the OFF are not read; the format names no texture")
     if color.shape[1] in (3, 4) and "C" in kind:
         return vertices, eight_bits(color, fractions=True)
     if color.shape[1] or "C" in kind:
-        unread.append(
-            f"the last {color.shape[1]} numbers of each vertex are not read; a colour is three or four numbers after the word COFF"
-        )
+        unread.append(f"the last {color.shape[1]} numbers of each vertex are not read; a colour is three or four after the word COFF")
     return vertices, None
+
+
+def _are_colors(first: NDArray[np.float64], last: NDArray[np.float64]) -> bool:
+    """Check whether colours stand before normals, as MeshLab writes them, and not behind, as Geomview defines and MeshLab reads them."""
+    return bool(first.size and first.min() >= 0 and first.max() > MAX_NORMAL >= np.abs(last).max())
 
 
 def _faces(lines: Sequence[bytes], unread: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8] | None]:

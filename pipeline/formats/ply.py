@@ -70,7 +70,7 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
     if uv is None:
         face_color = None if face_color is None else face_color[polygon]
         return [build_part(vertices, faces, face_color=face_color, vertex_color=vertex_color)]
-    if vertex_color is not None or face_color is not None:
+    if any(color is not None and (color != 255).any() for color in (vertex_color, face_color)):
         unread.append("colours of the PLY are not read beside its texture")
     page = _pages(vertex, face, polygon, faces, len(textures), unread)
     page[np.isnan(uv).any(axis=(1, 2))] = -1
@@ -82,9 +82,9 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
 
 def _polygons(face: Element) -> tuple[NDArray[np.int64], NDArray[np.int64], str]:
     """Return the corners of all faces, one after the other, the number of each face's corners, and the name of their list."""
-    lists = [of.name for of in face.properties if of.name in face.sizes and of.type.kind in "iu" and not of.name.startswith("tex")]
-    usual = [name for name in ("vertex_indices", "vertex_index") if name in lists]
-    name = next(iter([*usual, *lists]), "")
+    usual = [name for name in ("vertex_indices", "vertex_index") if name in face.sizes]
+    others = [of.name for of in face.properties if of.name in face.sizes and of.type.kind in "iu" and not of.name.startswith("tex")]
+    name = next(iter([*usual, *others]), "")
     if face.length and not name:
         raise InvalidInput(f"its {face.length} faces have no list of their vertices; write it again with another program")
     return face.values.get(name, np.empty(0)).astype(np.int64), face.sizes.get(name, np.empty(0, np.int64)), name
@@ -146,7 +146,7 @@ def _corner_uv(
     vertex: Element, face: Element, indices: str, places: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
 ) -> NDArray[np.float64] | None:
     """Read texture coordinates (F, 3, 2) of triangles from a list per polygon, or from vertices; NaN where there are none."""
-    if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f"), None):
+    if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f" and of.name != indices), None):
         sizes, corner_sizes = face.sizes[name], face.sizes[indices]
         start = (np.cumsum(sizes) - sizes)[polygon, None] + 2 * (places - (np.cumsum(corner_sizes) - corner_sizes)[polygon, None])
         fits = np.flatnonzero((sizes == 2 * corner_sizes)[polygon])

@@ -19,8 +19,11 @@ VERTEX = re.compile(rb"[\r\n][ \t]*vertex[ \t]+([^\r\n]*)", re.IGNORECASE)
 SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 """How text begins. A binary file may too, but has a zero byte in the number of its triangles."""
 
-MAGICS = re.compile(rb"COLOR=(.{4})", re.DOTALL)
-"""The colour of the whole object in the title of a binary file that Magics writes: red, green, blue, opacity."""
+MAGICS = re.compile(rb"COLOR=(.{3})(.)", re.DOTALL)
+"""The colour of the whole object in the title of a binary file that Magics writes, and its opacity."""
+
+MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL="
+"""How the title begins that MeshLab writes for Magics: with a blank for the opacity, and bit 15 of attributes the other way round."""
 
 
 def read_stl(content: bytes, unread: list[str]) -> list[Mesh]:
@@ -70,14 +73,16 @@ def _colors(title: bytes, attribute: NDArray[np.uint16], unread: list[str]) -> N
     """
     whole = MAGICS.search(title)
     shifts = (0, 5, 10) if whole else (10, 5, 0)
-    colored = (attribute & 0x8000 == 0) == bool(whole)
+    colored = (attribute & 0x8000 == 0) == (whole is not None and not title.startswith(MESHLAB))
     if not attribute.any():  # of Magics too: other programs keep its title and clear the attributes
         colored[:] = False
     elif not whole and not colored.any():
         unread.append(f"attributes of {np.count_nonzero(attribute)} triangles are not read; they are no colours of VisCAM or Magics")
     if not whole and not colored.any():
         return None
-    colors = np.full((len(attribute), 4), list(whole[1]) if whole else GREY, np.uint8)
+    if whole and not title.startswith(MESHLAB) and 0 < whole[2][0] < 255:
+        unread.append("the opacity of the STL is not read")
+    colors = np.full((len(attribute), 4), [*whole[1], 255] if whole else GREY, np.uint8)
     levels = np.stack([(attribute >> shift) & 31 for shift in shifts], axis=1)
     colors[colored, :3] = np.rint(levels[colored] * (255 / 31))
     return colors

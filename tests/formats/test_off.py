@@ -48,6 +48,8 @@ def test_first_lines_of_every_form_are_read(tmp_path: Path, head: tuple[str, ...
         ("COFF", " 1 0 0 1", [255, 0, 0, 255]),
         ("CNOFF", " 0 0 1 220 20 20", RED),
         ("NCOFF", " 0 0 1 220 20 20 255", RED),
+        ("NCOFF", " 220 20 20 255 -1.5708 0 1", RED),  # as MeshLab writes it
+        ("NCOFF", " 220 20 20 0 0 1", RED),
         ("STCNOFF", " 0 0 1 220 20 20 255 0.5 0.5", RED),
     ],
 )

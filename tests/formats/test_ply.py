@@ -220,6 +220,14 @@ def test_each_face_has_the_page_that_it_names(tmp_path: Path) -> None:
     assert missing.unread == ("none.png is missing below the folder of meshes",)
 
 
+def test_white_beside_a_texture_is_no_loss(tmp_path: Path) -> None:
+    """MeshLab writes it with every texture."""
+    of_face = (LIST, "list uchar float texcoord", "uchar red", "uchar green", "uchar blue")
+    mesh = read(tmp_path, faces=[f"{face}{UV} 255 255 255" for face in FACES], of_face=of_face, comments=PAGES[:1])
+    assert colors(mesh) == [RED, RED]
+    assert mesh.unread == ()
+
+
 def test_page_of_vertices_counts_for_their_faces(tmp_path: Path) -> None:
     corners = [f"{corner} 0.5 0.5 1" for corner in CORNERS]
     mesh = read(tmp_path, corners, of_vertex=("float u", "float v", "uchar texnumber"), comments=PAGES)

@@ -72,6 +72,7 @@ def test_text_with_one_or_more_solids_is_read(tmp_path: Path, text: str, solids:
 
 SOME = [0x8000 | RED, 0] * 6
 MAGICS = b"COLOR=\x14\x15\xdc\xff,MATERIAL=" + bytes(12)
+MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL=\x7f\x7f\x7f \x7f\x7f\x7f \x7f\x7f\x7f "
 
 
 @pytest.mark.parametrize(
@@ -80,6 +81,7 @@ MAGICS = b"COLOR=\x14\x15\xdc\xff,MATERIAL=" + bytes(12)
         (b"", SOME, (222, 16, 16, 255), GREY),  # VisCAM: bit 15 says that there is a colour
         (MAGICS, [(2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (20, 21, 220, 255)),  # Magics: that there is none
         (MAGICS, [0] * 12, (20, 21, 220, 255), (20, 21, 220, 255)),  # attributes cleared by another program
+        (MESHLAB, [0x8000 | (2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (0, 0, 0, 255)),
         (b"", [0x8000] * 12, (0, 0, 0, 255), (0, 0, 0, 255)),
     ],
 )
@@ -95,3 +97,6 @@ def test_attributes_that_are_no_colours_are_said(tmp_path: Path) -> None:
     _, colors, unread = read(tmp_path, binary(b"", [0, 5] * 6))
     assert (colors == GREY).all()
     assert unread == ("attributes of 6 triangles are not read; they are no colours of VisCAM or Magics",)
+    _, colors, unread = read(tmp_path, binary(b"COLOR=\x14\x15\xdc\x40", [0x8000] * 12))
+    assert colors.tolist() == [[20, 21, 220, 255]] * 12
+    assert unread == ("the opacity of the STL is not read",)
