@@ -67,7 +67,7 @@ def _vertices(lines: Sequence[bytes], kind: str, unread: list[str]) -> tuple[NDA
     if color.shape[1] in (3, 4) and "C" in kind:
         return vertices, eight_bits(color, fractions=True)
     if color.shape[1] or "C" in kind:
-        unread.append(f"the last {color.shape[1]} numbers of each vertex are not read; a colour is three or four after the word COFF")
+        unread.append(f"numbers at the end of each vertex are not read ({color.shape[1]}); a colour is three or four after the word COFF")
     return vertices, None
 
 
@@ -87,7 +87,7 @@ def _faces(lines: Sequence[bytes], unread: list[str]) -> tuple[NDArray[np.int64]
         raise InvalidInput(f"the line of face {int(np.argmax((further < 0) | (sizes < 0)))} has fewer corners than it says; it is damaged")
     corners = numbers[np.repeat(firsts + 1 - (np.cumsum(sizes) - sizes), sizes) + np.arange(sizes.sum())].astype(np.int64)
     if odd := np.count_nonzero(~np.isin(further, (0, 3, 4))):
-        unread.append(f"colours of {odd} faces are not read; a colour is three or four numbers")
+        unread.append(f"colours of faces are not read ({odd} of {len(lines)}); a colour is three or four numbers")
     colored = np.isin(further, (3, 4))
     if not colored.any():
         return corners, sizes, None

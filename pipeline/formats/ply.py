@@ -176,5 +176,5 @@ def _pages(
             unread.append(f"{count} textures are not read: no property such as {PAGES[0]} says which faces use which")
         pages[:] = 0 if count == 1 else -1
     if wrong := np.count_nonzero(pages >= count):
-        unread.append(f"textures of {wrong} triangles are not read: their number is beyond the {count} textures of the PLY")
+        unread.append(f"textures of triangles are not read ({wrong}): their number is beyond the {count} of the PLY")
     return np.where(pages < count, pages, -1)

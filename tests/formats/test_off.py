@@ -77,9 +77,9 @@ def test_colours_of_faces_are_read(tmp_path: Path, behind: tuple[str, str], expe
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (("OFF", "4 2 0", *CORNERS, "3 0 1 2 7", FACES[1]), "colours of 1 faces are not read"),
-        (("OFF", "4 2 0", *(corner + " 9 9 9" for corner in CORNERS), *FACES), "the last 3 numbers of each vertex are not read"),
-        (("COFF", "4 2 0", *(corner + " 9" for corner in CORNERS), *FACES), "the last 1 numbers of each vertex are not read"),
+        (("OFF", "4 2 0", *CORNERS, "3 0 1 2 7", FACES[1]), "colours of faces are not read (1 of 2)"),
+        (("OFF", "4 2 0", *(corner + " 9 9 9" for corner in CORNERS), *FACES), "numbers at the end of each vertex are not read (3)"),
+        (("COFF", "4 2 0", *(corner + " 9" for corner in CORNERS), *FACES), "numbers at the end of each vertex are not read (1)"),
         (("STOFF", "4 2 0", *(corner + " 0 1" for corner in CORNERS), *FACES), "texture coordinates of the OFF are not read"),
         (("OFF", "4 2 0", *CORNERS, *FACES, "0 1", "some text"), "2 lines after the last of 2 faces are ignored"),
         (("COFF", "4 1 0", *(corner + " 9 9 9" for corner in CORNERS), FACES[0] + " 1 1 1"), "not read beside those of vertices"),

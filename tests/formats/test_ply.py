@@ -214,7 +214,7 @@ def test_each_face_has_the_page_that_it_names(tmp_path: Path) -> None:
     faces = [f"{face}{UV} {number}" for face, number in zip(FACES * 2, (1, 0, -1, 2), strict=True)]
     mesh = read(tmp_path, faces=faces, of_face=of_face, comments=PAGES)
     assert colors(mesh) == [BLUE, RED, GREY[:3], GREY[:3]]
-    assert mesh.unread == ("textures of 1 triangles are not read: their number is beyond the 2 textures of the PLY",)
+    assert mesh.unread == ("textures of triangles are not read (1): their number is beyond the 2 of the PLY",)
     missing = read(tmp_path, faces=faces[:2], of_face=of_face, comments=("comment TextureFile none.png", PAGES[1]))
     assert colors(missing) == [BLUE, GREY[:3]]
     assert missing.unread == ("none.png is missing below the folder of meshes",)
