@@ -1,0 +1,192 @@
+"""The triangles that a glTF file shows: poses and instances of nodes, morph targets at their default weights, skins.
+
+By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, table
+from pipeline.formats.gltf_look import Looks
+from pipeline.formats.mesh_companions import Companions
+from pipeline.formats.mesh_parts import Decode, check_mesh
+from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
+
+REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
+"""What places a node or an instance, each with its default."""
+
+
+def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
+    """Read the surfaces of the scene that a glTF file shows, each in its place, m, y up; list what is left out as unread."""
+    document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
+    nodes, looks = _Nodes(document, companions.unread), Looks(document, decode, companions.unread)
+    meshes: list[Mesh] = []
+    faces = vertices = 0
+    for number in nodes.shown:
+        poses, skin = nodes.poses(number), nodes.skin(number)
+        for primitive in nodes.primitives(number):
+            faces, vertices = faces + len(poses) * len(primitive.faces), vertices + len(poses) * len(primitive.rows)
+            check_mesh(faces, vertices)
+            if len(primitive.faces):
+                meshes.append(_placed(primitive, poses, skin, looks))
+    return meshes
+
+
+def _placed(primitive: Primitive, poses: NDArray[np.float64], skin: NDArray[np.float64] | None, looks: Looks) -> Mesh:
+    """Copy a primitive into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
+    points, faces = primitive.read("POSITION", 3), primitive.faces
+    if skin is not None:
+        points = _deform(points, primitive, skin)
+        faces = faces[:, ::-1] if _mirrors(skin).all() else faces
+    size, look = len(points), looks.look(primitive)
+    faces = faces + size * np.arange(len(poses))[:, None, None]  # (I, F, 3)
+    faces = np.where(_mirrors(poses)[:, None, None], faces[..., ::-1], faces)
+    if len(poses) > 1:
+        colors = None if look.vertex_color is None else np.tile(look.vertex_color, (len(poses), 1))
+        uv, material = np.tile(look.uv, (len(poses), 1)), np.tile(look.face_material, len(poses))
+        look = replace(look, uv=uv, face_material=material, vertex_color=colors)
+    return Mesh(transform_points(poses, points).reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), look)
+
+
+def _deform(points: NDArray[np.float64], primitive: Primitive, skin: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move points (V, 3) by the matrices (J, 4, 4) of their joints, weighted; as engines do, weights are scaled to the sum 1."""
+    moved, total = np.zeros_like(points), np.zeros((len(points), 1))
+    for number in count():
+        if f"JOINTS_{number}" not in primitive.attributes:
+            break
+        joints, weights = primitive.stored(f"JOINTS_{number}", 4), primitive.read(f"WEIGHTS_{number}", 4)
+        if joints.dtype.kind != "u" or joints[weights != 0].max(initial=0) >= len(skin):
+            raise InvalidInput(f"its vertices name joints outside 0..{len(skin) - 1} of their skin; export it again")
+        for joint, weight in zip(np.minimum(joints, len(skin) - 1).T, weights.T[..., None], strict=True):
+            moved += weight * transform_points(skin[joint], points[:, None])[:, 0]
+            total += weight
+    if not (total > 0).all():
+        raise InvalidInput(f"{np.count_nonzero(~(total > 0))} vertices of a skinned mesh follow no joint; give them weights")
+    return moved / total
+
+
+class _Nodes:
+    """The nodes of a document with their poses in the world; `shown` lists those of the scene that it shows."""
+
+    def __init__(self, document: Document, unread: list[str]) -> None:
+        self._document, self._unread, tree = document, unread, document.tree
+        if not entries_of(tree, "nodes"):  # a library of meshes
+            tree["nodes"] = [{"mesh": number} for number in range(len(entries_of(tree, "meshes")))]
+        self._nodes = [document.entry("nodes", number) for number in range(len(tree["nodes"]))]
+        self._children = [entries_of(node, "children") for node in self._nodes]
+        roots = self._place()
+        if entries_of(tree, "scenes"):
+            roots = entries_of(document.entry("scenes", tree.get("scene", 0)), "nodes")
+        self.shown = self._below(roots)
+        hidden = set(range(len(self._nodes))) - set(self.shown)
+        if lost := sum("mesh" in self._nodes[number] for number in hidden):
+            unread.append(f"{lost} of its nodes with a mesh are left out: they are hidden, or not in the scene that it shows")
+
+    def primitives(self, number: int) -> Iterator[Primitive]:
+        """Read the surfaces of a node's mesh."""
+        node = self._nodes[number]
+        if "mesh" not in node:
+            return
+        mesh = self._document.entry("meshes", node["mesh"])
+        weights = np.array(node.get("weights", mesh.get("weights", ())), np.float64)
+        for part in entries_of(mesh, "primitives"):
+            if part.get("mode", TRIANGLES) in SURFACES:
+                yield Primitive(self._document, part, weights)
+            else:
+                self._unread.append(f"points and lines of mesh {mesh.get('name', node['mesh'])} are not read")
+
+    def poses(self, number: int) -> NDArray[np.float64]:
+        """Compute the poses of a node's mesh, (I, 4, 4): one, or those of its instances; the world's origin if it has a skin."""
+        node = self._nodes[number]
+        instancing = table(table(node, "extensions"), "EXT_mesh_gpu_instancing")
+        if "skin" in node:
+            if instancing:
+                raise InvalidInput("a skinned mesh of it has instances, which glTF does not define; apply them before you export it")
+            return np.eye(4)[None]
+        numbers = table(instancing, "attributes")
+        arrays = {name: self._document.array(numbers[name], len(default)) for name, default in REST.items() if name in numbers}
+        if not arrays:
+            return self._world[number][None]
+        if len({len(array) for array in arrays.values()}) > 1:
+            raise InvalidInput("instances of a mesh have different numbers of positions, rotations and scales; export it again")
+        instances = pose_matrix(*(arrays.get(name, default) for name, default in REST.items()))
+        return compose(self._world[number], instances)
+
+    def skin(self, number: int) -> NDArray[np.float64] | None:
+        """Compute the matrices (J, 4, 4) by which the joints of a node's skin move its vertices; None without one."""
+        if "skin" not in self._nodes[number]:
+            return None
+        skin = self._document.entry("skins", self._nodes[number]["skin"])
+        joints = entries_of(skin, "joints")
+        for joint in joints:
+            self._document.entry("nodes", joint)
+        matrices = np.stack([self._world[joint] for joint in joints])
+        if "inverseBindMatrices" not in skin:
+            return matrices
+        inverse = self._document.array(skin["inverseBindMatrices"], 16)[: len(joints)].astype(np.float64).reshape(-1, 4, 4)
+        if len(inverse) < len(joints):
+            raise InvalidInput(f"a skin of it has {len(joints)} joints and {len(inverse)} inverse bind matrices; export it again")
+        return compose(matrices, np.swapaxes(inverse, 1, 2))  # columns first
+
+    def _place(self) -> list[int]:
+        """Compute the poses of all nodes, parents before their children; return those without a parent."""
+        parents = {child: number for number, children in enumerate(self._children) for child in children}
+        if len(parents) < sum(map(len, self._children)):
+            raise InvalidInput("a node of it has two parents; export it again")
+        roots = [number for number in range(len(self._nodes)) if number not in parents]
+        self._world = dict[int, NDArray[np.float64]]()
+        waiting = list(roots)
+        for number in waiting:
+            pose = _pose(self._document.entry("nodes", number))
+            self._world[number] = compose(self._world[parents[number]], pose) if number in parents else pose
+            waiting += self._children[number]
+        if len(self._world) < len(self._nodes):
+            raise InvalidInput("a node of it is its own ancestor; export it again")
+        return roots
+
+    def _below(self, roots: list[int]) -> list[int]:
+        """List nodes and their descendants, each once, without hidden ones (KHR_node_visibility)."""
+        shown, waiting = dict[int, None](), list(reversed(roots))
+        while waiting:
+            number = waiting.pop()
+            node = self._document.entry("nodes", number)
+            if number not in shown and table(table(node, "extensions"), "KHR_node_visibility").get("visible", True):
+                shown[number] = None
+                waiting += reversed(self._children[number])
+        return list(shown)
+
+
+def _pose(node: dict[str, Any]) -> NDArray[np.float64]:
+    """Return the matrix (4, 4) of a node in its parent."""
+    if "matrix" in node:
+        return np.array(node["matrix"], np.float64).reshape(4, 4).T
+    return pose_matrix(*(node.get(name.lower(), default) for name, default in REST.items()))
+
+
+def pose_matrix(translation: ArrayLike, rotation: ArrayLike, scale: ArrayLike) -> NDArray[np.float64]:
+    """Compose translations (..., 3), quaternions x, y, z, w (..., 4) of any length and scales (..., 3) into matrices (..., 4, 4)."""
+    x, y, z, w = np.moveaxis(unit_vectors(np.asarray(rotation, np.float64)), -1, 0)
+    turn = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    axes = np.moveaxis(np.array(turn), (0, 1), (-2, -1)) * np.asarray(scale, np.float64)[..., None, :]
+    pose = np.zeros((*np.broadcast_shapes(axes.shape[:-2], np.shape(translation)[:-1]), 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = axes, translation, 1
+    return pose
+
+
+def _mirrors(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether matrices (..., 4, 4) turn a left hand into a right one."""
+    axes = matrices[..., :3, :3]
+    return np.asarray((np.cross(axes[..., 0, :], axes[..., 1, :]) * axes[..., 2, :]).sum(axis=-1) < 0)
