@@ -33,13 +33,13 @@ TRIANGLES, STRIP, FAN = SURFACES = (4, 5, 6)
 """Modes of primitives that are surfaces; others are points and lines."""
 
 COMPRESSION = re.compile("compress", re.IGNORECASE)
-"""Extensions that encode arrays; each array says whether it is encoded."""
+"""Extensions that encode arrays; each array or primitive says whether it is encoded."""
 
 SAME_SHAPE = re.compile(
-    "material|texture|light|KHR_mesh_quantization|EXT_mesh_gpu_instancing|KHR_node_visibility|MSFT_lod|metadata|features|xmp|anim",
+    "KHR_mesh_quantization|EXT_mesh_gpu_instancing|KHR_node_visibility|material|texture|light|metadata|features|xmp|anim|MSFT_lod",
     re.IGNORECASE,
 )
-"""Extensions that are read, or that leave the shape as it is; textures and materials say what is lost."""
+"""Extensions that are read, or that leave the shape as it is; what materials and textures lose is said where it is lost."""
 
 
 def read_document(name: str, content: bytes) -> dict[str, Any]:
@@ -53,23 +53,33 @@ def read_document(name: str, content: bytes) -> dict[str, Any]:
     if len(content) > MAX_NON_ASCII and not content.isascii():
         raise InvalidInput(f"{name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB")
     try:
-        tree: dict[str, Any] = json.loads(content)
+        tree: Any = json.loads(content)
     except (ValueError, RecursionError) as error:
         raise InvalidInput(f"{name} cannot be read as {name.rpartition('.')[2].upper()}: {error}") from error
     if not isinstance(tree, dict):
         raise InvalidInput(f"{name} cannot be read as {name.rpartition('.')[2].upper()}: its JSON is not an object")
     if (stated := str(table(tree, "asset").get("version", "2.0"))).startswith("1"):
         raise InvalidInput(f"{name} is glTF {stated}; convert it to glTF 2.0")
-    for extension in map(str, entries_of(tree, "extensionsRequired")):
-        if not SAME_SHAPE.search(extension) and not COMPRESSION.search(extension):
-            raise InvalidInput(f"{name} requires {extension}, which cannot be read; export it without extensions")
+    for extension in _foreign(tree, "extensionsRequired"):
+        raise InvalidInput(f"{name} requires {extension}, which cannot be read; export it without extensions")
     return tree
+
+
+def _foreign(tree: Mapping[str, Any], kind: str) -> list[str]:
+    """List the extensions of a document that may change the shape, and are not read."""
+    names = map(one_line, entries_of(tree, kind))
+    return [name for name in names if not SAME_SHAPE.search(name) and not COMPRESSION.search(name)]
 
 
 def file_names(tree: Mapping[str, Any]) -> Iterator[str]:
     """List the URIs of a document's buffers and images that name files."""
     uris = (part.get("uri") for kind in ("buffers", "images") for part in entries_of(tree, kind) if isinstance(part, dict))
     return (uri for uri in uris if isinstance(uri, str) and not uri.startswith("data:"))
+
+
+def one_line(text: object) -> str:
+    """Return a name or a number in the JSON as one short line, for messages."""
+    return " ".join(str(text).split())[:80]
 
 
 def table(part: Any, name: str) -> dict[str, Any]:
@@ -94,7 +104,7 @@ def whole(part: Mapping[str, Any], name: str, default: int | None = None) -> int
     """Return a number in an object of the JSON that is a size or a position."""
     value = part.get(name, default)
     if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < 2**53 or value != int(value):
-        raise InvalidInput(f"its JSON has {name} {str(value)[:40]}, not a size; export it again")
+        raise InvalidInput(f"its JSON has {name} {one_line(value)}, not a size; export it again")
     return int(value)
 
 
@@ -120,8 +130,12 @@ class Document:
         """Return an entry of a list of the document, such as `"meshes"`, by its number."""
         entries = entries_of(self.tree, kind)
         if type(number) is not int or not 0 <= number < len(entries) or not isinstance(entries[number], dict):
-            raise InvalidInput(f"its JSON names number {str(number)[:40]} of {len(entries)} {kind}; export it again")
+            raise InvalidInput(f"its JSON names number {one_line(number)} of {len(entries)} {kind}; export it again")
         return entries[number]
+
+    def ignored_extensions(self) -> list[str]:
+        """List the extensions that the document uses, could do without, and that are not read."""
+        return [f"its extension {name} is not read" for name in _foreign(self.tree, "extensionsUsed")]
 
     def array(self, number: Any, *widths: int, rows: int | None = None) -> NDArray[Any]:
         """Read an accessor: (rows, width) of its own type; float64 where it holds normalised integers.
@@ -162,8 +176,8 @@ class Document:
         if (encoded := compression(view)) and (start + size > len(content) or not np.frombuffer(content, np.uint8).any()):
             raise InvalidInput(f"it is compressed with {encoded}, which cannot be read; export it without compression")
         if start + size > len(content):
-            name = str(self.entry("buffers", view["buffer"]).get("uri", "its buffer"))[:80]
-            raise InvalidInput(f"{name} has {len(content)} bytes, {start + size} are needed; is it missing or cut off?")
+            name = one_line(self.entry("buffers", view["buffer"]).get("uri", "its buffer"))
+            raise InvalidInput(f"{name} is missing or cut off: {start + size} bytes are needed, there are {len(content)}")
         return memoryview(content)[start : start + size]
 
     def image(self, number: Any) -> tuple[str, bytes | None]:
@@ -215,11 +229,15 @@ class Primitive:
         self._document, self._weights = document, weights
         self.material = part.get("material")
         self.attributes, self._targets = table(part, "attributes"), entries_of(part, "targets")
-        if encoded := compression(part):
-            numbers = [*self.attributes.values(), *([part["indices"]] if "indices" in part else [])]
-            if not all("bufferView" in document.entry("accessors", number) for number in numbers):
-                raise InvalidInput(f"it is compressed with {encoded}, which cannot be read; export it without compression")
-        self._size = len(document.array(self.attributes.get("POSITION"), 3))
+        positions = document.array(self.attributes.get("POSITION"), 3)
+        numbers = [self.attributes["POSITION"], *([part["indices"]] if "indices" in part else [])]
+        encoded = compression(part)
+        if encoded:
+            numbers += self.attributes.values()
+        stored = all({"bufferView", "sparse"} & document.entry("accessors", number).keys() for number in numbers)
+        if not stored or (encoded and not np.ptp(positions, axis=0).any()):
+            raise InvalidInput(f"it is compressed with {encoded or 'an extension'}, which cannot be read; export it without compression")
+        self._size = len(positions)
         corners = self._corners(part)
         used = np.zeros(self._size, bool)
         used[corners] = True

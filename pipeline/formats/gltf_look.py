@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
-from pipeline.formats.gltf import Document, Primitive, table
+from pipeline.formats.gltf import Document, Primitive, one_line, table
 from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, Decode
 from pipeline.formats.texture_wrap import Repeats, Wrap
 from pipeline.kernels.geometry.mesh import Look
@@ -56,7 +56,7 @@ class Looks:
     def _painted(self, look: Look, primitive: Primitive) -> Look:
         """Give a look the material of its primitive."""
         material = self._document.entry("materials", primitive.material)
-        name = f"material {material.get('name', primitive.material)}"
+        name = f"material {one_line(material.get('name', primitive.material))}"
         layers = ((np.array(factor, np.float64), entry, self._texture(name, entry)) for factor, entry in _layers(material))
         base = next(layers)
         shown = next((layer for layer in layers if not self._is_black(*layer)), base) if self._is_black(*base) else base
@@ -155,7 +155,7 @@ class Looks:
             self._note(f"{what} cannot be read ({error})")
 
     def _note(self, text: str) -> None:
-        self._unread.append(" ".join(text.split())[:200])
+        self._unread.append(" ".join(text.split())[:300])
 
 
 def _layers(material: dict[str, Any]) -> Iterator[tuple[ArrayLike, dict[str, Any]]]:

@@ -5,20 +5,18 @@ By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
-from itertools import count
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, table
+from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import Decode, check_mesh
-from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import compose, transform_points, unit_vectors
 
 REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE": (1.0, 1.0, 1.0)}
@@ -28,27 +26,36 @@ REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE
 def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
     """Read the surfaces of the scene that a glTF file shows, each in its place, m, y up; list what is left out as unread."""
     document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
-    nodes, looks = _Nodes(document, companions.unread), Looks(document, decode, companions.unread)
+    companions.unread += document.ignored_extensions()
+    nodes = _Nodes(document, Looks(document, decode, companions.unread), companions.unread)
     meshes: list[Mesh] = []
     faces = vertices = 0
     for number in nodes.shown:
         poses, skin = nodes.poses(number), nodes.skin(number)
-        for primitive in nodes.primitives(number):
-            faces, vertices = faces + len(poses) * len(primitive.faces), vertices + len(poses) * len(primitive.rows)
+        for part in nodes.parts(number):
+            faces, vertices = faces + len(poses) * len(part.primitive.faces), vertices + len(poses) * len(part.points)
             check_mesh(faces, vertices)
-            if len(primitive.faces):
-                meshes.append(_placed(primitive, poses, skin, looks))
+            if len(part.primitive.faces) and len(poses):
+                meshes.append(_placed(part, poses, skin))
     return meshes
 
 
-def _placed(primitive: Primitive, poses: NDArray[np.float64], skin: NDArray[np.float64] | None, looks: Looks) -> Mesh:
-    """Copy a primitive into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
-    points, faces = primitive.read("POSITION", 3), primitive.faces
+@dataclass(frozen=True)
+class _Part:
+    """A primitive with its points (V, 3) before any pose, and its look."""
+
+    primitive: Primitive
+    points: NDArray[np.float64]
+    look: Look
+
+
+def _placed(part: _Part, poses: NDArray[np.float64], skin: NDArray[np.float64] | None) -> Mesh:
+    """Copy a part into each of its poses (I, 4, 4), deformed by the matrices (J, 4, 4) of its skin."""
+    points, faces, look = part.points, part.primitive.faces, part.look
     if skin is not None:
-        points = _deform(points, primitive, skin)
+        points = _deform(points, part.primitive, skin)
         faces = faces[:, ::-1] if _mirrors(skin).all() else faces
-    size, look = len(points), looks.look(primitive)
-    faces = faces + size * np.arange(len(poses))[:, None, None]  # (I, F, 3)
+    faces = faces + len(points) * np.arange(len(poses))[:, None, None]  # (I, F, 3)
     faces = np.where(_mirrors(poses)[:, None, None], faces[..., ::-1], faces)
     if len(poses) > 1:
         colors = None if look.vertex_color is None else np.tile(look.vertex_color, (len(poses), 1))
@@ -58,27 +65,29 @@ def _placed(primitive: Primitive, poses: NDArray[np.float64], skin: NDArray[np.f
 
 
 def _deform(points: NDArray[np.float64], primitive: Primitive, skin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move points (V, 3) by the matrices (J, 4, 4) of their joints, weighted; as engines do, weights are scaled to the sum 1."""
-    moved, total = np.zeros_like(points), np.zeros((len(points), 1))
-    for number in count():
-        if f"JOINTS_{number}" not in primitive.attributes:
-            break
-        joints, weights = primitive.stored(f"JOINTS_{number}", 4), primitive.read(f"WEIGHTS_{number}", 4)
-        if joints.dtype.kind != "u" or joints[weights != 0].max(initial=0) >= len(skin):
-            raise InvalidInput(f"its vertices name joints outside 0..{len(skin) - 1} of their skin; export it again")
-        for joint, weight in zip(np.minimum(joints, len(skin) - 1).T, weights.T[..., None], strict=True):
-            moved += weight * transform_points(skin[joint], points[:, None])[:, 0]
-            total += weight
-    if not (total > 0).all():
-        raise InvalidInput(f"{np.count_nonzero(~(total > 0))} vertices of a skinned mesh follow no joint; give them weights")
-    return moved / total
+    """Move points (V, 3) by the matrices (J, 4, 4) of their joints, weighted."""
+    sets = [name.removeprefix("JOINTS") for name in sorted(primitive.attributes) if name.startswith("JOINTS_")]
+    if not sets:
+        raise InvalidInput("a skinned mesh of it has a part without joints; weight all parts, or apply the armature")
+    joints = np.concatenate([primitive.stored(f"JOINTS{number}", 4) for number in sets], axis=1)
+    weights = np.concatenate([primitive.read(f"WEIGHTS{number}", 4) for number in sets], axis=1)
+    joints = np.where(weights != 0, joints, joints[:, :1])  # joints without weight may be none
+    if joints.dtype.kind != "u" or joints.max(initial=0) >= len(skin):
+        raise InvalidInput(f"its vertices name joints outside 0..{len(skin) - 1} of their skin; export it again")
+    weights[weights.sum(axis=1) <= 0, 0] = 1  # engines let such vertices follow their first joint, and scale weights to the sum 1
+    weights /= weights.sum(axis=1, keepdims=True)
+    moved = np.zeros_like(points)
+    for joint, weight in zip(joints.T, weights.T, strict=True):
+        moved += weight[:, None] * transform_points(skin[joint], points[:, None])[:, 0]
+    return moved
 
 
 class _Nodes:
     """The nodes of a document with their poses in the world; `shown` lists those of the scene that it shows."""
 
-    def __init__(self, document: Document, unread: list[str]) -> None:
-        self._document, self._unread, tree = document, unread, document.tree
+    def __init__(self, document: Document, looks: Looks, unread: list[str]) -> None:
+        self._document, self._looks, self._unread, tree = document, looks, unread, document.tree
+        self._parts: dict[tuple[int, bytes], list[_Part]] = {}
         if not entries_of(tree, "nodes"):  # a library of meshes
             tree["nodes"] = [{"mesh": number} for number in range(len(entries_of(tree, "meshes")))]
         self._nodes = [document.entry("nodes", number) for number in range(len(tree["nodes"]))]
@@ -91,18 +100,22 @@ class _Nodes:
         if lost := sum("mesh" in self._nodes[number] for number in hidden):
             unread.append(f"{lost} of its nodes with a mesh are left out: they are hidden, or not in the scene that it shows")
 
-    def primitives(self, number: int) -> Iterator[Primitive]:
-        """Read the surfaces of a node's mesh."""
+    def parts(self, number: int) -> list[_Part]:
+        """Read the surfaces of a node's mesh, once for all nodes that have it."""
         node = self._nodes[number]
         if "mesh" not in node:
-            return
+            return []
         mesh = self._document.entry("meshes", node["mesh"])
-        weights = np.array(node.get("weights", mesh.get("weights", ())), np.float64)
-        for part in entries_of(mesh, "primitives"):
-            if part.get("mode", TRIANGLES) in SURFACES:
-                yield Primitive(self._document, part, weights)
-            else:
-                self._unread.append(f"points and lines of mesh {mesh.get('name', node['mesh'])} are not read")
+        weights = np.array(node.get("weights") or mesh.get("weights") or (), np.float64)
+        key = node["mesh"], weights.tobytes()
+        if key not in self._parts:
+            entries = entries_of(mesh, "primitives")
+            surfaces = [entry for entry in entries if entry.get("mode", TRIANGLES) in SURFACES]
+            if len(surfaces) < len(entries):
+                self._unread.append(f"points and lines of mesh {one_line(mesh.get('name', node['mesh']))} are not read")
+            primitives = [Primitive(self._document, entry, weights) for entry in surfaces]
+            self._parts[key] = [_Part(part, part.read("POSITION", 3), self._looks.look(part)) for part in primitives]
+        return self._parts[key]
 
     def poses(self, number: int) -> NDArray[np.float64]:
         """Compute the poses of a node's mesh, (I, 4, 4): one, or those of its instances; the world's origin if it has a skin."""

@@ -79,7 +79,8 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
+        left_out = "".join(f"; {reason}" for reason in dict.fromkeys(companions.unread))
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{left_out}")
     return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
 
 
