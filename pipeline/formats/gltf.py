@@ -129,9 +129,10 @@ class Document:
     def entry(self, kind: str, number: Any) -> dict[str, Any]:
         """Return an entry of a list of the document, such as `"meshes"`, by its number."""
         entries = entries_of(self.tree, kind)
-        if type(number) is not int or not 0 <= number < len(entries) or not isinstance(entries[number], dict):
+        entry = entries[number] if type(number) is int and 0 <= number < len(entries) else None
+        if not isinstance(entry, dict):
             raise InvalidInput(f"its JSON names number {one_line(number)} of {len(entries)} {kind}; export it again")
-        return entries[number]
+        return entry
 
     def ignored_extensions(self) -> list[str]:
         """List the extensions that the document uses, could do without, and that are not read."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
@@ -110,7 +110,8 @@ def _decoder(unread: list[str]) -> Decode:
         try:
             return textures.decode(Image.open(BytesIO(content)))
         except (OSError, ValueError) as error:
-            unread.append(f"{name} cannot be decoded: {error}")
+            reason = "it is no image of a known format" if isinstance(error, UnidentifiedImageError) else error
+            unread.append(f"{name} cannot be decoded: {reason}")
             return None
 
     return decode
