@@ -60,12 +60,12 @@ def read_document(name: str, content: bytes) -> dict[str, Any]:
         raise InvalidInput(f"{name} cannot be read as {name.rpartition('.')[2].upper()}: its JSON is not an object")
     if (stated := str(table(tree, "asset").get("version", "2.0"))).startswith("1"):
         raise InvalidInput(f"{name} is glTF {stated}; convert it to glTF 2.0")
-    for extension in _foreign(tree, "extensionsRequired"):
-        raise InvalidInput(f"{name} requires {extension}, which cannot be read; export it without extensions")
+    if required := foreign_extensions(tree, "extensionsRequired"):
+        raise InvalidInput(f"{name} requires {required[0]}, which cannot be read; export it without extensions")
     return tree
 
 
-def _foreign(tree: Mapping[str, Any], kind: str) -> list[str]:
+def foreign_extensions(tree: Mapping[str, Any], kind: str) -> list[str]:
     """List the extensions of a document that may change the shape, and are not read."""
     names = map(one_line, entries_of(tree, kind))
     return [name for name in names if not SAME_SHAPE.search(name) and not COMPRESSION.search(name)]
@@ -109,15 +109,7 @@ def whole(part: Mapping[str, Any], name: str, default: int | None = None) -> int
 
 
 class Document:
-    """A glTF file with the files that it names.
-
-    Parameters
-    ----------
-    name, content
-        The file's name and bytes.
-    read
-        Returns the content of a file that it names, by its URI; None where it is missing.
-    """
+    """A glTF file; `read` returns the content of a file that it names, by its URI, or None where that is missing."""
 
     def __init__(self, name: str, content: bytes, read: Callable[[str], bytes | None]) -> None:
         self.tree = read_document(name, content)
@@ -134,21 +126,9 @@ class Document:
             raise InvalidInput(f"its JSON names number {one_line(number)} of {len(entries)} {kind}; export it again")
         return entry
 
-    def ignored_extensions(self) -> list[str]:
-        """List the extensions that the document uses, could do without, and that are not read."""
-        return [f"its extension {name} is not read" for name in _foreign(self.tree, "extensionsUsed")]
-
     def array(self, number: Any, *widths: int, rows: int | None = None) -> NDArray[Any]:
-        """Read an accessor: (rows, width) of its own type; float64 where it holds normalised integers.
-
-        Parameters
-        ----------
-        number
-            The accessor.
-        widths
-            Allowed numbers of components.
-        rows
-            Its number of rows; by default, any.
+        """Read an accessor of one of these widths, and of this number of rows if there is one: (rows, width) as it is stored, or float64
+        where it holds normalised integers.
         """
         accessor = self.entry("accessors", number)
         count, dtype = whole(accessor, "count"), COMPONENTS.get(accessor.get("componentType", 0))
@@ -184,10 +164,10 @@ class Document:
     def image(self, number: Any) -> tuple[str, bytes | None]:
         """Return the name of an image, and its content if it is there."""
         image = self.entry("images", number)
-        uri = image.get("uri")
+        uri, name = image.get("uri"), one_line(image.get("name") or f"image {number}")
         if uri is None:
-            return str(image.get("name") or f"image {number}"), bytes(self.view(image.get("bufferView")))
-        return str(image.get("name") or f"image {number}") if str(uri).startswith("data:") else str(uri), self._resource(str(uri))
+            return name, bytes(self.view(image.get("bufferView")))
+        return name if uri.startswith("data:") else one_line(uri), self._resource(uri)
 
     def _rows(self, part: Mapping[str, Any], count: int, width: int, dtype: str) -> NDArray[Any]:
         """View (count, width) components in the buffer view that an accessor or a part of it names."""
@@ -216,14 +196,9 @@ class Document:
 
 
 class Primitive:
-    """A part of a mesh with one material: `faces` (F, 3) of the vertices that they name, the `rows` of its attributes.
+    """A part of a mesh with one material: its `faces` (F, 3), and the vertices that they name, which are `rows` (V,) of its attributes.
 
-    Parameters
-    ----------
-    document, part
-        The file, and the primitive's entry in it.
-    weights
-        (T,) of its morph targets.
+    `part` is its entry in the document, `weights` (T,) are those of its morph targets.
     """
 
     def __init__(self, document: Document, part: dict[str, Any], weights: NDArray[np.float64]) -> None:
@@ -246,6 +221,8 @@ class Primitive:
 
     def stored(self, name: str, *widths: int) -> NDArray[Any]:
         """Return the rows of an attribute that faces use, (V, width)."""
+        if name not in self.attributes:
+            raise InvalidInput(f"a part of it has no {name}; export it again")
         return self._document.array(self.attributes.get(name), *widths, rows=self._size)[self.rows]
 
     def read(self, name: str, *widths: int) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, one_line, table
+from pipeline.formats.gltf import SURFACES, TRIANGLES, Document, Primitive, entries_of, foreign_extensions, one_line, table
 from pipeline.formats.gltf_look import Looks
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_parts import Decode, check_mesh
@@ -26,7 +26,7 @@ REST = {"TRANSLATION": (0.0, 0.0, 0.0), "ROTATION": (0.0, 0.0, 0.0, 1.0), "SCALE
 def read_gltf(companions: Companions, decode: Decode) -> list[Mesh]:
     """Read the surfaces of the scene that a glTF file shows, each in its place, m, y up; list what is left out as unread."""
     document = Document(companions.file_name, companions.content, lambda uri: companions[uri] if uri in companions.paths else None)
-    companions.unread += document.ignored_extensions()
+    companions.unread += [f"its extension {name} is not read" for name in foreign_extensions(document.tree, "extensionsUsed")]
     nodes = _Nodes(document, Looks(document, decode, companions.unread), companions.unread)
     meshes: list[Mesh] = []
     faces = vertices = 0

@@ -181,7 +181,7 @@ def test_normalised_coordinates_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("missing", "reason"),
     [
-        ({"index": 0, "texCoord": 3}, "the texture of material 0 cannot be read (its JSON names number None of"),
+        ({"index": 0, "texCoord": 3}, "the texture of material 0 cannot be read (a part of it has no TEXCOORD_3; export it again)"),
         ({"index": 5}, "the texture of material 0 cannot be read (its JSON names number 5 of 1 textures"),
         ({"index": 0, "extensions": {"KHR_texture_transform": {"scale": "x"}}}, "the texture of material 0 cannot be read ("),
     ],
