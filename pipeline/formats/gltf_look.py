@@ -23,6 +23,9 @@ from pipeline.kernels.geometry.transforms import sin_cos
 BLACK = 0.01
 """Linear light up to which a base colour is black: such a material shows the light that it emits, if there is any."""
 
+DIELECTRIC = 0.04
+"""Part of the light that a surface reflects, whatever its colour, unless it is a metal, whose colour that is."""
+
 WHITE_LIGHT = (1, 1, 1, 1)
 """The factor of a colour where a material states none."""
 
@@ -169,8 +172,8 @@ def _layers(material: dict[str, Any]) -> Iterator[tuple[ArrayLike, dict[str, Any
         yield rough.get("baseColorFactor", WHITE_LIGHT), table(rough, "baseColorTexture")
     if "KHR_materials_unlit" not in extensions:
         yield _emission(material)
-        if gloss:  # of a metal
-            yield [*gloss.get("specularFactor", (1, 1, 1)), 1], table(gloss, "specularGlossinessTexture")
+        if gloss and max(specular := gloss.get("specularFactor", (1, 1, 1))) > DIELECTRIC:
+            yield [*specular, 1], table(gloss, "specularGlossinessTexture")
 
 
 def _emission(material: dict[str, Any]) -> tuple[list[float], dict[str, Any]]:

@@ -103,7 +103,8 @@ DARK = (0, 0, 0, 1)
         (base(index=0) | {"extensions": {"KHR_materials_unlit": {}}}, [*RED, 255], ()),
         ({"extensions": {GLOSS: {"diffuseTexture": {"index": 1}}}}, [*GREEN, 255], ()),
         ({"extensions": {GLOSS: {"diffuseFactor": [1, 0, 0, 1]}}} | base(index=1), [255, 0, 0, 255], ()),
-        ({"extensions": {GLOSS: {"diffuseFactor": DARK, "specularFactor": [0, 0, 1]}}}, [0, 0, 255, 255], ()),
+        ({"extensions": {GLOSS: {"diffuseFactor": DARK, "specularFactor": [0, 0, 1]}}}, [0, 0, 255, 255], ()),  # a metal
+        ({"extensions": {GLOSS: {"diffuseFactor": DARK, "specularFactor": [0.04] * 3}}}, [*BLACK, 255], ()),
         (
             base(index=0) | {"name": "glass", "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1}}},
             [*RED, 255],
