@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -77,3 +78,16 @@ class Gltf:
 
 def data_uri(content: bytes) -> str:
     return "data:application/octet-stream;base64," + base64.b64encode(content).decode()
+
+
+def glb(text: bytes, binary: bytes | None = None, version: int = 2) -> bytes:
+    """Pack JSON, and perhaps the content of buffer 0, as binary glTF."""
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += b"" if binary is None else struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return struct.pack("<4sII", b"glTF", version, 12 + len(chunks)) + chunks
+
+
+def volume(mesh: Mesh) -> float:
+    """Return the volume inside faces that are wound outwards."""
+    return float(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).volume)

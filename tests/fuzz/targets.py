@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json
 import os
-import struct
 import tempfile
 import zipfile
 from pathlib import Path
@@ -27,7 +26,7 @@ from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from stages.registry import load_stage, resolve
-from tests.formats.gltf_builder import Gltf
+from tests.formats.gltf_builder import Gltf, glb
 from tests.fuzz.predict_target import Predictions
 from tests.fuzz.store_target import Stores
 from tests.fuzz.target import Files, Target
@@ -195,9 +194,7 @@ class Gltfs(Meshes):
         with tempfile.TemporaryDirectory() as folder:
             entries = {"nodes": nodes, "meshes": meshes, "skins": skins, "materials": [material], "scenes": [{"nodes": [0, 1]}]}
             text = document.write(Path(folder) / "a.gltf", **entries).read_bytes()
-        text += b" " * (-len(text) % 4)
-        head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text), len(text), b"JSON")
-        return [{"mesh.gltf": text}, {"mesh.glb": head + text}]
+        return [{"mesh.gltf": text}, {"mesh.glb": glb(text)}]
 
 
 class Collada(Meshes):
