@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
@@ -104,14 +104,14 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
 
 def _decoder(unread: list[str]) -> Decode:
     """Return a function that decodes the textures of one file, and notes those that it cannot."""
-    textures = _Textures()
+    textures, images = _Textures(), list[Image.Image]()  # which knows images by their identity
 
     def decode(name: str, content: bytes) -> NDArray[np.uint8] | None:
         try:
-            return textures.decode(Image.open(BytesIO(content)))
+            images.append(Image.open(BytesIO(content)))
+            return textures.decode(images[-1])
         except (OSError, ValueError) as error:
-            reason = "it is no image of a known format" if isinstance(error, UnidentifiedImageError) else error
-            unread.append(f"{name} cannot be decoded: {reason}")
+            unread.append(f"{name} cannot be decoded: {str(error).partition(' <')[0]}")
             return None
 
     return decode
