@@ -19,7 +19,8 @@ import numpy as np
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
-from pipeline.formats.mesh_file import MAX_FACES, load_mesh
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_parts import MAX_FACES
 from pipeline.formats.urdf_shapes import Color, material_color, numbers_of, origin_of, shape_of
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
