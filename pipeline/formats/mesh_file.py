@@ -240,7 +240,6 @@ def _look(part: trimesh.Trimesh, textures: _Textures) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
-    face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
         colors[0], texture = _material(visual.material, textures)
         if visual.uv is None or len(visual.uv) != len(uv):
@@ -250,13 +249,11 @@ def _look(part: trimesh.Trimesh, textures: _Textures) -> Look:
             uv[:] = np.where(np.abs(coordinates) < MAX_UV, coordinates, 0)  # NaN too
     elif visual.kind == "vertex":
         colors[0] = 255
-    elif visual.kind == "face":
-        colors, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
     return Look(
         uv=uv,
-        face_material=face_material.reshape(-1).astype(np.int32),
+        face_material=np.zeros(len(part.faces), np.int32),
         base_color=colors,
-        material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
+        material_texture=np.array([-1 if texture is None else 0], np.int32),
         textures=() if texture is None else (texture,),
         vertex_color=_vertex_color(visual, len(part.vertices)),
     )
