@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
@@ -284,7 +284,7 @@ def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
 
 def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
     if name not in values:
-        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(values))}")
+        raise InvalidInput(missing_name(kind, name, values))
     return values[name]
 
 
