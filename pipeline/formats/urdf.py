@@ -7,7 +7,7 @@ processor's, and with them every pose that follows.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,11 +18,11 @@ import numpy as np
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.mesh_file import MAX_FACES, load_mesh
-from pipeline.formats.urdf_shapes import Color, check_unit, material_color, numbers_of, origin_of, shape_of
+from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
+from pipeline.kernels.hand.model import Hand, Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
 BAR_AFTER = 1.0
@@ -158,7 +158,7 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
-    lower, upper = (float(numbers_of(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
+    lower, upper = _stated_limits(element)
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
     if kind in MOVING and element.find("mimic") is None and not lower < upper:  # a follower's are its leader's
@@ -166,6 +166,21 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     if kind in MOVING and element.find("mimic") is None:
         check_unit(f"joint {name} has limits", (lower, upper), slides=kind == "prismatic")
     return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
+
+
+def _stated_limits(joint: Element) -> tuple[float, float]:
+    limit = joint.find("limit")
+    return float(numbers_of(limit, "lower", (0.0,))[0]), float(numbers_of(limit, "upper", (0.0,))[0])
+
+
+def ignored_limits(hand: Hand) -> Iterator[str]:
+    """Describe the continuous joints whose URDF states limits that they would keep if they were revolute."""
+    continuous = [joint.name for joint in hand.joints if joint.kind == "continuous"]
+    for joint in parse_urdf(hand.urdf).findall("joint"):
+        lower, upper = _stated_limits(joint)
+        turn = f"it turns through {-np.pi:.2f} … {np.pi:.2f} rad; if they should count, make it revolute, with limits in radians"
+        if joint.get("name") in continuous and lower < upper and not (lower < -np.pi * 0.99 and np.pi * 0.99 < upper < MAX_TURN):
+            yield f"joint {joint.get('name')} is continuous, so its limits {lower:g} … {upper:g} do not count: {turn}"
 
 
 def _mimic(joint: Element) -> Mimic | None:
