@@ -175,7 +175,8 @@ def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, sli
     """Refuse angles, rad, that are evidently in degrees, and paths of joints that slide, m, evidently in millimetres."""
     limit, unit, other, factor = (MAX_SLIDE, "m", "millimetres", 1e-3) if slides else (MAX_TURN, "rad", "degrees", np.pi / 180)
     if (np.abs(numbers) > limit).any():
-        stated, converted = (" ".join(f"{scale * number:.4g}" for number in numbers) for scale in (1.0, factor))
+        between = " … " if len(numbers) == 2 else " "
+        stated, converted = (between.join(f"{scale * number:.4g}" for number in numbers) for scale in (1.0, factor))
         raise InvalidInput(f"{what} {stated} {unit}, beyond {limit:.3g}; are they in {other}? Then write {converted}")
 
 

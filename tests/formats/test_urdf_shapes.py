@@ -69,10 +69,10 @@ def test_both_physics_engines_load_the_capsule_of_a_finger(shape: str, tmp_path:
     [
         (
             {"kind": "revolute", "upper": "90"},
-            "joint slide has limits 0 90 rad, beyond 6.35; are they in degrees? Then write 0 1.571",
+            "joint slide has limits 0 … 90 rad, beyond 6.35; are they in degrees? Then write 0 … 1.571",
         ),
-        ({"kind": "revolute", "lower": "-30"}, "joint slide has limits -30 0.1 rad, beyond 6.35; are they in degrees?"),
-        ({"upper": "50"}, "joint slide has limits 0 50 m, beyond 1; are they in millimetres? Then write 0 0.05"),
+        ({"kind": "revolute", "lower": "-30"}, "joint slide has limits -30 … 0.1 rad, beyond 6.35; are they in degrees?"),
+        ({"upper": "50"}, "joint slide has limits 0 … 50 m, beyond 1; are they in millimetres? Then write 0 … 0.05"),
         ({"rpy": "0 0 -90"}, "<origin> has rpy 0 0 -90 rad, beyond 6.35; are they in degrees? Then write 0 0 -1.571"),
         ({"upper": '0.1"/><mimic joint="other" offset="20'}, "joint slide mimics 'other' with offset 20 m, beyond 1"),
         ({"rpy": '0 0 0" quat_xyzw="0 0 0 1'}, "<origin quat_xyzw='0 0 0 1'> is not read; write the same rotation as rpy"),
