@@ -161,9 +161,9 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     lower, upper = _stated_limits(element)
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
-    if kind in MOVING and element.find("mimic") is None and not lower < upper:  # a follower's are its leader's
-        raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
-    if kind in MOVING and element.find("mimic") is None:
+    if kind in MOVING and element.find("mimic") is None:  # a follower's are its leader's
+        if not lower < upper:
+            raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
         check_unit(f"joint {name} has limits", (lower, upper), slides=kind == "prismatic")
     return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
 
@@ -177,10 +177,14 @@ def ignored_limits(hand: Hand) -> Iterator[str]:
     """Describe the continuous joints whose URDF states limits that they would keep if they were revolute."""
     continuous = [joint.name for joint in hand.joints if joint.kind == "continuous"]
     for joint in parse_urdf(hand.urdf).findall("joint"):
-        lower, upper = _stated_limits(joint)
-        turn = f"it turns through {-np.pi:.2f} … {np.pi:.2f} rad; if they should count, make it revolute, with limits in radians"
-        if joint.get("name") in continuous and lower < upper and not (lower < -np.pi * 0.99 and np.pi * 0.99 < upper < MAX_TURN):
-            yield f"joint {joint.get('name')} is continuous, so its limits {lower:g} … {upper:g} do not count: {turn}"
+        if (name := joint.get("name")) in continuous:
+            lower, upper = _stated_limits(joint)
+            full_turn = lower <= -0.99 * np.pi and 0.99 * np.pi <= upper < MAX_TURN
+            if lower < upper and not full_turn:
+                yield (
+                    f"joint {name} is continuous, so its limits {lower:g} … {upper:g} do not count: it turns through -3.14 … 3.14 rad; "
+                    "if they should count, make it revolute, with limits in radians"
+                )
 
 
 def _mimic(joint: Element) -> Mimic | None:
