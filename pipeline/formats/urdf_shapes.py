@@ -184,7 +184,7 @@ def origin_of(element: Element) -> NDArray[np.float64]:
     """Read the <origin> of an element as a pose (4, 4), m."""
     origin = element.find("origin")
     pose = np.eye(4)
-    if origin is not None and origin.get("quat_xyzw"):  # of URDF 1.2; the physics engines do not read it
+    if origin is not None and origin.get("quat_xyzw"):  # of URDF 1.1; the physics engines ignore it
         raise InvalidInput(f"<origin quat_xyzw={origin.get('quat_xyzw')!r}> is not read; write the same rotation as rpy")
     angles = numbers_of(origin, "rpy", (0.0, 0.0, 0.0))
     check_unit("<origin> has rpy", angles)
