@@ -129,7 +129,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Parse YAML without aliases, a few hundred bytes of which may expand to gigabytes, and without tags such as `!!float`.
+    """Parse YAML without aliases, which make the size of what is read unbounded, and without tags such as `!!float`.
 
     Raises
     ------

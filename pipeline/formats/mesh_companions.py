@@ -59,7 +59,8 @@ TEXTURE_OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are included; a symbolic link counts as its target. `missing` lists the names of the others.
+    Only regular files below the root are included; a symbolic link counts as its target. `unread` lists the others, and whatever else the
+    reader of the mesh file cannot read, each with the reason.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ class Companions(Mapping[str, bytes]):
         check_file(file)
         self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
-        self.missing: list[str] = []
+        self.unread: list[str] = []
         self._libraries: list[str] = []
         names = set[str]()
         for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
@@ -94,7 +95,7 @@ class Companions(Mapping[str, bytes]):
                 self.paths[name] = path
                 self._check_sizes()
             elif name:
-                self.missing.append(name)
+                self.unread.append(f"{name} is missing below the folder of meshes")
 
     def __getitem__(self, name: str) -> bytes:
         if name == ALL_LIBRARIES and self._libraries:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence, Sized
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -86,7 +87,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
         raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
-    return _join(meshes)
+    return replace(_join(meshes), unread=tuple(companions.unread))
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:

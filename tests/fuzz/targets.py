@@ -169,12 +169,10 @@ class Collada(Meshes):
         geometry = (
             b"<instance_geometry" + rest.partition(b"<instance_geometry")[2].partition(b"</instance_geometry>")[0] + b"</instance_geometry>"
         )
-        levels = (b'<node id="n%d">\n%s</node>\n' % (level, b'<instance_node url="#n%d"/>\n' % (level - 1) * 3) for level in range(1, 4))
+        three = b'<node id="n1">\n%s</node>\n' % (b'<instance_node url="#n0"/>\n' * 3)
         scene = b'<visual_scene id="scene"><node id="r">\n<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix>\n'
-        scene += b'<instance_node url="#n3"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
-        nodes = (
-            b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + b"".join(levels) + b"</library_nodes>\n<library_visual_scenes>"
-        )
+        scene += b'<instance_node url="#n1"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
+        nodes = b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + three + b"</library_nodes>\n<library_visual_scenes>"
         nested = head + nodes + scene + b'<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
         image = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
         box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
