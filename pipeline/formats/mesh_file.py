@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence, Sized
+from collections.abc import Sequence, Set, Sized
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -12,13 +11,15 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image
 
-from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import MESH_SUFFIXES
-from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
+from pipeline.errors import InvalidInput, first_line
+from pipeline.formats import mtl
+from pipeline.formats.collada import rewrite_effects
+from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, foreign_content
+from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
+from pipeline.formats.textures import Textures
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
@@ -33,12 +34,6 @@ GREY = (178, 178, 178, 255)
 
 MAX_FACES = 2_000_000
 """Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
-
-FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
-"""Accepted formats of textures. Pillow would read others too, some by starting other programs."""
-
-MAX_PIXELS = 2**26
-"""Maximum number of pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -83,27 +78,41 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower() and not isinstance(error, OSError):  # libxml2 calls it a fault of the XML
             raise MemoryError from error
+        _refuse_foreign(file, companions.content)
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
+        _refuse_foreign(file, companions.content)
         raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
-    return replace(_join(meshes), unread=tuple(companions.unread))
+    return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
+
+
+def _refuse_foreign(file: Path, content: bytes) -> None:
+    """Name content that is no mesh file."""
+    foreign = foreign_content(content)
+    if foreign and not (file.suffix.lower() == ".3mf" and content.startswith(b"PK")):
+        raise InvalidInput(f"{file.name} is {foreign}")
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
-    content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content)) if file.suffix.lower() == ".obj" else file
+    content, transparent = companions.content, set[str]()
+    match file.suffix.lower():
+        case ".obj":
+            content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(content))
+        case ".dae":
+            content, transparent = rewrite_effects(content, companions.unread)
     try:
-        return _read(content, file, companions)
+        return _read(content, file, companions, transparent)
     except (InvalidInput, MemoryError):
         raise
     except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
-        text, end, data = (companions.content if isinstance(content, Path) else content).partition(
-            b"end_header"
-        )  # after it a PLY is binary
-        return _read(decode_text(text).encode() + end + data, file, companions)
-    except Exception:
-        return _read(content, file, companions, skip_materials=True)
+        text, end, data = content.partition(b"end_header")  # after it a PLY is binary
+        return _read(decode_text(text).encode() + end + data, file, companions, transparent)
+    except Exception as error:
+        parts = _read(content, file, companions, transparent, skip_materials=True)
+        companions.unread.append(f"materials are not read ({type(error).__name__}: {first_line(error)})")
+        return parts
 
 
 def _check(what: str, number: int, limit: int, remedy: str) -> None:
@@ -111,54 +120,16 @@ def _check(what: str, number: int, limit: int, remedy: str) -> None:
         raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
 
 
-class _Textures:
-    """The decoded textures of one mesh file, of which several materials may use one."""
-
-    def __init__(self) -> None:
-        self._decoded: dict[str, NDArray[np.uint8]] = {}
-        self._digests: dict[int, str] = {}  # Pillow forgets a file's content when it is decoded
-        self._pixels = 0
-
-    def decode(self, image: Image.Image) -> NDArray[np.uint8]:
-        """Decode an image to (height, width, 4) uint8 sRGB and opacity; the same array for the same content.
-
-        Raises
-        ------
-        InvalidInput
-            The textures so far and this one have too many pixels.
-        ValueError, OSError
-            Its format is not accepted, or it is damaged.
-        """
-        digest = self._digests.setdefault(id(image), _digest(image))
-        if digest not in self._decoded:
-            if image.format not in (None, *FORMATS):  # None: made by a conversion
-                raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
-            self._pixels += image.width * image.height
-            _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
-            self._decoded[digest] = np.array(_eight_bits(image).convert("RGBA"))
-        return self._decoded[digest]
-
-
-def _eight_bits(image: Image.Image) -> Image.Image:
-    """Scale an image of 16 bits of grey, which Pillow's conversion would cut off at 255."""
-    return Image.fromarray(np.rint(np.asarray(image) / 257).astype(np.uint8)) if image.mode.startswith("I;16") else image
-
-
-def _digest(image: Image.Image) -> str:
-    file = getattr(image, "fp", None)
-    return hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
-
-
-def _read(content: Path | bytes, file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
-    """Read the parts of a file, from its path or from content in its place, each in its pose."""
+def _read(content: bytes, file: Path, companions: Companions, transparent: Set[str], skip_materials: bool = False) -> list[Mesh]:
+    """Read the parts of a file from its content, each in its pose; `transparent` is as for `Textures`."""
     suffix = file.suffix.lower()
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions, "file_type": suffix[1:]}
-    scene: Any = trimesh.load_scene(content if isinstance(content, Path) else BytesIO(content), **options)
+    scene: Any = trimesh.load_scene(BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
     _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
     _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
-    textures = _Textures()
+    textures = Textures(companions, transparent)
     linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
     looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
@@ -212,13 +183,14 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
+def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
     face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
         colors[0], texture = _material(visual.material, textures, linear=linear)
+        textures.unread += mtl.losses(visual.material, visual.uv)
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
@@ -250,7 +222,7 @@ def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8]
     return colors
 
 
-def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of any of trimesh's kinds of materials."""
     color = np.full(4, 255, np.uint8)
     if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
@@ -258,11 +230,14 @@ def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDAr
             color[:] = material.baseColorFactor
         if linear:
             color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(color[:3]))
-        return color, None if material.baseColorTexture is None else textures.decode(material.baseColorTexture)
-    image: Any = getattr(material, "image", None)
-    if image is None:
+        image = material.baseColorTexture
+        return color, None if image is None else textures.decode(image, opaque=not linear and not textures.is_transparent(image))
+    values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
+    texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
+    if texture is None:
         color[:] = getattr(material, "diffuse", GREY)
-    texture = None if image is None else textures.decode(image)
+        color[:3] = [round(255 * part) for part in mtl.emission(values) or color[:3] / 255]
+    color[3] = round(255 * mtl.opacity(values))
     if texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
         color[:], texture = GREY, None  # the file states no material, or a missing one
     return color, texture
