@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput, first_line
 from pipeline.formats.file_content import foreign_content
 from pipeline.formats.mesh_companions import Companions
 
-FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
+FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX")
 """Accepted formats of textures. Pillow would read others too, some by starting other programs."""
 
 MAX_PIXELS = 2**26
@@ -48,7 +48,7 @@ class Textures:
         try:
             return Image.open(BytesIO(content), formats=FORMATS)
         except UnidentifiedImageError:  # its message has a memory address
-            self.unread.append(f"{name} is {foreign_content(content) or 'damaged, or no image that can be read'}; convert it to PNG")
+            self.unread.append(f"{name} is {foreign_content(content) or 'damaged, or no image that can be read; convert it to PNG'}")
         except Exception as error:  # Pillow's readers raise whatever their parsing trips over
             self.unread.append(f"{name} cannot be decoded: {first_line(error)}")
         return None
@@ -84,7 +84,7 @@ class Textures:
         return self._decoded[digest, opaque]
 
     def _decode(self, image: Image.Image, name: str, opaque: bool) -> NDArray[np.uint8] | None:
-        if image.format not in (None, *FORMATS):  # None: made by a conversion; `open` has listed others
+        if image.format not in (None, "MPO", *FORMATS):  # None: made by a conversion; MPO: opened as JPEG; `open` has listed others
             return None
         self._pixels += image.width * image.height
         if self._pixels > MAX_PIXELS:

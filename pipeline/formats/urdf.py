@@ -18,7 +18,7 @@ import numpy as np
 
 from pipeline.console import Meter, errors
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import regular_stat
+from pipeline.formats.file_content import read_file, without_mark
 from pipeline.formats.mesh_file import MAX_FACES, load_mesh
 from pipeline.formats.urdf_shapes import Color, material_color, numbers_of, origin_of, shape_of
 from pipeline.kernels.geometry.mesh import Mesh
@@ -91,8 +91,7 @@ def _materials(robot: Element) -> dict[str, Color]:
 def parse_urdf(path: Path) -> Element:
     """Parse a URDF file; raise an `InvalidInput` if it is none."""
     try:
-        regular_stat(path)
-        content = path.read_bytes()
+        content = without_mark(path, read_file(path, MAX_BYTES))
         _check_size(content)
         return _parse_xml(content)
     except (OSError, expat.ExpatError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
