@@ -150,6 +150,13 @@ def foreign_content(content: bytes) -> str | None:
     return next((name for pattern, name in FOREIGN.items() if re.match(pattern, start, re.DOTALL)), None)
 
 
+def refuse_foreign(name: str, content: bytes) -> None:
+    """Raise an `InvalidInput` if the content of a mesh file is of another kind that is recognised."""
+    foreign = foreign_content(content)
+    if foreign and not (name.lower().endswith(".3mf") and content.startswith(b"PK")):  # which is a ZIP archive
+        raise InvalidInput(f"{name} is {foreign}")
+
+
 def without_mark(path: object, content: bytes) -> bytes:
     """Encode text that begins with a byte-order mark as UTF-8 without one; return other content as it is.
 
@@ -159,12 +166,12 @@ def without_mark(path: object, content: bytes) -> bytes:
         It is not in the encoding that its mark announces; the message names its path.
     """
     mark = next((mark for mark in MARKS if content.startswith(mark)), None)
-    if mark is None:
-        return content
+    if mark is None or MARKS[mark] == "utf-8":
+        return content.removeprefix(mark or b"")
     try:
         text = content[len(mark) :].decode(MARKS[mark])
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path} begins as {MARKS[mark].upper()}, and is not ({error}); save it as UTF-8") from error
+        raise InvalidInput(f"{path} begins like text in {MARKS[mark].upper()} and is not; save it as UTF-8") from error
     return XML_ENCODING.sub(r"\1", text).encode()
 
 

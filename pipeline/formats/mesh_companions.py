@@ -18,7 +18,7 @@ from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
 from pipeline.formats import collada
-from pipeline.formats.file_content import decode_text, refuse_pointer, regular_stat, without_mark
+from pipeline.formats.file_content import decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.mtl import OPTIONS, read_library
 from pipeline.formats.texture_search import find_below
 
@@ -123,6 +123,7 @@ class Companions(Mapping[str, bytes]):
     def _names(self, file: Path, content: bytes) -> Iterator[str]:
         match file.suffix.lower():
             case ".gltf" | ".glb":
+                refuse_foreign(file.name, content)
                 yield from _gltf_names(file)
             case ".dae":
                 yield from (name for _, name in collada.image_names(content))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
 from pipeline.formats.collada import rewrite_effects
-from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, foreign_content
+from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
@@ -78,20 +78,13 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower() and not isinstance(error, OSError):  # libxml2 calls it a fault of the XML
             raise MemoryError from error
-        _refuse_foreign(file, companions.content)
+        refuse_foreign(file.name, companions.content)
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
-        _refuse_foreign(file, companions.content)
+        refuse_foreign(file.name, companions.content)
         raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
     return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
-
-
-def _refuse_foreign(file: Path, content: bytes) -> None:
-    """Name content that is no mesh file."""
-    foreign = foreign_content(content)
-    if foreign and not (file.suffix.lower() == ".3mf" and content.startswith(b"PK")):
-        raise InvalidInput(f"{file.name} is {foreign}")
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
