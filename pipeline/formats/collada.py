@@ -5,9 +5,10 @@ from __future__ import annotations
 import html
 import re
 from collections.abc import Iterator, Mapping
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from lxml import etree
 
 from pipeline.formats.file_content import decode_text
 
@@ -48,25 +49,25 @@ def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]
 
     def rewrite(effects: re.Match[bytes]) -> bytes:
         try:
-            parser = etree.XMLParser(encoding=encoding[1].decode() if encoding else "utf-8", resolve_entities=False, no_network=True)
-            library = etree.fromstring(effects[0], parser)
-        except (etree.XMLSyntaxError, LookupError):  # a prefix, or damaged: the reader says so
+            parser = ElementTree.XMLParser(encoding=encoding[1].decode() if encoding else "utf-8")
+            library = ElementTree.fromstring(effects[0], parser)
+        except (ElementTree.ParseError, ValueError, LookupError):  # a prefix, another encoding, or damaged, as the reader says
             return effects[0]
         for effect in library.iter("effect"):
             params = {param.get("sid"): param for param in effect.iter("newparam")}
-            for shader in effect.iter(*SHADERS):
+            for shader in [part for part in effect.iter() if part.tag in SHADERS]:
                 _show_emission(shader)
                 image = _set_opacity(shader)
                 if image == "":
                     unread.append(f"the texture of opacities of effect {effect.get('id')} is not read")
                 elif image is not None:
                     transparent.add(files.get(_image_id(image, params), ""))
-        return etree.tostring(library)
+        return bytes(ElementTree.tostring(library))
 
     return EFFECTS.sub(rewrite, content), transparent
 
 
-def _show_emission(shader: etree._Element) -> None:
+def _show_emission(shader: Element) -> None:
     """Rename a colour or texture that a shader emits if it has no other one."""
     emission, diffuse = shader.find("emission"), shader.find("diffuse")
     if emission is None or not _shows(emission) or (diffuse is not None and _shows(diffuse)):
@@ -76,11 +77,11 @@ def _show_emission(shader: etree._Element) -> None:
     emission.tag = "diffuse"
 
 
-def _shows(part: etree._Element) -> bool:
+def _shows(part: Element) -> bool:
     return part.find("texture") is not None or any(_numbers(part.find("color"))[:3])
 
 
-def _set_opacity(shader: etree._Element) -> str | None:
+def _set_opacity(shader: Element) -> str | None:
     """Replace what a shader says of opacity by one number, the last of `<transparent>`'s colour.
 
     Returns
@@ -103,11 +104,11 @@ def _set_opacity(shader: etree._Element) -> str | None:
         if part is not None:
             shader.remove(part)
     opacity = float(np.clip(1 - amount if mode.endswith("ZERO") else amount, 0, 1))
-    etree.SubElement(etree.SubElement(shader, "transparent"), "color").text = f"1 1 1 {opacity!r}"
+    SubElement(SubElement(shader, "transparent"), "color").text = f"1 1 1 {opacity!r}"
     return image
 
 
-def _image_id(name: str, params: Mapping[str | None, etree._Element]) -> str:
+def _image_id(name: str, params: Mapping[str | None, Element]) -> str:
     """Follow a shader's texture to its sampler, surface and image."""
     for path in ("sampler2D/source", "surface/init_from"):
         if name in params:
@@ -115,7 +116,7 @@ def _image_id(name: str, params: Mapping[str | None, etree._Element]) -> str:
     return name
 
 
-def _numbers(part: etree._Element | None) -> list[float]:
+def _numbers(part: Element | None) -> list[float]:
     """Read the numbers of an element; none where it is missing or has other words."""
     try:
         numbers = [] if part is None else [float(word) for word in (part.text or "").split()]

@@ -96,7 +96,7 @@ class Companions(Mapping[str, bytes]):
 
     def __getitem__(self, name: str) -> bytes:
         if name == ALL_LIBRARIES:
-            return b"\n".join(decode_text(library).encode() for library in self._libraries.values())
+            return b"\n".join(self._libraries.values())
         if name not in self.paths:
             raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
@@ -135,11 +135,7 @@ class Companions(Mapping[str, bytes]):
                     for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
                         yield library
                         if library in self.paths and library not in self._libraries:
-                            try:
-                                self._libraries[library] = read_library(library, self[library])
-                            except InvalidInput as error:  # a shape needs no materials
-                                self._libraries[library] = b""
-                                self.unread.append(str(error))
+                            self._libraries[library] = read_library(library, self[library], self.unread)
                             yield from _names_after(b"map_kd", self._libraries[library])
 
     def _find(self, name: str) -> Path | None:

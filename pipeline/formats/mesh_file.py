@@ -92,6 +92,7 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     content, transparent = companions.content, set[str]()
     match file.suffix.lower():
         case ".obj":
+            companions.unread += mtl.undefined_materials(content, companions[ALL_LIBRARIES])
             content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(content))
         case ".dae":
             content, transparent = rewrite_effects(content, companions.unread)
@@ -228,9 +229,10 @@ def _material(material: Any, textures: Textures, *, linear: bool) -> tuple[NDArr
     values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
     texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
     if texture is None:
-        color[:] = getattr(material, "diffuse", GREY)
-        color[:3] = [round(255 * part) for part in mtl.emission(values) or color[:3] / 255]
+        color[:] = getattr(material, "diffuse", GREY) if image is None or "kd" in values else GREY
+        if (light := mtl.emission(values)) is not None:
+            color[:3] = np.rint(255 * light)
     color[3] = round(255 * mtl.opacity(values))
-    if texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
+    if image is not None and texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
         color[:], texture = GREY, None  # the file states no material, or a missing one
     return color, texture

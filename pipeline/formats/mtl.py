@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from pipeline.console import abbreviate
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import foreign_content, without_mark
+from pipeline.formats.file_content import decode_text, foreign_content, without_mark
 
 OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
 """What may stand before the name of a texture, as `-s 1 1 1`."""
@@ -26,19 +28,67 @@ Values = Mapping[str, Any]
 """The entries of a material by their names in lower case, as trimesh keeps them: lists of words, or numbers of colours."""
 
 
-def read_library(name: str, content: bytes) -> bytes:
-    """Return the text of a material library without its byte-order mark; raise an `InvalidInput` if it is none."""
-    text = without_mark(name, content)
-    statements = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(b"#")]
-    if not content or b"\0" in text or (statements and b"newmtl" not in text.lower()):
-        raise InvalidInput(f"{name} is {foreign_content(content) or 'not a material library'}")
-    return text
+def read_library(name: str, content: bytes, unread: list[str]) -> bytes:
+    """Return the statements of a material library that are read, in a form that trimesh reads: one that it cannot would cost all materials.
+
+    Parameters
+    ----------
+    name, content
+        Of its file.
+    unread
+        Gets what is no library, and statements that cannot be read.
+    """
+    try:
+        text = decode_text(without_mark(name, content))
+    except InvalidInput as error:
+        unread.append(str(error))
+        return b""
+    lines = [line for raw in text.splitlines() if (line := raw.strip()) and not line.startswith("#")]
+    if not content or "\0" in text or (lines and not any(line.lower().startswith("newmtl") for line in lines)):
+        unread.append(f"{name} is {foreign_content(content) or 'not a material library'}")
+        return b""
+    kept, material = list[str](), ""
+    for line in lines:
+        key, *words = line.split()
+        match key.lower():
+            case "newmtl":
+                material = " ".join(words)
+                kept.append(line)
+            case "kd" | "ke" | "d" | "tr":
+                count, values = (3 if key[0] in "kK" else 1), _numbers(words)
+                if len(values) in (1, count):
+                    kept.append(" ".join([key, *map(repr, values * (count // len(values)))]))
+                else:
+                    unread.append(f"{line} of material {material} in {name} is not read")
+            case "map_kd" | "map_ka" | "map_ke" | "map_d":
+                kept.append(line)
+    return "\n".join(kept).encode()
+
+
+def undefined_materials(content: bytes, library: bytes) -> Iterator[str]:
+    """Name the materials that the faces of an OBJ use and its libraries do not define."""
+    used, defined = (
+        {decode_text(name).strip() for name in re.findall(rb"^[ \t]*" + word + rb"[ \t]+([^\r\n]*)", text, re.MULTILINE | re.IGNORECASE)}
+        for word, text in ((b"usemtl", content), (b"newmtl", library))
+    )
+    if defined and (lacking := sorted(used - defined - {"None", "(null)", ""})):  # as faces without a material are written
+        yield f"materials that its libraries lack: {abbreviate(lacking)}"
+
+
+def _numbers(words: Sequence[str]) -> list[float]:
+    """Read the finite numbers of a statement, up to a comment and without `-halo`; none if another word is among them."""
+    ended = next((number for number, word in enumerate(words) if word.startswith("#")), len(words))
+    try:
+        numbers = [float(word) for word in words[:ended] if word != "-halo"]
+    except ValueError:
+        return []
+    return numbers[:3] if np.isfinite(numbers).all() else []
 
 
 def opacity(values: Values) -> float:
     """Read the opacity of a material, 0 to 1: `d`, else 1 - `Tr`."""
-    stated, transmitted = (_last_number(values.get(name)) for name in ("d", "tr"))
-    return float(np.clip(1 - (transmitted or 0.0) if stated is None else stated, 0, 1))
+    stated = float(values["d"][0]) if "d" in values else 1 - float(values["tr"][0]) if "tr" in values else 1.0
+    return float(np.clip(stated, 0, 1))
 
 
 def keeps_alpha(values: Values, texture: str) -> bool:
@@ -46,10 +96,10 @@ def keeps_alpha(values: Values, texture: str) -> bool:
     return "map_d" in values and _file(" ".join(values["map_d"])) == _file(texture)
 
 
-def emission(values: Values) -> list[float] | None:
-    """Read the colour that a material without another one emits, (3,) in 0 to 1; None if it has another one, or emits none."""
-    light, diffuse = ([number for word in np.ravel(values.get(name, [])) if (number := _number(word)) is not None] for name in ("ke", "kd"))
-    return light if len(light) == 3 and any(light) and not any(diffuse) else None
+def emission(values: Values) -> NDArray[np.float64] | None:
+    """Read the colour that a material emits, (3,) in 0 to 1, if it has no other one."""
+    light = np.clip(np.array(values.get("ke", [0.0]), np.float64), 0, 1)
+    return light if light.any() and not np.any(values.get("kd", 0.0)) else None
 
 
 def losses(material: Any, uv: np.ndarray | None) -> Iterator[str]:
@@ -70,14 +120,3 @@ def losses(material: Any, uv: np.ndarray | None) -> Iterator[str]:
 def _file(text: str) -> str:
     """Return the file that a texture statement names, without options."""
     return text[match.end() :] if (match := OPTIONS.match(text)) else text
-
-
-def _last_number(words: Any) -> float | None:
-    return _number(words[-1]) if isinstance(words, list) and words else None
-
-
-def _number(word: object) -> float | None:
-    try:
-        return float(str(word))
-    except ValueError:
-        return None

@@ -34,16 +34,24 @@ class Textures:
 
     def __init__(self, companions: Companions, transparent: Set[str] = frozenset()) -> None:
         self.unread = companions.unread
-        self._transparent = transparent
         self._names: dict[str, str] = {}
         self._digests: dict[int, str] = {}  # Pillow forgets a file's content when it is decoded
         self._decoded: dict[tuple[str, bool], NDArray[np.uint8] | None] = {}
         self._pixels = 0
+        self._transparent: set[str] = set()
         for name in companions.images:
-            self._names[hashlib.sha256(companions[name]).hexdigest()] = name
-            self.open(name, companions[name])
+            digest = hashlib.sha256(companions[name]).hexdigest()
+            self._names.setdefault(digest, name)
+            if name in transparent:
+                self._transparent.add(digest)
+            self._open(name, companions[name])
 
-    def open(self, name: str, content: bytes) -> Image.Image | None:
+    def read(self, name: str, content: bytes) -> NDArray[np.uint8] | None:
+        """Decode an image that a mesh file holds; `name` is for messages, the result as of `decode`."""
+        image = self._open(name, content)
+        return None if image is None else self.decode(image, name=name)
+
+    def _open(self, name: str, content: bytes) -> Image.Image | None:
         """Open an image; list it as not read, with the reason, if it is none."""
         try:
             return Image.open(BytesIO(content), formats=FORMATS)
@@ -55,7 +63,7 @@ class Textures:
 
     def is_transparent(self, image: Image.Image) -> bool:
         """Check whether the file says of an image that its alpha is an opacity."""
-        return self._names.get(self._digest(image)) in self._transparent
+        return self._digest(image) in self._transparent
 
     def decode(self, image: Image.Image, *, opaque: bool = False, name: str = "") -> NDArray[np.uint8] | None:
         """Decode an image; the same array for the same content.
@@ -63,7 +71,7 @@ class Textures:
         Parameters
         ----------
         image
-            Opened by `open`, or by Pillow.
+            Opened by Pillow.
         opaque
             Whether its alpha is no opacity.
         name
@@ -84,7 +92,7 @@ class Textures:
         return self._decoded[digest, opaque]
 
     def _decode(self, image: Image.Image, name: str, opaque: bool) -> NDArray[np.uint8] | None:
-        if image.format not in (None, "MPO", *FORMATS):  # None: made by a conversion; MPO: opened as JPEG; `open` has listed others
+        if image.format not in (None, "MPO", *FORMATS):  # None: made by a conversion; MPO: opened as JPEG; `_open` has listed others
             return None
         self._pixels += image.width * image.height
         if self._pixels > MAX_PIXELS:
