@@ -76,9 +76,9 @@ def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, con
     except InvalidInput:
         raise
     except UnidentifiedImageError as error:
-        foreign = foreign_content(content)
-        problem = f"is {foreign}" if foreign else "cannot be read as an image"
-        raise InvalidInput(f"{path} {problem}; give a file in {', '.join(FORMATS)}") from error
+        if foreign := foreign_content(content):
+            raise InvalidInput(f"{path} is {foreign}") from error
+        raise InvalidInput(f"{path} cannot be read as an image; give a file in {', '.join(FORMATS)}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error
 

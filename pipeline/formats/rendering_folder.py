@@ -95,7 +95,8 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
     except InvalidInput:
         raise
     except UnidentifiedImageError as error:  # its message has a memory address, which differs in each run
-        raise InvalidInput(f"{path} is {foreign_content(content) or 'no PNG file'}; download the model's renderings again") from error
+        problem = foreign_content(content) or "no PNG file; download the model's renderings again"
+        raise InvalidInput(f"{path} is {problem}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
 

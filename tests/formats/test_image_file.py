@@ -54,7 +54,7 @@ def test_common_formats_are_read(tmp_path: Path, kind: str, mode: str) -> None:
         (encoded("PNG", "RGBA"), "has colours RGBA"),
         (encoded("PNG")[:-30], "cannot be read as an image"),
         (png(2, 2, chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(2**26)))), "cannot be read as an image"),
-        (b"", "cannot be read as an image"),
+        (b"", "is an empty file"),
     ],
     ids=["eps", "gif", "pixels", "bomb", "overflow", "alpha", "cut", "text", "empty"],
 )
