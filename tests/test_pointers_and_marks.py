@@ -76,7 +76,7 @@ def test_pointer_in_place_of_a_mesh_is_named_by_its_reader_and_its_key(tmp_path:
 
 
 def test_photograph_that_a_sensor_file_names_and_a_card_are_named_as_pointers(tmp_path: Path) -> None:
-    background = "calibrated: {coefficients: [[[0, 0]], [[0, 0]], [[0, 0]]], background: untouched.png}"
+    background = "calibrated: {coefficients: [[[0], [0]], [[0], [0]], [[0], [0]]], background: untouched.png}"
     text = f"name: a\nwidth: 0.02\nheight: 0.02\nrows: 4\ncols: 4\nw: 0.002\nrange: 0.01\nnoise: none\n{background}\n"
     (tmp_path / "a.yaml").write_text(text)
     (tmp_path / "untouched.png").write_text(POINTER)
