@@ -115,10 +115,12 @@ def read_file(path: Path, max_bytes: int) -> bytes:
 def read_text(path: Path, max_bytes: int) -> str:
     """Read a text file in UTF-8, or as its byte-order mark says; raise an `InvalidInput` as `read_file`, or if it is no such text."""
     content = without_mark(path, read_file(path, max_bytes))
+    if content and (foreign := foreign_content(content)):
+        raise InvalidInput(f"{path} is {foreign}")
     try:
         return content.decode()
     except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path} is {foreign_content(content) or f'not text in UTF-8 ({error}); save it as UTF-8'}") from error
+        raise InvalidInput(f"{path} is not text in UTF-8 ({error}); save it as UTF-8") from error
 
 
 def refuse_pointer(path: object, content: bytes) -> None:
