@@ -22,19 +22,19 @@ from pipeline.kernels.geometry.normalise import normalise_mesh
 SIDES = (30.0, 20.0, 10.0)
 
 
-@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
-def test_unit_is_read_in_the_encoding_of_the_byte_order_mark(tmp_path: Path, encoding: str) -> None:
-    text = collada(tmp_path / "a.dae", "<unit meter='0.0254'/>", "<up_axis>Z_UP</up_axis>").read_text()
-    (tmp_path / "a.dae").write_bytes((text + "<!-- -->" * 10_000).encode(encoding))
-    assert stated_units(tmp_path / "a.dae") == (0.0254, "z")
-
-
 def collada(path: Path, *assets: str) -> Path:
     """Write a box of `SIDES` units whose asset element holds `assets` in place of what trimesh states."""
     text = trimesh.creation.box(SIDES).export(file_type="dae").decode()
     before, _, rest = text.partition("<asset>")
     path.write_text(f"{before}<asset>{''.join(assets)}</asset>{rest.partition('</asset>')[2]}")
     return path
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
+def test_unit_is_read_in_the_encoding_of_the_byte_order_mark(tmp_path: Path, encoding: str) -> None:
+    text = collada(tmp_path / "a.dae", "<unit meter='0.0254'/>", "<up_axis>Z_UP</up_axis>").read_text()
+    (tmp_path / "a.dae").write_bytes((text + "<!-- -->" * 10_000).encode(encoding))
+    assert stated_units(tmp_path / "a.dae") == (0.0254, "z")
 
 
 @pytest.mark.parametrize(
