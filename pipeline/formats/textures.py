@@ -35,7 +35,7 @@ class Textures:
     def __init__(self, companions: Companions, transparent: Set[str] = frozenset()) -> None:
         self.unread = companions.unread
         self._names: dict[str, str] = {}
-        self._digests: dict[int, str] = {}  # Pillow forgets a file's content when it is decoded
+        self._digests: dict[int, tuple[Image.Image, str]] = {}  # Pillow forgets a file's content when it is decoded
         self._decoded: dict[tuple[str, bool], NDArray[np.uint8] | None] = {}
         self._pixels = 0
         self._transparent: set[str] = set()
@@ -48,8 +48,11 @@ class Textures:
 
     def read(self, name: str, content: bytes) -> NDArray[np.uint8] | None:
         """Decode an image that a mesh file holds; `name` is for messages, the result as of `decode`."""
-        image = self._open(name, content)
-        return None if image is None else self.decode(image, name=name)
+        key = (hashlib.sha256(content).hexdigest(), False)
+        if key not in self._decoded:
+            image = self._open(name, content)
+            self._decoded[key] = None if image is None else self._decode(image, name, opaque=False)
+        return self._decoded[key]
 
     def _open(self, name: str, content: bytes) -> Image.Image | None:
         """Open an image; list it as not read, with the reason, if it is none."""
@@ -65,7 +68,7 @@ class Textures:
         """Check whether the file says of an image that its alpha is an opacity."""
         return self._digest(image) in self._transparent
 
-    def decode(self, image: Image.Image, *, opaque: bool = False, name: str = "") -> NDArray[np.uint8] | None:
+    def decode(self, image: Image.Image, *, opaque: bool) -> NDArray[np.uint8] | None:
         """Decode an image; the same array for the same content.
 
         Parameters
@@ -74,8 +77,6 @@ class Textures:
             Opened by Pillow.
         opaque
             Whether its alpha is no opacity.
-        name
-            For messages, unless it is a file's.
 
         Returns
         -------
@@ -88,10 +89,10 @@ class Textures:
         """
         digest = self._digest(image)
         if (digest, opaque) not in self._decoded:
-            self._decoded[digest, opaque] = self._decode(image, self._names.get(digest) or name or "a texture", opaque)
+            self._decoded[digest, opaque] = self._decode(image, self._names.get(digest, "a texture"), opaque=opaque)
         return self._decoded[digest, opaque]
 
-    def _decode(self, image: Image.Image, name: str, opaque: bool) -> NDArray[np.uint8] | None:
+    def _decode(self, image: Image.Image, name: str, *, opaque: bool) -> NDArray[np.uint8] | None:
         if image.format not in (None, "MPO", *FORMATS):  # None: made by a conversion; MPO: opened as JPEG; `_open` has listed others
             return None
         self._pixels += image.width * image.height
@@ -111,8 +112,9 @@ class Textures:
     def _digest(self, image: Image.Image) -> str:
         if id(image) not in self._digests:
             file = getattr(image, "fp", None)
-            self._digests[id(image)] = hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
-        return self._digests[id(image)]
+            digest = hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
+            self._digests[id(image)] = image, digest  # with the image, as another one may have its id later
+        return self._digests[id(image)][1]
 
 
 def _eight_bits(image: Image.Image) -> Image.Image:

@@ -125,7 +125,7 @@ def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
         (r"<robot", '<!DOCTYPE x [<!ENTITY a "b">]><robot', "declares a document type or entities"),
         (r"<robot", '<?xml version="1.0" encoding="odd"?><robot', "not XML"),
         (r"</robot>", "<link/>" * 1001 + "</robot>", "links, joints and shapes, 1000 are the most"),
-        (r"</robot>", " " * 11_000_000 + "</robot>", "bytes, 10485760 are the most"),
+        (r"</robot>", " " * 11_000_000 + "</robot>", "bytes; 10485760 are the most"),
     ],
 )
 def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:
