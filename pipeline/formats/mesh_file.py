@@ -92,7 +92,6 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     content, transparent = companions.content, set[str]()
     match file.suffix.lower():
         case ".obj":
-            companions.unread += mtl.undefined_materials(content, companions[ALL_LIBRARIES])
             content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(content))
         case ".dae":
             content, transparent = rewrite_effects(content, companions.unread)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.console import abbreviate
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text, foreign_content, without_mark
 
@@ -63,16 +62,6 @@ def read_library(name: str, content: bytes, unread: list[str]) -> bytes:
             case "map_kd" | "map_ka" | "map_ke" | "map_d":
                 kept.append(line)
     return "\n".join(kept).encode()
-
-
-def undefined_materials(content: bytes, library: bytes) -> Iterator[str]:
-    """Name the materials that the faces of an OBJ use and its libraries do not define."""
-    used, defined = (
-        {decode_text(name).strip() for name in re.findall(rb"^[ \t]*" + word + rb"[ \t]+([^\r\n]*)", text, re.MULTILINE | re.IGNORECASE)}
-        for word, text in ((b"usemtl", content), (b"newmtl", library))
-    )
-    if defined and (lacking := sorted(used - defined - {"None", "(null)", ""})):  # as faces without a material are written
-        yield f"materials that its libraries lack: {abbreviate(lacking)}"
 
 
 def _numbers(words: Sequence[str]) -> list[float]:

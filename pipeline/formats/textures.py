@@ -46,12 +46,12 @@ class Textures:
                 self._transparent.add(digest)
             self._open(name, companions[name])
 
-    def read(self, name: str, content: bytes) -> NDArray[np.uint8] | None:
-        """Decode an image that a mesh file holds; `name` is for messages, the result as of `decode`."""
-        key = (hashlib.sha256(content).hexdigest(), False)
+    def read(self, name: str, content: bytes, *, opaque: bool = False) -> NDArray[np.uint8] | None:
+        """Decode an image from its content; `name` is for messages, the rest as for `decode`."""
+        key = (hashlib.sha256(content).hexdigest(), opaque)
         if key not in self._decoded:
             image = self._open(name, content)
-            self._decoded[key] = None if image is None else self._decode(image, name, opaque=False)
+            self._decoded[key] = None if image is None else self._decode(image, name, opaque=opaque)
         return self._decoded[key]
 
     def _open(self, name: str, content: bytes) -> Image.Image | None:

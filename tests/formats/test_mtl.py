@@ -89,7 +89,3 @@ def test_statements_that_change_a_look_and_are_not_read_are_listed(
     tmp_path: Path, statements: str, uv: float, lines: tuple[str, ...]
 ) -> None:
     assert painted(tmp_path, f"newmtl a\n{statements}\n", uv=uv).unread == lines
-
-
-def test_material_that_no_library_defines_is_listed(tmp_path: Path) -> None:
-    assert painted(tmp_path, "newmtl b\nKd 1 0 0\n").unread == ("materials that its libraries lack: a",)
