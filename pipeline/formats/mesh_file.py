@@ -16,7 +16,9 @@ from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
 from pipeline.formats.collada import rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign
+from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
+from pipeline.formats.mesh_parts import GREY, MAX_UV, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
 from pipeline.formats.textures import Textures
@@ -26,14 +28,6 @@ PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
 
-MAX_UV = 2.0**20
-"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
-MAX_FACES = 2_000_000
-"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -83,7 +77,8 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
         refuse_foreign(file.name, companions.content)
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
+        left_out = "".join(f"; {reason}" for reason in dict.fromkeys(companions.unread))
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{left_out}")
     return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
 
 
@@ -91,6 +86,8 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
     content, transparent = companions.content, set[str]()
     match file.suffix.lower():
+        case ".gltf" | ".glb":
+            return read_gltf(companions, Textures(companions).read)
         case ".obj":
             content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(content))
         case ".dae":
@@ -108,11 +105,6 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
         return parts
 
 
-def _check(what: str, number: int, limit: int, remedy: str) -> None:
-    if number > limit:
-        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
-
-
 def _read(content: bytes, file: Path, companions: Companions, transparent: Set[str], skip_materials: bool = False) -> list[Mesh]:
     """Read the parts of a file from its content, each in its pose; `transparent` is as for `Textures`."""
     suffix = file.suffix.lower()
@@ -120,11 +112,9 @@ def _read(content: bytes, file: Path, companions: Companions, transparent: Set[s
     scene: Any = trimesh.load_scene(BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
-    _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
-    _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
+    check_mesh(sum(len(parts[name].faces) for _, name in nodes), sum(len(parts[name].vertices) for _, name in nodes))
     textures = Textures(companions, transparent)
-    linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
-    looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
+    looks = {name: _look(part, textures) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 
 
@@ -176,13 +166,13 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
+def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
     face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
-        colors[0], texture = _material(visual.material, textures, linear=linear)
+        colors[0], texture = _material(visual.material, textures)
         textures.unread += mtl.losses(visual.material, visual.uv)
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
@@ -199,32 +189,27 @@ def _look(part: trimesh.Trimesh, textures: Textures, *, linear: bool) -> Look:
         base_color=colors,
         material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
         textures=() if texture is None else (texture,),
-        vertex_color=_vertex_color(visual, len(part.vertices), linear=linear),
+        vertex_color=_vertex_color(visual, len(part.vertices)),
     )
 
 
-def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
+def _vertex_color(visual: Any, count: int) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
     stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
     if stored is None or len(stored) != count:
         return None
     stored = np.rint(stored / 257).astype(np.uint8) if stored.dtype == np.uint16 else stored  # trimesh would take the lower eight bits
-    colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
-    if linear:
-        colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
-    return colors
+    return np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
 
 
-def _material(material: Any, textures: Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of any of trimesh's kinds of materials."""
     color = np.full(4, 255, np.uint8)
-    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of COLLADA: a factor, white by default, times the texture
         if material.baseColorFactor is not None:
             color[:] = material.baseColorFactor
-        if linear:
-            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(color[:3]))
         image = material.baseColorTexture
-        return color, None if image is None else textures.decode(image, opaque=not linear and not textures.is_transparent(image))
+        return color, None if image is None else textures.decode(image, opaque=not textures.is_transparent(image))
     values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
     texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
     if texture is None:

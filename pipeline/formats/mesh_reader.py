@@ -1,7 +1,7 @@
 """Read mesh files in a separate process: each in a fork of it, which the kernel stops at a limit of memory and of time.
 
-A file of three kilobytes may take gigabytes, or years. A limit set in this process would apply to its other threads, and to memory that it
-had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
+A small file may need more memory or time than there is. A limit set in this process would apply to its other threads, and to memory that
+it had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
 """
 
 from __future__ import annotations
