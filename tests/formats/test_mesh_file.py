@@ -196,7 +196,7 @@ def test_texture_that_needs_another_program_is_dropped(tmp_path: Path, monkeypat
 
 
 def test_gltf_with_too_many_entries_is_refused_before_parsing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.formats.mesh_companions.MAX_ENTRIES", 1000)
+    monkeypatch.setattr("pipeline.formats.gltf.MAX_ENTRIES", 1000)
     with pytest.raises(InvalidInput, match="entries in its JSON, 1000 are the most"):
         parse_mesh(gltf(tmp_path, extras=[0] * 1001), tmp_path)
 
