@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline import plugins
 from pipeline.errors import InvalidInput, closest_name
-from pipeline.formats.file_content import expanded, read_file
+from pipeline.formats.file_content import expanded, read_text
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
@@ -125,7 +125,7 @@ def read_yaml(path: Path) -> Any:
     ValueError, yaml.YAMLError
         It cannot be read, is too large or too deep, has aliases, or is not YAML.
     """
-    return parse_yaml(read_file(path, MAX_BYTES).decode())
+    return parse_yaml(read_text(path, MAX_BYTES))
 
 
 def parse_yaml(text: str) -> Any:

@@ -7,6 +7,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.formats.file_content import without_mark
 from pipeline.formats.threemf_package import HEAD_BYTES, Package
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
@@ -48,7 +49,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+        head = without_mark(file, stream.read(HEAD_BYTES))
     head = re.sub(rb"<!--.*?-->", b"", head, flags=re.DOTALL)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_companions import decode_text
+from pipeline.formats.file_content import decode_text
 from pipeline.formats.mesh_parts import MAX_FACES, check_count, read_numbers
 
 TYPES = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from pathlib import Path
 
@@ -11,12 +12,15 @@ from numpy.typing import NDArray
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import SMALLEST, find_contact
 
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
+MAX_BYTES = 10 * 2**20
+"""Largest size of `CIRCLES`."""
 MIN_PHOTOGRAPHS = 4
 """Half of them are fitted, the others tested."""
 
@@ -88,8 +92,10 @@ def _read_circles(path: Path) -> dict[str, Circle]:
     if not path.is_file():
         return {}
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets write a byte-order mark
-            lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in csv.DictReader(file)]
+        rows = csv.DictReader(io.StringIO(read_text(path, MAX_BYTES), newline=""))
+        lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in rows]
+    except InvalidInput:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInput(
             f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
