@@ -54,9 +54,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     opened = shards[0]
     if len(shards) > 1:
         lazy = [shard.assign({name: _lazy(array.variable) for name, array in shard.data_vars.items()}) for shard in shards]
-        opened = _join(
-            dataset if shard.has_rows else _zeros(dataset, lazy[first_index]) for shard, dataset in zip(collection.shards, lazy, strict=True)
-        )
+        template, opened_shards = lazy[first_index], zip(collection.shards, lazy, strict=True)
+        opened = _join(dataset if shard.has_rows else _zeros(dataset, template) for shard, dataset in opened_shards)
     for variable in opened.variables.values():
         variable.encoding = {name: value for name, value in variable.encoding.items() if name not in ("chunks", "shards")}  # of its files
     attributes = dict(shards[0].attrs)
