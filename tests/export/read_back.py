@@ -125,6 +125,16 @@ def test_hugging_face_reads_rows_equal_to_the_stored_ones(exported, stored, tmp_
         check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
 
 
+def test_hugging_face_rounds_in_its_formats_as_the_card_says(exported, stored, tmp_path):
+    rows = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))["test"]
+    pose = stored.read("hand_pose", rows[0]["object_id"], rows[0]["grasp"])
+    for form in ("numpy", "torch"):
+        rounded = np.asarray(rows.with_format(form)[0]["hand_pose"])
+        assert rounded.dtype == np.float32
+        np.testing.assert_array_equal(rounded, pose.astype(np.float32))
+    np.testing.assert_array_equal(rows.with_format("numpy", dtype=np.float64)[0]["hand_pose"], pose)
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it does not close its files
 def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_path):  # noqa: F811
     vt("export", data, tmp_path / "out", "--to", "webdataset")
