@@ -47,8 +47,8 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
     episodes: list[dict[str, Any]] = []
     files, splits, index = _DataFiles(pa, folder, schema_of(columns)), {}, 0
     objects = sum(map(len, frames.object_ids.values()))
-    with Meter(errors, "export", objects, "objects") as meter, tempfile.TemporaryFile(dir=folder) as numbers:
-        statistics = _Statistics(columns, numbers)
+    with Meter(errors, "export", objects, "objects") as meter, tempfile.TemporaryFile(dir=folder) as spooled:
+        statistics = _Statistics(columns, spooled)
         for split, ids in frames.object_ids.items():
             splits[split] = f"{len(episodes)}:{len(episodes) + len(ids)}"
             for object_id in ids:
