@@ -29,10 +29,9 @@ SURFACES = Artifact(
         ),
         "source_sha256": Array(("object",), "string", "1", "SHA-256 of that file; empty for a toy object.", optional=True),
         "licence": Array(("object",), "string", "1", "Licence of the mesh, as the manifest states it.", optional=True),
-        "missing_files": Array(
-            ("object",), "int32", "1", "Textures and materials that the file names and that are not below its folder.", optional=True
+        "unread": Array(
+            ("object",), "string", "1", "What the file holds or names and the mesh lacks, with reasons, one per line.", optional=True
         ),
-        "missing_names": Array(("object",), "string", "1", "Their paths, as the file states them, between commas.", optional=True),
         "metres_per_unit": Array(
             ("object",),
             "float64",

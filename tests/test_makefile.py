@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import shutil
+import stat
 import subprocess
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -286,8 +287,8 @@ def test_damaged_number_of_shards_is_refused_only_where_it_is_needed(shards, wor
     assert workplace.make("-n", "dataset", "DATA=d", "SHARDS=2").returncode == 0
 
 
-def test_pipe_in_place_of_a_dataset_description_does_not_block_make(workplace):
-    os.mkfifo(workplace.root / "dataset.json")
+def test_socket_in_place_of_a_dataset_description_is_reported_by_make(workplace):
+    os.mknod(workplace.root / "dataset.json", stat.S_IFSOCK | 0o600)
     assert "./dataset.json is damaged" in workplace.make("-n", "dataset", "DATA=.").stderr
 
 

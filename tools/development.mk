@@ -1,6 +1,6 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
-.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults fuzz bench bench-grasps bench-peers bench-touch \
+.PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-grasps bench-peers bench-touch \
         tradeoff test-systems weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
@@ -39,6 +39,10 @@ test-report: installed-browser  ## click through a report in headless Chromium, 
 
 test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant, WebDataset and Rerun, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
 	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/export/read_back.py tests/export/other_readers.py
+
+findings:  ## show what surprised us in other software, each in an environment of its own: findings/README.md (5 minutes)
+	@changed=0; for script in findings/*.sh; do \
+	    echo "== $$script"; PYTHON=$(call quoted,$(PYTHON)) sh "$$script" || { echo "it has changed"; changed=1; }; done; exit "$$changed"
 
 site: installed-docs  ## build the documentation as pages: site/index.html
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir site && echo "site/index.html"

@@ -62,7 +62,7 @@ def _collada(file: Path) -> tuple[float | None, str]:
 
 def _threemf(file: Path) -> float | None:
     with _Head(file) as content, zipfile.ZipFile(content) as archive:
-        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others may expand to gigabytes
+        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # the size of others is not bounded
             return None
         with archive.open(MODEL) as stream:
             unit = _attribute(stream.read(HEAD_BYTES), rb"model", rb"unit")

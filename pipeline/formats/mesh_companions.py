@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import html
-import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import regular_stat
+from pipeline.formats.gltf import file_names, read_document
 from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
@@ -26,22 +25,6 @@ MAX_BYTES = 256 * 2**20
 
 MAX_NAMES = 1000
 """Maximum number of file names in a mesh file."""
-
-MAX_ENTRIES = 1_000_000
-"""Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
-
-HARMLESS_EXTENSIONS = re.compile("material|(?<!KHR_)texture|KHR_texture_basisu|light|KHR_mesh_quantization", re.IGNORECASE)
-"""Extensions that a glTF may require, although they are ignored: shape and textures stay in their places, which KHR_texture_transform
-would change."""
-
-TRIANGLE_FAN = 6
-"""Mode of a glTF's primitive that is a triangle fan (glTF 2.0, section 5.24)."""
-
-UNSIGNED_SHORT = 5123
-"""Type of a glTF's component that is an integer of 16 bits without sign (glTF 2.0, section 5.1)."""
-
-MAX_NON_ASCII = 2**25
-"""Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
 
 MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 """A line of an OBJ that names material libraries."""
@@ -59,7 +42,8 @@ TEXTURE_OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are included; a symbolic link counts as its target. `missing` lists the names of the others.
+    Only regular files below the root are included; a symbolic link counts as its target. `unread` lists the others, and whatever else the
+    reader of the mesh file cannot read, each with the reason.
 
     Parameters
     ----------
@@ -81,7 +65,7 @@ class Companions(Mapping[str, bytes]):
         check_file(file)
         self.content = file.read_bytes()
         self.paths: dict[str, Path] = {}
-        self.missing: list[str] = []
+        self.unread: list[str] = []
         self._libraries: list[str] = []
         names = set[str]()
         for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
@@ -94,7 +78,7 @@ class Companions(Mapping[str, bytes]):
                 self.paths[name] = path
                 self._check_sizes()
             elif name:
-                self.missing.append(name)
+                self.unread.append(f"{name} is missing below the folder of meshes")
 
     def __getitem__(self, name: str) -> bytes:
         if name == ALL_LIBRARIES and self._libraries:
@@ -120,7 +104,7 @@ class Companions(Mapping[str, bytes]):
     def _names(self, file: Path, content: bytes) -> Iterator[str]:
         match file.suffix.lower():
             case ".gltf" | ".glb":
-                yield from _gltf_names(file)
+                yield from file_names(read_document(file.name, content))
             case ".dae":
                 yield from (html.unescape(_decode(image[1])) for image in COLLADA_IMAGE.finditer(content))
             case ".ply":
@@ -169,66 +153,6 @@ def check_file(file: Path) -> None:
         raise InvalidInput(f"{file.name} is an empty file")
     if size > MAX_BYTES:
         raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")
-
-
-def _read_gltf(file: Path) -> dict[str, Any]:
-    """Read the JSON of a glTF file, text or binary (glTF 2.0, sections 3.3 and 4.4)."""
-    content = file.read_bytes()
-    if file.suffix.lower() == ".glb":
-        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
-    if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
-        raise InvalidInput(f"{file.name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
-    if len(content) > MAX_NON_ASCII and not content.isascii():
-        raise InvalidInput(
-            f"{file.name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB"
-        )
-    try:
-        tree = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {error}") from error
-    if not isinstance(tree, dict):
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: its JSON is not an object")
-    return tree
-
-
-def _gltf_names(file: Path) -> Iterator[str]:
-    """List the URIs of a glTF's buffers and images that name files."""
-    tree = _read_gltf(file)
-    _check_geometry(file.name, tree)
-    parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
-    uris = (part.get("uri") for part in parts if isinstance(part, dict))
-    return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)
-
-
-def _check_geometry(name: str, tree: Mapping[str, Any]) -> None:
-    """Refuse a glTF whose shape or look would be read wrongly: encoded by an extension, as integers or sparsely, or as triangle fans."""
-    encoded = [one for one in map(str, _list(tree.get("extensionsRequired"))) if not HARMLESS_EXTENSIONS.search(one)]
-    if encoded:
-        raise InvalidInput(f"{name} requires {encoded[0]}, which cannot be read; export it without compression and extensions")
-    accessors = dict(enumerate(_list(tree.get("accessors"))))
-    for primitive in (part for mesh in _list(tree.get("meshes")) for part in _list(_get(mesh, "primitives"))):
-        if _get(primitive, "mode") == TRIANGLE_FAN:
-            raise InvalidInput(f"{name} has triangle fans, which cannot be read; export it as triangles")
-        attributes = _get(primitive, "attributes")
-        position, uv, colors, indices = (
-            accessors.get(index) if isinstance(index, int) else None
-            for index in (*(_get(attributes, of) for of in ("POSITION", "TEXCOORD_0", "COLOR_0")), _get(primitive, "indices"))
-        )
-        if any(_get(part, "sparse") for part in (position, uv, colors, indices)):
-            raise InvalidInput(f"{name} has sparse accessors, which cannot be read; export it without them")
-        for what, part in (("positions", position), ("texture coordinates", uv)):
-            if _get(part, "normalized"):
-                raise InvalidInput(f"{name} has {what} as normalised integers, which cannot be read; export it without quantisation")
-        if _get(colors, "componentType") == UNSIGNED_SHORT and _get(primitive, "material") is None:
-            raise InvalidInput(f"{name} has vertices with colours of 16 bits and no material, which cannot be read; give it a material")
-
-
-def _get(value: Any, name: str) -> Any:
-    return value.get(name) if isinstance(value, dict) else None
-
-
-def _list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
 
 
 def _names_after(word: bytes, content: bytes) -> Iterator[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence, Sized
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,9 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES
+from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
+from pipeline.formats.mesh_parts import GREY, MAX_UV, Decode, check_count, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import rewrite_lines
 from pipeline.kernels.geometry.mesh import Look, Mesh
@@ -23,15 +26,6 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
-
-MAX_UV = 2.0**20
-"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
-MAX_FACES = 2_000_000
-"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
 """Accepted formats of textures. Pillow would read others too, some by starting other programs."""
@@ -85,12 +79,15 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
-    return _join(meshes)
+        left_out = "".join(f"; {reason}" for reason in dict.fromkeys(companions.unread))
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{left_out}")
+    return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
     """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
+    if file.suffix.lower() in (".gltf", ".glb"):
+        return read_gltf(companions, _decoder(companions.unread))
     content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content)) if file.suffix.lower() == ".obj" else file
     try:
         return _read(content, file, companions)
@@ -105,9 +102,19 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
         return _read(content, file, companions, skip_materials=True)
 
 
-def _check(what: str, number: int, limit: int, remedy: str) -> None:
-    if number > limit:
-        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
+def _decoder(unread: list[str]) -> Decode:
+    """Return a function that decodes the textures of one file, and notes those that it cannot."""
+    textures, images = _Textures(), list[Image.Image]()  # which knows images by their identity
+
+    def decode(name: str, content: bytes) -> NDArray[np.uint8] | None:
+        try:
+            images.append(Image.open(BytesIO(content)))
+            return textures.decode(images[-1])
+        except (OSError, ValueError) as error:
+            unread.append(f"{name} cannot be decoded: {str(error).partition(' <')[0]}")
+            return None
+
+    return decode
 
 
 class _Textures:
@@ -133,7 +140,7 @@ class _Textures:
             if image.format not in (None, *FORMATS):  # None: made by a conversion
                 raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
             self._pixels += image.width * image.height
-            _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
+            check_count("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
             self._decoded[digest] = np.array(_eight_bits(image).convert("RGBA"))
         return self._decoded[digest]
 
@@ -155,11 +162,9 @@ def _read(content: Path | bytes, file: Path, companions: Companions, skip_materi
     scene: Any = trimesh.load_scene(content if isinstance(content, Path) else BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
-    _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
-    _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
+    check_mesh(sum(len(parts[name].faces) for _, name in nodes), sum(len(parts[name].vertices) for _, name in nodes))
     textures = _Textures()
-    linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
-    looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
+    looks = {name: _look(part, textures) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 
 
@@ -211,13 +216,13 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
+def _look(part: trimesh.Trimesh, textures: _Textures) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
     face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
-        colors[0], texture = _material(visual.material, textures, linear=linear)
+        colors[0], texture = _material(visual.material, textures)
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
@@ -233,30 +238,25 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
         base_color=colors,
         material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
         textures=() if texture is None else (texture,),
-        vertex_color=_vertex_color(visual, len(part.vertices), linear=linear),
+        vertex_color=_vertex_color(visual, len(part.vertices)),
     )
 
 
-def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
+def _vertex_color(visual: Any, count: int) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
     stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
     if stored is None or len(stored) != count:
         return None
     stored = np.rint(stored / 257).astype(np.uint8) if stored.dtype == np.uint16 else stored  # trimesh would take the lower eight bits
-    colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
-    if linear:
-        colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
-    return colors
+    return np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
 
 
-def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: _Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of any of trimesh's kinds of materials."""
     color = np.full(4, 255, np.uint8)
-    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of COLLADA: a factor, white by default, times the texture
         if material.baseColorFactor is not None:
             color[:] = material.baseColorFactor
-        if linear:
-            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(color[:3]))
         return color, None if material.baseColorTexture is None else textures.decode(material.baseColorTexture)
     image: Any = getattr(material, "image", None)
     if image is None:

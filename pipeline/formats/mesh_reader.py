@@ -1,7 +1,7 @@
 """Read mesh files in a separate process: each in a fork of it, which the kernel stops at a limit of memory and of time.
 
-A file of three kilobytes may take gigabytes, or years. A limit set in this process would apply to its other threads, and to memory that it
-had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
+A small file may need more memory or time than there is. A limit set in this process would apply to its other threads, and to memory that
+it had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
 """
 
 from __future__ import annotations
@@ -178,10 +178,11 @@ def _arrays(mesh: Mesh) -> tuple[list[NDArray[Any]], dict[str, object]]:
     colors = [] if look.vertex_color is None else [look.vertex_color]
     shape: list[NDArray[Any]] = [mesh.vertices, mesh.faces]
     arrays = [*shape, look.uv, look.face_material, look.base_color, look.material_texture, *colors, *look.textures]
-    return arrays, {"colors": bool(colors), "arrays": [[array.dtype.str, array.shape] for array in arrays]}
+    described = [[array.dtype.str, array.shape] for array in arrays]
+    return arrays, {"colors": bool(colors), "arrays": described, "unread": mesh.unread}
 
 
-def _mesh(head: dict[str, list[tuple[str, list[int]]]], stream: IO[bytes]) -> Mesh:
+def _mesh(head: dict[str, Any], stream: IO[bytes]) -> Mesh:
     """Read the arrays of a mesh from their description."""
     arrays = [np.empty(shape, dtype) for dtype, shape in head["arrays"]]
     for array in arrays:
@@ -189,7 +190,8 @@ def _mesh(head: dict[str, list[tuple[str, list[int]]]], stream: IO[bytes]) -> Me
             raise EOFError
     vertices, faces, uv, face_material, base_color, material_texture, *textures = arrays
     colors = textures.pop(0) if head["colors"] else None
-    return Mesh(vertices, faces, Look(uv, face_material, base_color, material_texture, tuple(textures), colors))
+    look = Look(uv, face_material, base_color, material_texture, tuple(textures), colors)
+    return Mesh(vertices, faces, look, tuple(head["unread"]))
 
 
 def _bytes(array: NDArray[Any]) -> memoryview:

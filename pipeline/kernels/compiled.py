@@ -30,7 +30,7 @@ def compiled(function: F) -> F:
 
     Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three seconds.
 
-    `numba.guvectorize` is not used: two processes that fill its cache at once leave files that crash their readers (numba #10128).
+    `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
     """
     try:
         return cast(F, numba.njit(error_model="numpy", cache=True)(function))

@@ -18,7 +18,6 @@ from pipeline.config.objects import identity
 from pipeline.console import Meter, Row, Table, errors, pluralise, table_lines
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
-from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.reports.contact_sheet_page import spread_evenly
@@ -27,7 +26,7 @@ from pipeline.reports.reconstruction_gallery import render_mesh
 from pipeline.reports.second_view import fitted_camera
 from stages.render_vision.renderer import Renderer
 from stages.sample_surfaces.settings import SurfaceSettings
-from stages.sample_surfaces.stage import SampleSurfaces, missing_remarks, normalised_mesh
+from stages.sample_surfaces.stage import SampleSurfaces, normalised_mesh, unread_remarks
 
 LISTED = 50
 """Objects, faults or categories that are listed one by one."""
@@ -61,8 +60,8 @@ class CheckedObject:
         Of its mesh, cleaned.
     textures
         How many there are.
-    missing
-        Files with textures or materials that it names and that are missing.
+    unread
+        What the file holds or names and the mesh lacks, with reasons.
     """
 
     name: str
@@ -74,7 +73,7 @@ class CheckedObject:
     faces: int
     watertight: bool
     textures: int
-    missing: tuple[str, ...]
+    unread: tuple[str, ...]
 
     @property
     def doubt(self) -> str | None:
@@ -98,7 +97,7 @@ class CheckedObject:
     @property
     def row(self) -> Row:
         """Give the row of a table with `COLUMNS`."""
-        textures = f"{self.textures}, {len(self.missing)} missing" if self.missing else str(self.textures)
+        textures = f"{self.textures}, {len(self.unread)} missing or unread" if self.unread else str(self.textures)
         return Row([self.name, self.size, self.unit, self.faces, textures, "yes" if self.watertight else "no"])
 
 
@@ -154,7 +153,7 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_tables(checked),
         *_first(faults),
         *_first([doubt for item in checked if (doubt := item.doubt)]),
-        *missing_remarks({item.name: item.missing for item in checked if item.missing}),
+        *unread_remarks({item.name: item.unread for item in checked if item.unread}),
         *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),
@@ -170,10 +169,9 @@ def read_object(item: Object, units: str | None) -> CheckedObject:
     InvalidInput, OSError
         It cannot be used; the message says why.
     """
-    source, missing, unit = item.source, list[str](), "m, modelled"
+    source, unit = item.source, "m, modelled"
     if "file" in source:
         file = Path(source["file"])
-        missing = Companions(file, Path(source["root"])).missing
         unit = _unit(file, source["metres_per_unit"], "--units" if units and source["metres_per_unit"] == METRES[units] else "manifest")
     mesh, placement, report = normalised_mesh(source, SurfaceSettings())
     diagonal = bounding_diagonal(mesh.vertices)
@@ -187,7 +185,7 @@ def read_object(item: Object, units: str | None) -> CheckedObject:
         faces=len(mesh.faces),
         watertight=report.watertight,
         textures=len(mesh.look.textures),
-        missing=tuple(missing),
+        unread=mesh.unread,
     )
 
 
@@ -214,7 +212,7 @@ def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
             for label, place in zip(QUANTILES, places, strict=True)
         ]
         yield from table_lines(Table("", ("by size", "diagonal, m", "in its file", "faces", "object"), rows, ("", ".3g", ".3g", "", "")))
-        checked = [item for item in checked if item.doubt or item.missing]
+        checked = [item for item in checked if item.doubt or item.unread]
     if checked:
         yield from table_lines(Table("", COLUMNS, [item.row for item in checked[:LISTED]]))
     if len(checked) > LISTED:

@@ -16,7 +16,7 @@ PLATFORM = "PYOPENGL_PLATFORM"
 """The environment variable that tells PyOpenGL, on import, how to find OpenGL's functions."""
 
 SAME_ON_EVERY_PROCESSOR = {"GALLIUM_OVERRIDE_CPU_CAPS": "sse4.1", "LP_NATIVE_VECTOR_WIDTH": "128"}
-"""Processor features for Mesa's software renderer: those of every x86-64 processor that numpy supports. Mesa crashes at width 512."""
+"""Processor features for Mesa's software renderer: those of every x86-64 processor that numpy supports."""
 
 
 class NoOpenGL(RuntimeError):
@@ -103,7 +103,7 @@ class OpenGLContext:
 
 
 def _load_triton() -> None:
-    """Load torch's compiler if it is installed: its LLVM and Mesa's share symbols, and it crashes if Mesa's are loaded first."""
+    """Load torch's compiler if it is installed: its LLVM and Mesa's share symbols, and only its own work for it."""
     with suppress(ImportError):
         import_module("triton")
 

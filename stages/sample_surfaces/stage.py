@@ -15,7 +15,6 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
-from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
@@ -51,11 +50,11 @@ class SampleSurfaces(ObjectStage):
                 )
 
     def describe_shard(self, settings: SurfaceSettings, shard: Shard) -> Iterator[str]:
-        """Name the objects whose textures or materials are missing, and which are rendered without them."""
-        if not shard.has("missing_names"):  # all objects failed
+        """Name the objects that lack something of their files, such as a texture."""
+        if not shard.has("unread"):  # all objects failed
             return
-        paths = shard.read("missing_names")
-        yield from missing_remarks({name: str(paths[row]).split(", ") for name, row in shard.position.items() if paths[row]})
+        unread = shard.read("unread")
+        yield from unread_remarks({name: str(unread[row]).split("\n") for name, row in shard.position.items() if unread[row]})
 
     def cost(self, settings: SurfaceSettings) -> Cost:
         """Estimate one mesh and its points."""
@@ -75,6 +74,7 @@ def _process(unit: Unit, settings: SurfaceSettings) -> Row:
         "normals": normals,
         "placement": placement,
         **_origin(unit),
+        "unread": np.array("\n".join(mesh.unread)),
         "watertight": np.array(report.watertight),
         "degenerate_faces": np.array(report.degenerate_faces, np.int32),
         "duplicate_faces": np.array(report.duplicate_faces, np.int32),
@@ -87,30 +87,21 @@ def _origin(unit: Unit) -> Row:
     source = unit.source
     if "procedural" in source:
         file, sha256 = identity(source), ""
-        missing: list[str] = []
     else:
-        path = Path(source["file"])
-        companions = Companions(path, Path(source["root"]))
-        file, sha256, missing = path.relative_to(source["root"]).as_posix(), companions.sha256, companions.missing
+        file, sha256 = Path(source["file"]).relative_to(source["root"]).as_posix(), identity(source)
     return {
         "source_file": np.array(file),
         "source_sha256": np.array(sha256),
         "licence": np.array(source.get("licence", "")),
-        "missing_files": np.array(len(missing), np.int32),
-        "missing_names": np.array(", ".join(missing)),
         "metres_per_unit": np.array(source.get("metres_per_unit") or 0.0),
     }
 
 
-def missing_remarks(missing: Mapping[str, Sequence[str]]) -> Iterator[str]:
-    """Name the objects that are drawn without textures or materials, and a missing file."""
-    if missing:
-        first, paths = next(iter(missing.items()))
-        yield (
-            f"{pluralise(len(missing))} drawn without textures or materials that are not below their folder "
-            f"({abbreviate([*missing])}): {first} names {abbreviate(paths)}; put such files anywhere below the folder "
-            "of meshes, or name a folder that holds both"
-        )
+def unread_remarks(unread: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    """Name the objects that lack something of their files, and what the first of them lacks."""
+    if unread:
+        first, reasons = next(iter(unread.items()))
+        yield f"warning: {pluralise(len(unread))} not read in full ({abbreviate([*unread])}); in {first}: {abbreviate(reasons)}"
 
 
 def normalised_mesh(source: Mapping[str, Any], settings: SurfaceSettings) -> tuple[Mesh, np.ndarray, CleaningReport]:

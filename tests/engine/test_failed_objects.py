@@ -1,6 +1,7 @@
 """Objects that fail: recorded with reasons, tried again on request, and no others with them."""
 
 import os
+import stat
 from importlib import import_module
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.run import forecast
-from pipeline.engine.shard import failures
+from pipeline.engine.shard_units import failures
 from pipeline.errors import BugFound, InvalidInput
 from tests.engine.tiny_stages import MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
 
@@ -41,11 +42,13 @@ def test_failures_are_tried_again_with_retry_only(tmp_path):
 
 
 def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
-    items = objects(3, b="bad")
+    flag = tmp_path / "mended"
+    items = objects(3, b=f"until {flag}")
     for name in "ab":
         leave_row(request(tmp_path, items=items), name)
     missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
     assert missing == [[1], [2]]
+    flag.touch()
     assert run(request(tmp_path, items=items, retry=True)) == 2
 
 
@@ -105,10 +108,10 @@ def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_pat
     assert (noise.first.read("values")[1:3] == 0).all()
 
 
-@pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "pipe"])
+@pytest.mark.parametrize("content", [b"[" * 200_000, b"", None], ids=["nested", "empty", "socket"])
 def test_unreadable_file_fails_its_object_and_the_others_are_processed(tmp_path, content):
     file = tmp_path / "b.gltf"
-    os.mkfifo(file) if content is None else file.write_bytes(content)
+    os.mknod(file, stat.S_IFSOCK | 0o600) if content is None else file.write_bytes(content)
     items = [Object("b", "letter", {"file": str(file), "root": str(tmp_path)}, "train"), *objects(1)]
     run(request(tmp_path / "data", items=items))
     noise = published(tmp_path / "data")

@@ -350,7 +350,7 @@ def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (("stages", "simulate-grasps", "settings", "hand"), "/etc/passwd", "unknown hand /etc/passwd"),
+        (("stages", "simulate-grasps", "settings", "hand"), "/etc/hostname", "unknown hand /etc/hostname"),
         (("stages", "simulate-grasps", "settings", "hand"), "../hand.yaml", "unknown hand ../hand.yaml"),
         (("stages", "simulate-grasps", "settings", "hand"), "my_hand.yaml", "unknown hand my_hand.yaml"),
         (("stages", "simulate-grasps", "settings", "hand"), "robot/meshes/palm.obj", "unknown hand robot/meshes/palm.obj"),
@@ -360,8 +360,8 @@ def test_recipe_without_images_can_be_remade_and_one_without_what_a_stage_reads_
         (("texts", "setup.py"), "a: 1", "'setup.py' is no name of a text file"),
         (("texts", f"{'x' * 255}.yaml"), "a: 1", "x' must be a path below the folder"),
         (("texts", "my_scene.yaml/x.yaml"), "a: 1", "x.yaml cannot be written"),
-        (("files", "/etc/passwd"), "0" * 64, "'/etc/passwd' must be a path below the folder"),
-        (("files_url",), "file:///etc/passwd", "files_url: String should match pattern"),
+        (("files", "/etc/hostname"), "0" * 64, "'/etc/hostname' must be a path below the folder"),
+        (("files_url",), "file:///etc/hostname", "files_url: String should match pattern"),
         (("stages", "simulate-touch", "settings", "sensors"), ["/tmp/x.yaml"], "unknown sensor /tmp/x.yaml"),
         (("stages", "render-vision", "settings", "scene"), "~/scene.yaml", "unknown scene ~/scene.yaml"),
         (("manifest", "sources", 0, "path"), "/etc", "must be"),
@@ -401,8 +401,8 @@ def test_hostile_entry_is_refused_with_a_clear_error(
 @pytest.mark.parametrize(
     "source",
     [
-        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "../../../etc/passwd"}}},
-        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "/etc/passwd"}}},
+        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "../../../etc/hostname"}}},
+        {"kind": "pybullet", "licence": "x", "files": {"a": {"file": "/etc/hostname"}}},
         {"kind": "shapenet", "licence": "x", "synsets": {"a": ".."}},
         {"kind": "shapenet", "licence": "x", "synsets": {"a": "1"}, "meshes": "../.."},
         {"kind": "shapenet", "licence": "x", "synsets": {"a": "1"}, "renderings": "/tmp"},

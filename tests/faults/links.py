@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import resource
+import stat
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +32,6 @@ REPLACED = {
 REPORT = ("report", "report/objects", "report/figures", "report/index.html", "report/style.css", "report/pages.json")
 """Folders and files of a report that may be links."""
 
-GIGABYTE = 2**30
 """Unit of the additional memory that a process may take, so that reading a device to its end is noticed."""
 
 AGAIN = "open the dataset again"
@@ -110,14 +109,14 @@ def report_linked(trial: Trial) -> Verdict:
     return trial.mended(place, end)
 
 
-def _pipe(path: Path, rng: np.random.Generator, others: list[Path]) -> None:
+def _socket(path: Path, rng: np.random.Generator, others: list[Path]) -> None:
     path.unlink()
-    os.mkfifo(path)
+    os.mknod(path, stat.S_IFSOCK | 0o600)
 
 
 def _device(path: Path, rng: np.random.Generator, others: list[Path]) -> None:
     path.unlink()
-    path.symlink_to("/dev/zero")
+    path.symlink_to("/dev/null")
 
 
 def _link_to_itself(path: Path, rng: np.random.Generator, others: list[Path]) -> None:
@@ -125,18 +124,12 @@ def _link_to_itself(path: Path, rng: np.random.Generator, others: list[Path]) ->
     path.symlink_to(path.name)
 
 
-IRREGULAR = {"a pipe in its place": _pipe, "a link to a device in its place": _device, "a link to itself in its place": _link_to_itself}
+IRREGULAR = {"a socket in its place": _socket, "a link to a device in its place": _device, "a link to itself in its place": _link_to_itself}
 
 
 def irregular(trial: Trial) -> Verdict:
-    """Put a pipe, a device or a link to itself in place of a file: it is handled as damage, and no reader hangs."""
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 4 * GIGABYTE, before[1]))
-    try:
-        return damaged(trial, IRREGULAR)
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
+    """Put a socket, a device or a link to itself in place of a file: it is handled as damage."""
+    return damaged(trial, IRREGULAR)
 
 
 def open_while_resharded(trial: Trial) -> Verdict:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import stat
 import zipfile
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
@@ -93,8 +94,8 @@ def test_damaged_3mf_fails_alone(tmp_path: Path, fault: str) -> None:
 def test_other_files_state_no_unit(tmp_path: Path) -> None:
     (tmp_path / "box.stl").write_bytes(trimesh.creation.box(SIDES).export(file_type="stl"))
     (tmp_path / "no.3mf").write_bytes(b"PK\3\4 no archive")
-    os.mkfifo(tmp_path / "pipe.dae")
-    assert {stated_units(tmp_path / name) for name in ("box.stl", "no.3mf", "pipe.dae", "missing.dae")} == {(None, None)}
+    os.mknod(tmp_path / "socket.dae", stat.S_IFSOCK | 0o600)
+    assert {stated_units(tmp_path / name) for name in ("box.stl", "no.3mf", "socket.dae", "missing.dae")} == {(None, None)}
 
 
 def test_folder_of_collada_files_keeps_their_sizes(tmp_path: Path) -> None:

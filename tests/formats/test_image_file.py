@@ -48,17 +48,19 @@ def test_common_formats_are_read(tmp_path: Path, kind: str, mode: str) -> None:
     [
         (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n", "PNG, JPEG"),
         (encoded("GIF"), "PNG, JPEG"),
-        (png(8200, 8200, chunk(b"IDAT", b"")), "8200 x 8200 pixels; 67108864 are the most"),
-        (png(20_000, 20_000, chunk(b"IDAT", b"")), "decompression bomb"),
-        (png(2**31 - 1, 2**31 - 1, chunk(b"IDAT", b"")), "cannot be read as an image"),
+        (png(21, 20, chunk(b"IDAT", b"")), "21 x 20 pixels; 400 are the most"),
+        (png(50, 50, chunk(b"IDAT", b"")), "decompression bomb"),
         (encoded("PNG", "RGBA"), "has colours RGBA"),
         (encoded("PNG")[:-30], "cannot be read as an image"),
-        (png(2, 2, chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(2**26)))), "cannot be read as an image"),
         (b"", "cannot be read as an image"),
     ],
-    ids=["eps", "gif", "pixels", "bomb", "overflow", "alpha", "cut", "text", "empty"],
+    ids=["eps", "gif", "pixels", "many pixels", "alpha", "cut", "empty"],
 )
-def test_other_formats_and_bombs_are_refused(tmp_path: Path, content: bytes, words: str) -> None:
+def test_other_formats_and_images_beyond_a_limit_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: bytes, words: str
+) -> None:
+    monkeypatch.setattr("pipeline.formats.image_file.MAX_PIXELS", 400)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)
     (tmp_path / "image").write_bytes(content)
     with pytest.raises(InvalidInput, match=words):
         read_image(tmp_path / "image")

@@ -1,6 +1,7 @@
 """Files named by mesh files are opened only if they are regular files below the root."""
 
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -65,14 +66,14 @@ def test_textures_of_a_collada_file_are_named_by_its_images_alone(tmp_path: Path
     Image.new("RGB", (2, 2)).save(tmp_path / "oak & ash.png")
     companions = Companions(tmp_path / "a.dae")
     assert list(companions) == ["oak & ash.png"]
-    assert companions.missing == ["no.png"]
+    assert companions.unread == ["no.png is missing below the folder of meshes"]
 
 
 @pytest.mark.parametrize("options", ["-s 1 1 1", "-clamp on -o 0.5 -.5", "-bm 2"])
 def test_options_before_a_texture_and_comments_are_no_names(tmp_path: Path, options: str) -> None:
     file = textured(tmp_path, f"{options} paint.png\n# map_Kd none.png")
     Image.new("RGB", (2, 2), (9, 9, 9)).save(file.with_name("paint.png"))
-    assert Companions(file).missing == []
+    assert Companions(file).unread == []
     assert load_mesh(file).look.textures[0][0, 0, 0] == 9
 
 
@@ -85,7 +86,7 @@ def test_texture_of_another_mesh_and_ambiguous_texture_are_not_taken(tmp_path: P
     for folder in ("old", "new"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "soda.png").write_bytes(b"x")
-    assert Companions(file, tmp_path).missing == ["../textures/soda.png"]
+    assert Companions(file, tmp_path).unread == ["../textures/soda.png is missing below the folder of meshes"]
 
 
 def test_link_below_the_root_to_a_texture_outside_is_not_followed(tmp_path: Path) -> None:
@@ -94,14 +95,14 @@ def test_link_below_the_root_to_a_texture_outside_is_not_followed(tmp_path: Path
     Image.new("RGB", (2, 2)).save(tmp_path / "soda.png")
     (tmp_path / "root" / "soda.png").symlink_to(tmp_path / "soda.png")
     (tmp_path / "root" / "linked").symlink_to(tmp_path)
-    assert Companions(file, tmp_path / "root").missing == ["maps/soda.png"]
+    assert Companions(file, tmp_path / "root").unread == ["maps/soda.png is missing below the folder of meshes"]
 
 
-@pytest.mark.parametrize("name", ["pipe", "/dev/zero", "/etc/hostname", "link", "loop", "a\0b", "x" * 300])
+@pytest.mark.parametrize("name", ["socket", "/dev/null", "/etc/hostname", "link", "loop", "a\0b", "x" * 300])
 @pytest.mark.parametrize("kind", ["material", "texture"])
-def test_no_pipe_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind: str) -> None:
+def test_no_socket_device_or_outer_file_is_opened(tmp_path: Path, name: str, kind: str) -> None:
     file = textured(tmp_path, name)
-    os.mkfifo(file.parent / "pipe")
+    os.mknod(file.parent / "socket", stat.S_IFSOCK | 0o600)
     (file.parent / "link").symlink_to("/etc/hostname")
     (file.parent / "loop").symlink_to("loop")
     if kind == "material":
@@ -118,8 +119,8 @@ def test_empty_material_file_leaves_the_shape_usable(tmp_path: Path) -> None:
     assert len(load_mesh(file, tmp_path).faces) == 1
 
 
-def test_mesh_file_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "a.obj")
+def test_mesh_file_that_is_a_socket_is_refused(tmp_path: Path) -> None:
+    os.mknod(tmp_path / "a.obj", stat.S_IFSOCK | 0o600)
     with pytest.raises(InvalidInput, match=r"a\.obj is not a regular file"):
         fingerprint({"file": str(tmp_path / "a.obj"), "root": str(tmp_path)})
 
@@ -131,11 +132,11 @@ def test_number_of_names_is_bounded(tmp_path: Path) -> None:
         Companions(file)
 
 
-def test_size_of_companions_is_bounded_together(tmp_path: Path) -> None:
+def test_size_of_companions_is_bounded_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = textured(tmp_path, "paint.png")
-    with (file.parent / "paint.png").open("wb") as opened:
-        opened.truncate(256 * 2**20)  # a hole, not written
-    with pytest.raises(InvalidInput, match="268435456 are the most; make its textures smaller"):
+    (file.parent / "paint.png").write_bytes(bytes(1000))
+    monkeypatch.setattr("pipeline.formats.mesh_companions.MAX_BYTES", 1000)
+    with pytest.raises(InvalidInput, match="1000 are the most; make its textures smaller"):
         Companions(file)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
 from stages.registry import load_stage, resolve
+from tests.formats.gltf_builder import Gltf, glb
 from tests.fuzz.predict_target import Predictions
 from tests.fuzz.store_target import Stores
 from tests.fuzz.target import Files, Target
@@ -159,6 +161,42 @@ class Meshes(Target):
         load_mesh(file, folder)
 
 
+class Gltfs(Meshes):
+    """glTF files: a skin, morph targets, instances, a texture with a sampler, sparse and normalised arrays; as JSON and as GLB."""
+
+    def sound(self) -> list[Files]:
+        document = Gltf()
+        document.texture([[[200, 30, 30, 90], [0, 0, 255, 255]]], sampler=document.add("samplers", {"wrapS": 33071, "wrapT": 33648}))
+        corners, weights = np.tile(np.uint8([0, 1, 0, 0]), (8, 1)), np.tile(np.float32([0.5, 0.25, 0, 0]), (8, 1))
+        uv, colors = np.linspace(-1, 2, 16, dtype=np.float32).reshape(8, 2), np.full((8, 4), 0.5, np.float32)
+        part = document.box(JOINTS_0=corners, WEIGHTS_0=weights, TEXCOORD_1=uv, COLOR_0=colors) | {"material": 0}
+        part["targets"] = [{"POSITION": document.sparse([0, 5], np.ones((2, 3), np.float32), 8)}]
+        binds = document.array(np.tile(np.eye(4, dtype=np.float32).reshape(1, 16), (2, 1)))
+        places = {
+            "TRANSLATION": document.array(np.eye(3, dtype=np.float32)),
+            "ROTATION": document.array(np.int8(np.eye(4)[:3] * 127), normalized=True),
+        }
+        nodes = [
+            {"mesh": 0, "skin": 0, "weights": [0.5]},
+            {"rotation": [0, 0, 0.6, 0.8], "children": [2]},
+            {"mesh": 1, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": places}}},
+        ]
+        transform = {"KHR_texture_transform": {"offset": [0.5, 0], "rotation": 1, "scale": [2, 1]}}
+        rough = {"baseColorFactor": [0, 0, 0, 0.5], "baseColorTexture": {"index": 0, "texCoord": 1, "extensions": transform}}
+        material = {
+            "pbrMetallicRoughness": rough,
+            "emissiveFactor": [0, 1, 0],
+            "emissiveTexture": {"index": 0, "texCoord": 1},
+            "alphaMode": "MASK",
+        }
+        meshes = [{"primitives": [part], "weights": [1]}, {"primitives": [document.box() | {"mode": 5}]}]
+        skins = [{"joints": [1, 2], "inverseBindMatrices": binds}]
+        with tempfile.TemporaryDirectory() as folder:
+            entries = {"nodes": nodes, "meshes": meshes, "skins": skins, "materials": [material], "scenes": [{"nodes": [0, 1]}]}
+            text = document.write(Path(folder) / "a.gltf", **entries).read_bytes()
+        return [{"mesh.gltf": text}, {"mesh.glb": glb(text)}]
+
+
 class Collada(Meshes):
     """COLLADA files: instances of nodes and of geometries, and a texture."""
 
@@ -169,12 +207,10 @@ class Collada(Meshes):
         geometry = (
             b"<instance_geometry" + rest.partition(b"<instance_geometry")[2].partition(b"</instance_geometry>")[0] + b"</instance_geometry>"
         )
-        levels = (b'<node id="n%d">\n%s</node>\n' % (level, b'<instance_node url="#n%d"/>\n' % (level - 1) * 3) for level in range(1, 4))
+        three = b'<node id="n1">\n%s</node>\n' % (b'<instance_node url="#n0"/>\n' * 3)
         scene = b'<visual_scene id="scene"><node id="r">\n<matrix>1 0 0 2 0 1 0 0 0 0 1 0 0 0 0 1</matrix>\n'
-        scene += b'<instance_node url="#n3"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
-        nodes = (
-            b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + b"".join(levels) + b"</library_nodes>\n<library_visual_scenes>"
-        )
+        scene += b'<instance_node url="#n1"/>\n' + geometry + b"</node></visual_scene></library_visual_scenes>"
+        nodes = b'<library_nodes>\n<node id="n0">' + geometry + b"</node>\n" + three + b"</library_nodes>\n<library_visual_scenes>"
         nested = head + nodes + scene + b'<scene><instance_visual_scene url="#scene"/></scene></COLLADA>'
         image = Image.fromarray(np.arange(48, dtype=np.uint8).reshape(4, 4, 3))
         box.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), image=image)
@@ -226,10 +262,11 @@ def _png(pixels: np.ndarray) -> bytes:
 TARGETS: dict[str, tuple[type[Target], Any]] = {
     "sensor files": (Sensors, 0.25),
     "scene files": (Scenes, 0.25),
-    "manifests": (Manifests, 0.2),
+    "manifests": (Manifests, 0.15),
     "cluster files": (Clusters, 0.05),
     "hand files": (Hands, 0.1),
     "mesh files": (Meshes, 0.1),
+    "glTF files": (Gltfs, 0.05),
     "COLLADA files": (Collada, 0.05),
     "3MF files": (ThreeMF, 0.05),
     "predict": (Predictions, 0.1),

@@ -70,7 +70,7 @@ def open_subject(data: Place, object_id: str | None = None) -> Iterator[Subject]
         raise StageError(f"{object_id} is no object of the test split; these are {', '.join(candidates)}")
     object_id, grasp = clearest_grasp(source, [object_id] if object_id else candidates)
     scene = dataset_scene(source.attributes("vision"))
-    networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them crashes beside Mesa
+    networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them must be loaded before Mesa
     with Renderer(scene, PIXELS) as renderer:
         yield Subject(source, networks, renderer, scene, object_id, grasp)
 

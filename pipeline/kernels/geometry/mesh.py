@@ -120,11 +120,15 @@ class Look:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh: `vertices` (V, 3) float64 in metres, `faces` (F, 3) int32, and its `look`."""
+    """A triangle mesh: `vertices` (V, 3) float64 in metres, `faces` (F, 3) int32, and its `look`.
+
+    `unread` lists what its file holds or names and the mesh lacks, each with the reason, such as "red.png is missing …".
+    """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int32]
     look: Look
+    unread: tuple[str, ...] = ()
 
     @staticmethod
     def bare(vertices: np.ndarray, faces: np.ndarray) -> Mesh:

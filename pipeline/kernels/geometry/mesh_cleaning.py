@@ -87,4 +87,4 @@ def _keep_faces(mesh: Mesh, keep: NDArray[Any]) -> Mesh:
     used, faces = unique_ordered(mesh.faces[keep].ravel(), return_inverse=True)
     colors = None if mesh.look.vertex_color is None else mesh.look.vertex_color[used]
     look: Look = replace(mesh.look, uv=mesh.look.uv[used], face_material=mesh.look.face_material[keep], vertex_color=colors)
-    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32), look)
+    return replace(mesh, vertices=mesh.vertices[used], faces=faces.reshape(-1, 3).astype(np.int32), look=look)
