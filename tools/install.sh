@@ -165,6 +165,8 @@ exports) # LeRobot pins an older torch, but reads datasets with ours
     create_beside .venv-exports
     install .venv-exports -c constraints.txt -r tests/export/requirements.txt
     install .venv-exports --no-deps lerobot==0.4.4 accelerate==1.15.0
+    command -v npm >/dev/null || packages npm
+    npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@0.7.5
     ;;
 peers) # most of them work with our versions of packages
     stop_if_fresh .venv-peers installed "$venv/installed-dev" benchmarks/peers/requirements.txt

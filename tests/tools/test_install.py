@@ -272,6 +272,7 @@ def test_environments_that_need_python_3_11_use_it_or_report_it_missing(machine)
 
 @pytest.mark.parametrize(("what", "folder"), [("peers", ".venv-peers"), ("exports", ".venv-exports")])
 def test_additional_environments_extend_the_projects_environment(what, folder, machine):
+    machine.program("npm", 'echo "npm $*" >>log')
     machine.install("project", venv="a 'b'")
     machine.calls()
     assert machine.install(what, venv="a 'b'").returncode == 0
@@ -280,6 +281,16 @@ def test_additional_environments_extend_the_projects_environment(what, folder, m
     assert added == "a 'b'/bin/../packages\n"
     machine.install(what, venv="a 'b'")
     assert machine.calls() == []
+
+
+def test_exports_get_zarrita_by_npm_which_debian_installs_where_it_is_missing(machine):
+    machine.install("project")
+    machine.debian(*LIBRARIES.split(), user=0)
+    assert machine.install("exports").returncode != 0
+    assert "apt-get install -y -qq --no-install-recommends npm" in machine.calls()
+    machine.program("npm", 'echo "npm $*" >>log')
+    assert machine.install("exports").returncode == 0
+    assert machine.calls()[-1].startswith("npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@")
 
 
 @pytest.mark.parametrize(
