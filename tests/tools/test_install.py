@@ -212,7 +212,7 @@ UV_CALLS = [".venv-uv/bin/python " + PIP + " -c constraints.txt uv", "uv venv --
 
 @pytest.fixture
 def without_suitable_python(machine):
-    """A machine that has neither a suitable Python nor uv, which pip can install."""
+    """Give a machine that has neither a suitable Python nor uv, which pip can install."""
     (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
     machine.program("uv-of-pip", UV)
     return machine
