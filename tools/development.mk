@@ -28,7 +28,7 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
-test-systems: setup  ## install and run on Debian 12, 13 and testing, Python 3.12, and as a wheel, from nothing; as root, with debootstrap (over an hour)
+test-systems: setup  ## install and run on Debian 12 and 13, Python 3.12, and as a wheel, from nothing; as root, with debootstrap (an hour)
 	@$(BIN)/python -m tools.systems --write docs/guide/installing.md
 
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)

@@ -27,9 +27,9 @@ from pipeline.errors import StageError
 from tools.systems import wheel
 from tools.systems.debian import MIRROR, USER, make_debian, network_variables
 
-DEBIANS = {"debian-12": "bookworm", "debian-13": "trixie", "debian-testing": "testing"}  # the last has Python 3.14
+DEBIANS = {"debian-12": "bookworm", "debian-13": "trixie", "debian-testing": "testing"}  # the last has Python 3.14 and a newer Mesa
 PYTHONS = ("python-3.11", "python-3.12", "python-3.13")
-DEFAULT = (*DEBIANS, "python-3.12", "wheel")
+DEFAULT = ("debian-12", "debian-13", "python-3.12", "wheel")
 README = ("make dataset", "make test")
 """The commands of README.md's quick start that show whether a new machine works."""
 ARTIFACTS = ("surfaces", "grasps", "vision", "touch")
