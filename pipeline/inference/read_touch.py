@@ -140,7 +140,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     normals = reading.normals
     levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / PNG_STEP), DEEPEST).astype(np.uint16)
-    pictures = {
+    pictures: dict[str, np.ndarray] = {
         "depth": levels,
         "contact": np.where(reading.contact, 255, 0).astype(np.uint8),
         "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
