@@ -15,6 +15,7 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.photograph_faults import photograph_faults, stop_at, untouched_faults
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points, sensor_differences
@@ -66,6 +67,11 @@ class TouchReading:
         return masked_points(self._height, self.contact, self.sensor)
 
     @property
+    def touches_rim(self) -> bool:
+        """Whether something touches at the rim, where depth is read as 0: it is then less than the truth everywhere, as of a tilted gel."""
+        return bool(np.concatenate([self.contact[[0, -1]].ravel(), self.contact[:, [0, -1]].ravel()]).any())
+
+    @property
     def _height(self) -> NDArray[np.float64]:
         return np.asarray(gel_surface(self.sensor) - self.indentation.astype(np.float64))
 
@@ -85,6 +91,9 @@ class TouchReader:
         it, but for its pixels and its gel's modulus.
     device
         Where the network computes.
+    accept_photographs
+        Whether to read photographs that look altered as a whole, which is an error otherwise: by exchanged colours, turned, mirrored,
+        grey, with another exposure or white balance, of another sensor, or touched and untouched exchanged.
 
     Attributes
     ----------
@@ -95,12 +104,20 @@ class TouchReader:
     ------
     InvalidInput
         There is no such sensor, it has no network, or one of another sensor; the network is a U-Net; or the photograph has not the
-        sensor's sides.
+        sensor's sides, or looks altered beside the background of the sensor file.
     StoreError
         The network's files are damaged.
     """
 
-    def __init__(self, sensor: str | Path, untouched: NDArray[np.uint8], model: Path | None = None, device: str = "cpu") -> None:
+    def __init__(
+        self,
+        sensor: str | Path,
+        untouched: NDArray[np.uint8],
+        model: Path | None = None,
+        device: str = "cpu",
+        *,
+        accept_photographs: bool = False,
+    ) -> None:
         path = description_path("sensor", sensor)
         described = load_sensor(path)
         beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
@@ -120,11 +137,16 @@ class TouchReader:
                 f"{folder} there if larger errors do no harm"
             )
         loaded.check_sides(described.rows, described.cols)
-        self.model, self.untouched = loaded, untouched
+        self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs
+        if not accept_photographs:
+            stop_at(untouched_faults(untouched, described))
+        loaded.check_sides(*untouched.shape[:2])
         self.sensor = resample(described, *untouched.shape[:2])
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
-        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` where its pixels are not those of the untouched one."""
+        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has not the untouched one's pixels, or looks altered beside it."""
+        if not self.accept_photographs:
+            stop_at(photograph_faults(image, self.untouched, self.described))
         indentation, contact = self.model.read(image[None], self.untouched)
         return TouchReading(indentation[0], contact[0], self.sensor)
 

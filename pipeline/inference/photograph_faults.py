@@ -1,0 +1,109 @@
+"""Say what is wrong with photographs of a gel as a whole, before they are read: exchanged colours, turned, mirrored, exposure."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.touch.calibrated_shading import POSITION_TERMS
+from pipeline.kernels.touch.photograph_alteration import UNLIKE, Alteration, find_alteration, pressed_share
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.tactile_image import untouched_image
+
+TO_ACCEPT = "If the photographs are right as they are, go on with --accept-photographs (accept_photographs in Python and observations)"
+"""End of an error that names faults of photographs."""
+EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.12
+"""Largest relative difference of brightness between photographs of one session, and from the sensor file. Those of public sets differ by
+0.022 within a set; another unit of a sensor by 0.065."""
+BALANCE = 0.15
+"""Largest difference between the relative brightness of two colours. Those of public sets differ by 0.055."""
+BALANCED = 0.3
+"""White balance differs if brightness by colour leaves less than this share of the difference that common brightness leaves."""
+UNLIKE_PRESSED = 20.0
+"""Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
+EXCHANGED, PRESSED_TOO = 0.8, 0.2
+"""Shares of the contact's cells in which the untouched photograph is the pressed one: if both are exchanged, and if it has a contact too."""
+COARSE = 3
+"""Least degree of a polynomial background that resembles the untouched gel."""
+
+
+def stop_at(faults: list[str]) -> None:
+    """Raise an `InvalidInput` that names faults of photographs, if there are some."""
+    if faults:
+        raise InvalidInput(f"{'; '.join(faults)}. {TO_ACCEPT}")
+
+
+def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
+    """List what an untouched photograph, (rows, cols, 3) with any numbers of pixels, has done to the background of its sensor's file."""
+    alteration, beside = find_alteration(untouched, untouched_image(sensor)), f"the background of sensor {sensor.name}"
+    faults = [f"the untouched photograph, beside {beside}, {fault}" for fault in _altered(alteration, OTHER_DAY_EXPOSURE)]
+    if faults or alteration.difference <= UNLIKE or _is_coarse(sensor):
+        return faults
+    return [
+        f"the untouched photograph does not look like {beside}: they differ by {alteration.difference:.0f} levels, at most {UNLIKE:g} are "
+        "usual; name the file of its own sensor, or calibrate it, and see that nothing touches the gel"
+    ]
+
+
+def photograph_faults(
+    photograph: NDArray[np.uint8], untouched: NDArray[np.uint8] | None, sensor: Sensor | None = None, name: str = "the photograph"
+) -> list[str]:
+    """List what a photograph, perhaps of a press, has done to the untouched one.
+
+    Parameters
+    ----------
+    photograph, untouched
+        (rows, cols, 3) uint8; without an untouched one the photograph is compared with the sensor's background.
+    sensor
+        The sensor, if it is known. Then the untouched photograph may turn out to be the pressed one.
+    name
+        Of the photograph.
+    """
+    if untouched is None:
+        assert sensor is not None
+        reference, exposure, beside = untouched_image(sensor), OTHER_DAY_EXPOSURE, f"the background of sensor {sensor.name}"
+    else:
+        reference, exposure, beside = untouched, EXPOSURE, "the untouched photograph"
+        if sensor is not None and photograph.shape == untouched.shape and not _is_coarse(sensor):
+            share = pressed_share(untouched, photograph, untouched_image(sensor))
+            if share > EXCHANGED:
+                return [f"the untouched photograph shows a contact, and {name} does not: exchange them"]
+            if share > PRESSED_TOO:
+                return [f"the untouched photograph shows a contact too, beside {name}: take one with nothing in the gel"]
+    alteration = find_alteration(photograph, reference)
+    is_lit_by_lamps = sensor is not None and sensor.calibrated is None  # under which a tilt of all of the gel looks like white balance
+    faults = [f"{name}, beside {beside}, {fault}" for fault in _altered(alteration, exposure, has_balance=not is_lit_by_lamps)]
+    if faults or alteration.difference <= UNLIKE_PRESSED or is_lit_by_lamps:
+        return faults
+    return [f"{name} does not look like {beside}: they differ by {alteration.difference:.0f} levels nearly everywhere; is it by one sensor?"]
+
+
+def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = True) -> list[str]:
+    """Describe an alteration that explains a photograph, each fault with its remedy."""
+    faults: list[str] = []
+    if alteration.balanced > UNLIKE:  # nothing explains it
+        return faults
+    if alteration.colours == "grey":
+        faults.append("is grey: take it in colour")
+    elif alteration.colours != "RGB":
+        names = ", ".join({"R": "red", "G": "green", "B": "blue"}[colour] for colour in alteration.colours)
+        faults.append(f"has its colours exchanged (they are {names}): save it as red, green, blue")
+    if alteration.orientation != "upright":
+        remedy = "mirror it back" if "mirrored" in alteration.orientation else "turn it back"
+        faults.append(f"is {alteration.orientation}: {remedy}")
+    brightness = alteration.gain - 1
+    if abs(brightness) > exposure and alteration.difference < min(UNLIKE, 2 * abs(brightness) * alteration.unscaled):
+        relation = "brighter" if brightness > 0 else "darker"
+        faults.append(f"is {100 * abs(brightness):.0f} % {relation}, its exposure differs: fix the camera's exposure and gain")
+    relative = np.array(alteration.gains) / max(alteration.gain, 0.01)
+    if has_balance and np.ptp(relative) > BALANCE and alteration.balanced < BALANCED * alteration.difference:
+        colours = ", ".join(f"{name} {100 * (ratio - 1):+.0f} %" for name, ratio in zip(("red", "green", "blue"), relative, strict=True))
+        faults.append(f"has another white balance ({colours}): fix the camera's")
+    return faults
+
+
+def _is_coarse(sensor: Sensor) -> bool:
+    """Check whether the file's background is a polynomial that is too simple to resemble the untouched gel."""
+    background = sensor.calibrated.background if sensor.calibrated else ""
+    return not isinstance(background, str) and POSITION_TERMS[len(background)] < COARSE
