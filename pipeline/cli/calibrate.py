@@ -34,6 +34,10 @@ def calibrate_sensor(
     background_degree: Annotated[
         int | None, typer.Option(min=0, max=6, help="Degree of a polynomial background; else a photograph.")
     ] = None,
+    accept_photographs: Annotated[
+        bool,
+        typer.Option("--accept-photographs", help="Use photographs that look altered beside the untouched one: by colours, exposure, ..."),
+    ] = False,
     train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
@@ -48,7 +52,7 @@ def calibrate_sensor(
     from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
-    photographs, image, left_out = read_photographs(folder, untouched)
+    photographs, image, left_out = read_photographs(folder, untouched, accept_photographs=accept_photographs)
     radius = 1e-3 * ball_radius
     began = time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()

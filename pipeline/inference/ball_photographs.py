@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import image_files, read_image
+from pipeline.inference.photograph_faults import photograph_faults, stop_at
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import SMALLEST, find_contact
 
@@ -21,7 +22,9 @@ MIN_PHOTOGRAPHS = 4
 """Half of them are fitted, the others tested."""
 
 
-def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
+def read_photographs(
+    folder: Path, untouched_path: Path, *, accept_photographs: bool = False
+) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
     """Read photographs, and detect their contacts.
 
     Parameters
@@ -30,6 +33,8 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
         Image files, in it and in folders below it, and perhaps a file `CIRCLES`.
     untouched_path
         The photograph with nothing in the gel; it may lie in the folder.
+    accept_photographs
+        Whether to use photographs that look altered as a whole beside the untouched one, which is an error otherwise.
 
     Returns
     -------
@@ -38,21 +43,26 @@ def read_photographs(folder: Path, untouched_path: Path) -> tuple[list[Photograp
     Raises
     ------
     InvalidInput
-        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file,
-        or fewer than `MIN_PHOTOGRAPHS` can be used.
+        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file, photographs look
+        altered, or fewer than `MIN_PHOTOGRAPHS` can be used.
     """
     if not folder.is_dir():
         raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
     untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
     photographs: list[Photograph] = []
     left_out: dict[str, str] = {}
+    altered: list[str] = []
     for path in image_files(folder.rglob("*"), untouched_path):
         name = path.relative_to(folder).as_posix()
         try:
             image = read_image(path)
+            if not accept_photographs and (faults := photograph_faults(image, untouched, name=name)):
+                altered += faults
+                continue
             photographs.append(Photograph(name, image, _contact(image, untouched, circles.get(name))))
         except InvalidInput as error:
             left_out[name] = str(error)
+    stop_at(altered)
     if unknown := sorted(circles.keys() - left_out.keys() - {photograph.name for photograph in photographs}):
         raise InvalidInput(
             f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"

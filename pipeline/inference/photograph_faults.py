@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch.calibrated_shading import POSITION_TERMS
 from pipeline.kernels.touch.photograph_alteration import UNLIKE, Alteration, find_alteration, pressed_share
@@ -31,13 +34,14 @@ COARSE = 3
 def stop_at(faults: list[str]) -> None:
     """Raise an `InvalidInput` that names faults of photographs, if there are some."""
     if faults:
-        raise InvalidInput(f"{'; '.join(faults)}. {TO_ACCEPT}")
+        more = f"; and {pluralise(len(faults) - NAMED, 'more fault')}" if len(faults) > NAMED else ""
+        raise InvalidInput(f"{'; '.join(faults[:NAMED])}{more}. {TO_ACCEPT}")
 
 
 def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
     """List what an untouched photograph, (rows, cols, 3) with any numbers of pixels, has done to the background of its sensor's file."""
-    alteration, beside = find_alteration(untouched, untouched_image(sensor)), f"the background of sensor {sensor.name}"
-    faults = [f"the untouched photograph, beside {beside}, {fault}" for fault in _altered(alteration, OTHER_DAY_EXPOSURE)]
+    alteration, beside = find_alteration(untouched, _background(sensor)), f"the background of sensor {sensor.name}"
+    faults = [f"the untouched photograph, compared with {beside}: {fault}" for fault in _altered(alteration, OTHER_DAY_EXPOSURE)]
     if faults or alteration.difference <= UNLIKE or _is_coarse(sensor):
         return faults
     return [
@@ -62,21 +66,26 @@ def photograph_faults(
     """
     if untouched is None:
         assert sensor is not None
-        reference, exposure, beside = untouched_image(sensor), OTHER_DAY_EXPOSURE, f"the background of sensor {sensor.name}"
+        reference, exposure, beside = _background(sensor), OTHER_DAY_EXPOSURE, f"the background of sensor {sensor.name}"
     else:
-        reference, exposure, beside = untouched, EXPOSURE, "the untouched photograph"
+        reference, exposure, beside = untouched, EXPOSURE, "the untouched one"
         if sensor is not None and photograph.shape == untouched.shape and not _is_coarse(sensor):
-            share = pressed_share(untouched, photograph, untouched_image(sensor))
+            share = pressed_share(untouched, photograph, _background(sensor))
             if share > EXCHANGED:
                 return [f"the untouched photograph shows a contact, and {name} does not: exchange them"]
             if share > PRESSED_TOO:
                 return [f"the untouched photograph shows a contact too, beside {name}: take one with nothing in the gel"]
     alteration = find_alteration(photograph, reference)
     is_lit_by_lamps = sensor is not None and sensor.calibrated is None  # under which a tilt of all of the gel looks like white balance
-    faults = [f"{name}, beside {beside}, {fault}" for fault in _altered(alteration, exposure, has_balance=not is_lit_by_lamps)]
+    faults = [f"{name}, compared with {beside}: {fault}" for fault in _altered(alteration, exposure, has_balance=not is_lit_by_lamps)]
     if faults or alteration.difference <= UNLIKE_PRESSED or is_lit_by_lamps:
         return faults
     return [f"{name} does not look like {beside}: they differ by {alteration.difference:.0f} levels nearly everywhere; is it by one sensor?"]
+
+
+@lru_cache(maxsize=4)
+def _background(sensor: Sensor) -> NDArray[np.uint8]:
+    return untouched_image(sensor)
 
 
 def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = True) -> list[str]:
@@ -85,21 +94,21 @@ def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = Tru
     if alteration.balanced > UNLIKE:  # nothing explains it
         return faults
     if alteration.colours == "grey":
-        faults.append("is grey: take it in colour")
+        faults.append("grey: take it in colour")
     elif alteration.colours != "RGB":
         names = ", ".join({"R": "red", "G": "green", "B": "blue"}[colour] for colour in alteration.colours)
-        faults.append(f"has its colours exchanged (they are {names}): save it as red, green, blue")
+        faults.append(f"colours exchanged ({names}): save it as red, green, blue")
     if alteration.orientation != "upright":
         remedy = "mirror it back" if "mirrored" in alteration.orientation else "turn it back"
-        faults.append(f"is {alteration.orientation}: {remedy}")
+        faults.append(f"{alteration.orientation}: {remedy}")
     brightness = alteration.gain - 1
     if abs(brightness) > exposure and alteration.difference < min(UNLIKE, 2 * abs(brightness) * alteration.unscaled):
         relation = "brighter" if brightness > 0 else "darker"
-        faults.append(f"is {100 * abs(brightness):.0f} % {relation}, its exposure differs: fix the camera's exposure and gain")
+        faults.append(f"exposure differs by {100 * abs(brightness):.0f} % ({relation}): fix the camera's exposure and gain")
     relative = np.array(alteration.gains) / max(alteration.gain, 0.01)
     if has_balance and np.ptp(relative) > BALANCE and alteration.balanced < BALANCED * alteration.difference:
         colours = ", ".join(f"{name} {100 * (ratio - 1):+.0f} %" for name, ratio in zip(("red", "green", "blue"), relative, strict=True))
-        faults.append(f"has another white balance ({colours}): fix the camera's")
+        faults.append(f"white balance differs ({colours}): fix the camera's")
     return faults
 
 

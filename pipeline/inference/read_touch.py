@@ -17,6 +17,7 @@ from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.photograph_faults import photograph_faults, stop_at, untouched_faults
 from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.photograph_alteration import rim_change
 from pipeline.kernels.touch.resample_sensor import resample
 from pipeline.kernels.touch.sensor import Sensor, masked_points, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
@@ -33,6 +34,8 @@ SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus"}}
 PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
+RIM_SHARE = 0.03
+"""Share of the rim that shows a press, from which the rim is pressed: of 154 photographs of presses away from it, two have more."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
@@ -48,11 +51,15 @@ class TouchReading:
         (rows, cols): where something touches.
     sensor
         With the photograph's pixels.
+    rim_pressed
+        Whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it
+        does when something tilts all of it.
     """
 
     indentation: NDArray[np.float32]
     contact: NDArray[np.bool_]
     sensor: Sensor
+    rim_pressed: bool
 
     @property
     def normals(self) -> NDArray[np.float32]:
@@ -65,11 +72,6 @@ class TouchReading:
     def points(self) -> NDArray[np.float64]:
         """(n, 3) float64 points of the gel's surface in the contact, sensor frame, m, row by row."""
         return masked_points(self._height, self.contact, self.sensor)
-
-    @property
-    def touches_rim(self) -> bool:
-        """Whether something touches at the rim, where depth is read as 0: it is then less than the truth everywhere, as of a tilted gel."""
-        return bool(np.concatenate([self.contact[[0, -1]].ravel(), self.contact[:, [0, -1]].ravel()]).any())
 
     @property
     def _height(self) -> NDArray[np.float64]:
@@ -148,7 +150,8 @@ class TouchReader:
         if not self.accept_photographs:
             stop_at(photograph_faults(image, self.untouched, self.described))
         indentation, contact = self.model.read(image[None], self.untouched)
-        return TouchReading(indentation[0], contact[0], self.sensor)
+        rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
+        return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
 
 
 def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
@@ -176,6 +179,7 @@ def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
     files.append(folder / f"{name}.ply")
     write_atomically(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
     group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
+    group.attrs["rim_pressed"] = reading.rim_pressed
     arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
         "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
         "contact": (reading.contact, ("row", "col"), {"units": "1"}),

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 GRID = 32
 """Cells per side in which photographs are averaged before they are compared: noise and single pixels do not count."""
+SAMPLES = 4
+"""Pixels per side of a cell that are enough."""
 ALIKE = 2.0
 """Levels: photographs that differ by no more are not searched for an alteration."""
 EXPLAINED = 0.6
@@ -26,7 +28,7 @@ SIMPLER = 1.0
 DARK, BRIGHT = 8, 250
 """Levels between which ratios of brightness are measured."""
 PRESSED = 8.0
-"""Levels by which the cell that differs most must differ to be a contact."""
+"""Levels by which a cell of a contact differs."""
 LUMA = np.array([0.299, 0.587, 0.114])
 """Shares of red, green and blue in a grey level."""
 
@@ -128,12 +130,19 @@ def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], b
     return float((excess > change / 2)[change > change.max() / 2].mean())
 
 
+def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> float:
+    """Compute the share of the cells along the rim by which two photographs, (rows, cols, 3) uint8, differ by more than `PRESSED` levels."""
+    change = np.abs(cell_means(photograph) - cell_means(untouched)).mean(axis=2)
+    return float((np.concatenate([change[[0, -1]].ravel(), change[1:-1, [0, -1]].ravel()]) > PRESSED).mean())
+
+
 def cell_means(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Average an image in a grid: (rows, cols, 3) to (GRID, GRID, 3) levels; pixels repeat if they are fewer."""
-    means: NDArray[np.float64] = image.astype(np.float64) if min(image.shape[:2]) < GRID else image  # type: ignore[assignment]
+    """Average an image in a grid, of large ones each few pixels: (rows, cols, 3) to (GRID, GRID, 3) levels; pixels repeat if they are few."""
+    step = max(1, min(image.shape[:2]) // (SAMPLES * GRID))
+    means = np.asarray(image[step // 2 :: step, step // 2 :: step], np.float64)
     for axis in (0, 1):
-        edges = np.arange(GRID + 1) * image.shape[axis] // GRID
-        sums = np.add.reduceat(means, edges[:-1], axis=axis, dtype=np.float64)
+        edges = np.arange(GRID + 1) * means.shape[axis] // GRID
+        sums = np.add.reduceat(means, edges[:-1], axis=axis)
         means = sums / np.maximum(np.diff(edges), 1).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
     return means
 
