@@ -14,7 +14,7 @@ from pipeline.kernels.touch.photograph_alteration import UNLIKE, Alteration, fin
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
 
-TO_ACCEPT = "If the photographs are right as they are, go on with --accept-photographs (accept_photographs in Python and observations)"
+TO_ACCEPT = "If the photographs are right as they are, go on with --accept-photographs (in Python, accept_photographs=True)"
 """End of an error that names faults of photographs."""
 EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.12
 """Largest relative difference of brightness between photographs of one session, and from the sensor file. Those of public sets differ by
