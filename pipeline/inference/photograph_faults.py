@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.console import NAMED, pluralise
 from pipeline.errors import InvalidInput
-from pipeline.kernels.touch.calibrated_shading import POSITION_TERMS
+from pipeline.kernels.touch.optics import POSITION_TERMS
 from pipeline.kernels.touch.photograph_alteration import UNLIKE, Alteration, find_alteration, pressed_share
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import untouched_image
@@ -26,7 +26,9 @@ BALANCED = 0.3
 UNLIKE_PRESSED = 20.0
 """Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
 EXCHANGED, PRESSED_TOO = 0.8, 0.2
-"""Shares of the contact's cells in which the untouched photograph is the pressed one: if both are exchanged, and if it has a contact too."""
+"""Shares of a contact's cells in which the untouched photograph is the pressed one: both are exchanged; it has a contact too."""
+SIDES = 0.05
+"""Largest relative difference between the aspect ratios of photographs that are compared."""
 COARSE = 3
 """Least degree of a polynomial background that resembles the untouched gel."""
 
@@ -39,7 +41,12 @@ def stop_at(faults: list[str]) -> None:
 
 
 def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
-    """List what an untouched photograph, (rows, cols, 3) with any numbers of pixels, has done to the background of its sensor's file."""
+    """List how an untouched photograph, (rows, cols, 3) with any numbers of pixels, is altered beside the background of the sensor file.
+
+    Other sides than the sensor's are no fault here: readers name them.
+    """
+    if not _has_sides(untouched, *sensor.shape):
+        return []
     alteration, beside = find_alteration(untouched, _background(sensor)), f"the background of sensor {sensor.name}"
     faults = [f"the untouched photograph, compared with {beside}: {fault}" for fault in _altered(alteration, OTHER_DAY_EXPOSURE)]
     if faults or alteration.difference <= UNLIKE or _is_coarse(sensor):
@@ -53,7 +60,7 @@ def untouched_faults(untouched: NDArray[np.uint8], sensor: Sensor) -> list[str]:
 def photograph_faults(
     photograph: NDArray[np.uint8], untouched: NDArray[np.uint8] | None, sensor: Sensor | None = None, name: str = "the photograph"
 ) -> list[str]:
-    """List what a photograph, perhaps of a press, has done to the untouched one.
+    """List how a photograph, perhaps of a press, is altered beside the untouched one; one of other sides has no fault here.
 
     Parameters
     ----------
@@ -75,12 +82,16 @@ def photograph_faults(
                 return [f"the untouched photograph shows a contact, and {name} does not: exchange them"]
             if share > PRESSED_TOO:
                 return [f"the untouched photograph shows a contact too, beside {name}: take one with nothing in the gel"]
+    if not _has_sides(photograph, *reference.shape[:2]):
+        return []
     alteration = find_alteration(photograph, reference)
     is_lit_by_lamps = sensor is not None and sensor.calibrated is None  # under which a tilt of all of the gel looks like white balance
     faults = [f"{name}, compared with {beside}: {fault}" for fault in _altered(alteration, exposure, has_balance=not is_lit_by_lamps)]
     if faults or alteration.difference <= UNLIKE_PRESSED or is_lit_by_lamps:
         return faults
-    return [f"{name} does not look like {beside}: they differ by {alteration.difference:.0f} levels nearly everywhere; is it by one sensor?"]
+    return [
+        f"{name} does not look like {beside}: they differ by {alteration.difference:.0f} levels nearly everywhere; is it by one sensor?"
+    ]
 
 
 @lru_cache(maxsize=4)
@@ -110,6 +121,12 @@ def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = Tru
         colours = ", ".join(f"{name} {100 * (ratio - 1):+.0f} %" for name, ratio in zip(("red", "green", "blue"), relative, strict=True))
         faults.append(f"white balance differs ({colours}): fix the camera's")
     return faults
+
+
+def _has_sides(image: NDArray[np.uint8], rows: int, cols: int) -> bool:
+    """Check whether an image has the sides of others, or these exchanged, as after a quarter turn."""
+    aspect = image.shape[1] / image.shape[0]
+    return bool(min(abs(aspect * rows / cols - 1), abs(aspect * cols / rows - 1)) < SIDES)
 
 
 def _is_coarse(sensor: Sensor) -> bool:

@@ -146,7 +146,7 @@ class TouchReader:
         self.sensor = resample(described, *untouched.shape[:2])
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
-        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has not the untouched one's pixels, or looks altered beside it."""
+        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
         if not self.accept_photographs:
             stop_at(photograph_faults(image, self.untouched, self.described))
         indentation, contact = self.model.read(image[None], self.untouched)

@@ -6,7 +6,7 @@ Valid range: photographs of which a press covers less than half. One that covers
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Literal, get_args
 
@@ -131,13 +131,13 @@ def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], b
 
 
 def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> float:
-    """Compute the share of the cells along the rim by which two photographs, (rows, cols, 3) uint8, differ by more than `PRESSED` levels."""
+    """Compute the share of the cells along the rim in which two photographs, (rows, cols, 3) uint8, differ by more than `PRESSED`."""
     change = np.abs(cell_means(photograph) - cell_means(untouched)).mean(axis=2)
     return float((np.concatenate([change[[0, -1]].ravel(), change[1:-1, [0, -1]].ravel()]) > PRESSED).mean())
 
 
 def cell_means(image: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Average an image in a grid, of large ones each few pixels: (rows, cols, 3) to (GRID, GRID, 3) levels; pixels repeat if they are few."""
+    """Average an image in a grid, (rows, cols, 3) to (GRID, GRID, 3) levels: some pixels of a large one; those of a small one repeat."""
     step = max(1, min(image.shape[:2]) // (SAMPLES * GRID))
     means = np.asarray(image[step // 2 :: step, step // 2 :: step], np.float64)
     for axis in (0, 1):
@@ -159,7 +159,7 @@ def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours
     gain = _gain(cells, altered)
     gains = tuple(_gain(cells[..., channel], altered[..., channel]) for channel in range(3))
     unscaled, difference, balanced = (
-        float(np.median(np.abs(cells / np.maximum(scale, 0.1) - altered).mean(axis=2))) for scale in (1.0, gain, np.array(gains))
+        float(np.median((np.abs(cells - scale * altered) / np.maximum(scale, 0.1)).mean(axis=2))) for scale in (1.0, gain, np.array(gains))
     )
     return Alteration(colours, orientation, gain, (gains[0], gains[1], gains[2]), unscaled, difference, balanced)
 
