@@ -100,8 +100,9 @@ def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: 
     if annotated is None:
         if row_scale == 1:
             return find_contact(image, untouched)
-        found = find_contact(*(_stretched(pixels, row_scale) for pixels in (image, untouched)))
-        return Circle(found.x, (found.y + 0.5) / row_scale - 0.5, found.radius)
+        stretched = [_stretched(pixels, row_scale) for pixels in (image, untouched)]
+        found = find_contact(*stretched)
+        return Circle(found.x, (found.y + 0.5) * len(image) / len(stretched[0]) - 0.5, found.radius)
     rows, cols = image.shape[:2]
     outside = (max(-place, place - last, 0.0) for place, last in ((annotated.x, cols - 1), (annotated.y, rows - 1)))
     if math.hypot(*outside) >= annotated.radius:

@@ -35,7 +35,8 @@ PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
-"""Share of the rim that shows a press, from which the rim is pressed: of 154 photographs of presses away from it, two have more."""
+"""Share of the rim that shows a press, from which the rim is pressed. In public photographs it finds 26 of 28 contacts that the rim cuts; of 84
+that are a radius or more away from it, 14 are flagged too, where light has drifted."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 
@@ -138,18 +139,19 @@ class TouchReader:
                 f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
                 f"{folder} there if larger errors do no harm"
             )
-        loaded.check_sides(described.rows, described.cols)
+        self.pixel_aspect = described.pitch[0] / described.pitch[1]
+        loaded.check_sides(*described.shape, self.pixel_aspect)
         self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs
         if not accept_photographs:
             stop_at(untouched_faults(untouched, described))
-        loaded.check_sides(*untouched.shape[:2])
+        loaded.check_sides(*untouched.shape[:2], self.pixel_aspect)
         self.sensor = resample(described, *untouched.shape[:2])
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
         if not self.accept_photographs:
             stop_at(photograph_faults(image, self.untouched, self.described))
-        indentation, contact = self.model.read(image[None], self.untouched)
+        indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
         return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
 

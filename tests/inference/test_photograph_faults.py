@@ -15,13 +15,15 @@ from pipeline.cli.app import app
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.inference.ball_photographs import read_photographs
+from pipeline.inference.calibrate_sensor import uncalibrated_sensor
 from pipeline.inference.observation_checks import faults
 from pipeline.inference.observation_file import load_observation
 from pipeline.inference.photograph_faults import photograph_faults, untouched_faults
 from pipeline.inference.read_touch import TouchReader
+from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.colour_fit import fit_background
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import untouched_image
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.inference.robot import write_files, write_observation
 from tests.kernels.touch.test_photograph_alteration import SENSORS, grey, noisy, press
 
@@ -37,7 +39,10 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     "brighter": (lambda image: noisy(1.3 * image.astype(float), None), r"exposure differs by (29|30) % \(brighter\): fix the camera's"),
     "darker": (lambda image: noisy(0.7 * image.astype(float), None), r"exposure differs by 30 % \(darker\): fix the camera's exposure"),
     "dark": (lambda image: np.zeros_like(image), r"exposure differs by 100 % \(darker\)"),
-    "balance": (lambda image: noisy(image * np.array([1.25, 1, 0.8]), None), r"white balance differs \(red \+2\d %, green .*: fix the camera's"),
+    "balance": (
+        lambda image: noisy(image * np.array([1.25, 1, 0.8]), None),
+        r"white balance differs \(red \+2\d %, green .*: fix the camera's",
+    ),
 }
 NAME, BACKGROUND = "gelsight", untouched_image(SENSORS["gelsight"])
 
@@ -110,11 +115,11 @@ def test_photographs_suit_a_file_with_a_simple_background(degree: int) -> None:
 
 def test_rim_is_pressed_where_the_photograph_shows_it(reader: TouchReader) -> None:
     assert not reader.read(noisy(BACKGROUND, 2)).rim_pressed
-    assert reader.read(press(NAME, at=(0.48, 0))).rim_pressed
+    assert reader.read(press(NAME, at=(0.45, 0))).rim_pressed
 
 
 def test_command_stops_before_it_reads_and_goes_on_if_told(tmp_path: Path) -> None:
-    files = {"untouched": noisy(BACKGROUND)[..., ::-1], "touch": press(NAME, at=(0.48, 0))[..., ::-1]}
+    files = {"untouched": noisy(BACKGROUND)[..., ::-1], "touch": press(NAME, at=(0.45, 0))[..., ::-1]}
     for name, image in files.items():
         Image.fromarray(np.ascontiguousarray(image)).save(tmp_path / f"{name}.png")
     command = ["read-touch", str(tmp_path / "touch.png"), "--untouched", str(tmp_path / "untouched.png"), "--sensor", NAME]
@@ -159,10 +164,32 @@ def write_presses(folder: Path, alter: Callable[[Pixels, int], Pixels]) -> None:
     ("alter", "message"),
     [
         (lambda image, number: image[..., ::-1], "0.png, compared with the untouched one: colours exchanged"),
-        (lambda image, number: noisy((1, 1, 1.2, 0.8)[number] * image.astype(float), None), r"^2.png, .*20 % \(brighter\).*; 3.png, .*darker"),
+        (
+            lambda image, number: noisy((1, 1, 1.2, 0.8)[number] * image.astype(float), None),
+            r"^2.png, .*20 % \(brighter\).*; 3.png, .*darker",
+        ),
     ],
 )
 def test_calibration_names_altered_photographs(tmp_path: Path, alter: Callable[[Pixels, int], Pixels], message: str) -> None:
     write_presses(tmp_path, alter)
     with pytest.raises(InvalidInput, match=message):
         read_photographs(tmp_path, tmp_path / "untouched.png")
+
+
+def test_contacts_that_are_ellipses_need_the_height_of_a_pixel(tmp_path: Path) -> None:
+    """Rows are a tenth higher than columns are wide: contacts are found where they are, with a radius along x."""
+    true = load_sensor("gelsight_mini", shape=(166, 240))
+    sensor = true.model_copy(update={"given_height": 1.1 * 166 / 240 * true.width, "gel": None})
+    contacts = [Circle(x, y, 28) for x in (60.0, 170.0) for y in (50.0, 110.0)]
+    for number, contact in enumerate(contacts):
+        depth = sensor.w - ball_impression(sensor, contact, 0.004)
+        Image.fromarray(noisy(tactile_image(depth, sensor), number)).save(tmp_path / f"{number}.png")
+    Image.fromarray(untouched_image(sensor)).save(tmp_path / "untouched.png")
+    with pytest.raises(InvalidInput, match=r"contacts are \d+ % wider than high, in pixels .*add --mm-per-row: .* 1\.(09|10|11)\d times"):
+        read_photographs(tmp_path, tmp_path / "untouched.png")
+    photographs, _, left_out = read_photographs(tmp_path, tmp_path / "untouched.png", row_scale=1.1)
+    assert left_out == {}
+    for photograph, contact in zip(photographs, contacts, strict=True):
+        found = photograph.contact
+        np.testing.assert_allclose([found.x, found.y, found.radius], [contact.x, contact.y, contact.radius], rtol=0, atol=1)
+    assert uncalibrated_sensor("mine", (166, 240), pitch=1e-4, thickness=0.004, row_scale=1.1).height == pytest.approx(166 * 1.1e-4)
