@@ -35,8 +35,8 @@ PNG_STEP = 1e-7
 """m per level of a depth PNG: 16 bits reach 6.5 mm."""
 DEEPEST = 2**16 - 1
 RIM_SHARE = 0.03
-"""Share of the rim that shows a press, from which the rim is pressed. In public photographs it finds 26 of 28 contacts that the rim cuts; of 84
-that are a radius or more away from it, 14 are flagged too, where light has drifted."""
+"""Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
+have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
 REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
 
 

@@ -145,11 +145,11 @@ def test_observation_names_altered_tactile_images_or_accepts_them(tmp_path: Path
     assert "touches.0" not in str(error.value)
     assert "add accept_photographs: true" in str(error.value)
     load_observation(write_observation(tmp_path, entries | {"untouched": "untouched.png", "accept_photographs": True}), faults)
-    with pytest.raises(InvalidInput, match="touches.1, compared with the background of sensor gel_16mm: colours exchanged"):
+    with pytest.raises(InvalidInput, match=r"touches\.1, compared with the background of sensor gel_16mm: colours exchanged"):
         load_observation(write_observation(tmp_path, entries), faults)
     path = write_observation(tmp_path, entries | {"untouched": "untouched.png"})
     Image.fromarray(np.ascontiguousarray(untouched[::-1, ::-1])).save(tmp_path / "untouched.png")
-    with pytest.raises(InvalidInput, match="the untouched photograph, .*: turned by 180°"):
+    with pytest.raises(InvalidInput, match=r"the untouched photograph, .*: turned by 180°"):
         load_observation(path, faults)
 
 
