@@ -16,7 +16,7 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 
 TO_ACCEPT = "If the photographs are right as they are, go on with --accept-photographs (in Python, accept_photographs=True)"
 """End of an error that names faults of photographs."""
-EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.12
+EXPOSURE, OTHER_DAY_EXPOSURE = 0.06, 0.08
 """Largest relative difference of brightness between photographs of one session, and from the sensor file. Those of public sets differ by
 0.022 within a set; another unit of a sensor by 0.065."""
 BALANCE = 0.15

@@ -144,8 +144,9 @@ class TouchReader:
         self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs
         if not accept_photographs:
             stop_at(untouched_faults(untouched, described))
-        loaded.check_sides(*untouched.shape[:2], self.pixel_aspect)
-        self.sensor = resample(described, *untouched.shape[:2])
+        rows, cols = untouched.shape[:2]
+        loaded.check_sides(rows, cols, self.pixel_aspect)
+        self.sensor = resample(described, rows, cols)
 
     def read(self, image: NDArray[np.uint8]) -> TouchReading:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
