@@ -20,7 +20,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.physics_urdf import inertia_notes
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.grasp_tests import GRASP_TESTS
@@ -83,10 +83,9 @@ class SimulateGrasps(ObjectStage):
         }
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name links without mass, and objects that do not fit the hand."""
+        """Name links whose mass or inertia is estimated, and objects that do not fit the hand."""
         hand = load_hand(settings.hand)
-        if massless := links_without_mass(hand):
-            yield f"hand {hand.name}: its URDF states no mass for {abbreviate(massless)}; estimated from collision shapes at 1000 kg/m³"
+        yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
