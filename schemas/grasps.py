@@ -85,8 +85,8 @@ GRASPS = Artifact(
             ("object", "grasp"),
             "bool",
             "1",
-            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 5 cm of where "
-            "it was, and slower than 2 cm/s.",
+            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 5 cm of "
+            "where it was, and slower than 2 cm/s.",
             optional=True,
         ),
         "held_directions": Array(

@@ -22,9 +22,9 @@ MIN_MASS = 1e-3
 """Mass of a link without a mass and without collision shapes, kg."""
 
 ROUNDED = 0.01
-"""Share of the largest moment of inertia by which it may exceed the sum of the two others, which no body's does: files round."""
+"""Share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round."""
 LEAST_GYRATION = 0.01
-"""Share of a link's size below which its radius of gyration cannot be: the mass of a rod is farther from its middle. 1 is too far for any."""
+"""Least possible greatest radius of gyration of a link, as a share of the diagonal of its box: a rod has 0.29. No body has more than 1."""
 
 
 def write_physics_urdf(hand: Hand, folder: Path) -> Path:
@@ -64,7 +64,8 @@ def inertia_notes(hand: Hand) -> list[str]:
     notes = []
     if massless:
         notes.append(
-            f"the URDF states no mass for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, at least 1 g per link"
+            f"the URDF states no mass for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, "
+            "at least 1 g per link"
         )
     if guessed:
         notes.append(

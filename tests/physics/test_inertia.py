@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -25,7 +23,7 @@ GEL = np.array([0.0, -0.005, 0.05])
 """m, the origin of its sensor."""
 FINGER = f"""<robot name="one"><link name="palm"/><link name="finger">
 <inertial><origin xyz="{" ".join(map(str, CENTRE))}" rpy="{" ".join(map(str, TURN))}"/><mass value="{MASS}"/>
-<inertia ixx="{TENSOR[0, 0]}" ixy="{TENSOR[0, 1]}" ixz="{TENSOR[0, 2]}" iyy="{TENSOR[1, 1]}" iyz="{TENSOR[1, 2]}" izz="{TENSOR[2, 2]}"/></inertial>
+<inertia {" ".join(f'i{"xyz"[row]}{"xyz"[col]}="{TENSOR[row, col]}"' for row in range(3) for col in range(row, 3))}/></inertial>
 <collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.01 0.06"/></geometry></collision></link>
 <joint name="bend" type="revolute"><parent link="palm"/><child link="finger"/><axis xyz="{" ".join(map(str, AXIS))}"/>
 <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
