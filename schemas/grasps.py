@@ -85,8 +85,8 @@ GRASPS = Artifact(
             ("object", "grasp"),
             "bool",
             "1",
-            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 5 cm of "
-            "where it was, and slower than 2 cm/s.",
+            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 10 cm of "
+            "where it was, and slower than 5 cm/s.",
             optional=True,
         ),
         "held_directions": Array(
@@ -100,7 +100,7 @@ GRASPS = Artifact(
             ("object", "grasp", "direction"),
             "float32",
             "m",
-            "How far the object's centre is from where it was at the end of the hold test: beyond 5 cm, after a second or, where it rests, "
+            "How far the object's centre is from where it was at the end of the hold test: beyond 10 cm, after a second or, where it rests, "
             "before. One direction of gravity, -z, or six as in `held_directions`; inf after a numerical failure.",
             infinite=True,
             optional=True,
