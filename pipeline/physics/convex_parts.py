@@ -17,8 +17,8 @@ from pipeline.store.storage import temporary
 THRESHOLD = 0.05
 """Largest concavity of a part, as a share of the object's size (Wei et al. 2022): coacd's default."""
 THICKENED = 0.022
-"""Distance from the surface, as a share of half of the object's largest extent, within which vertices of parts are moved to it: coacd remeshes
-objects that are not closed manifolds, half as far outside (0.55 of its voxels), so that all of them would be too thick."""
+"""Distance from the surface, as a share of half of the object's largest extent, within which vertices of parts are moved to it: coacd
+remeshes objects that are no closed manifolds, half as far outside (0.55 of its voxels), and every part would be too thick."""
 
 
 def convex_parts(mesh: Mesh) -> list[NDArray[np.float64]]:

@@ -15,8 +15,8 @@ from pipeline.physics.motion import Motion
 AXES = tuple(tuple(sign * axis) for axis in np.eye(3) for sign in (-1.0, 1.0))
 """The six directions, in DexGraspBench's order."""
 WITHIN, REST = 0.1, 0.05
-"""m from where it was, and m/s, up to which an object is held at the end: then it rests in the hand. Both lie in gaps: motors and gels give way by
-up to 2 cm, some objects slip by up to 8 cm until they are caught, and what rests may creep at 1 cm/s; what falls is faster than 10 cm/s."""
+"""m from where it was, and m/s, up to which an object is held at the end: then it rests in the hand. Motors and gels give way by up to
+2 cm, some objects slip by up to 8 cm until they are caught, and what rests may creep at 1 cm/s; what falls is faster than 10 cm/s."""
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,9 @@ ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
 PLATE_TURN, PLATE_TILT = 3.0, 6.0
-"""Moments that a gel's contact resists about its normal and about its tangents, as multiples of that of its area (`GelSpring.torsion`): a plate
-meets a convex part at one or two points, and in PyBullet at up to four, as far apart as the contact reaches. With 1 and 0, an object that PyBullet
-holds turns between its fingers and falls, in 6 of 125 grasps."""
+"""Moments that a gel's contact resists about its normal and about its tangents, as multiples of that of its area (`GelSpring.torsion`):
+a plate meets a convex part at one or two points, and in PyBullet at up to four, as far apart as the contact reaches. With 1 and 0, seven of
+125 objects that PyBullet holds turn between the fingers and fall."""
 HAND, GEL = 1, 2
 """Collision bits: links collide with links, links and gels with the object, gels with no part of the hand."""
 
