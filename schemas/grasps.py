@@ -100,8 +100,8 @@ GRASPS = Artifact(
             ("object", "grasp", "direction"),
             "float32",
             "m",
-            "How far the object's centre is from where it was at the end of the hold test: beyond 10 cm, after a second or, where it rests, "
-            "before. One direction of gravity, -z, or six as in `held_directions`; inf after a numerical failure.",
+            "How far the object's centre is from where it was at the end of the hold test: beyond 10 cm, after a second or, where it "
+            "rests, before. One direction of gravity, -z, or six as in `held_directions`; inf after a numerical failure.",
             infinite=True,
             optional=True,
         ),

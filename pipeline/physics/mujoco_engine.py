@@ -32,10 +32,9 @@ ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
 """kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
-PLATE_TURN, PLATE_TILT = 3.0, 6.0
-"""Moments that a gel's contact resists about its normal and about its tangents, as multiples of that of its area (`GelSpring.torsion`):
-a plate meets a convex part at one or two points, and in PyBullet at up to four, as far apart as the contact reaches. With 1 and 0, seven of
-125 objects that PyBullet holds turn between the fingers and fall."""
+PLATE_TURN = 3.0
+"""Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex part at
+one or two points, and in PyBullet at up to four, near its corners. With 1, seven of 125 objects that PyBullet holds turn and fall."""
 HAND, GEL = 1, 2
 """Collision bits: links collide with links, links and gels with the object, gels with no part of the hand."""
 
@@ -74,9 +73,8 @@ class MujocoHoldTest(HoldTest):
         spec.option.impratio, spec.option.noslip_iterations = 10, 2
         gels = [gel_name(number) for number in range(len(self.sensors))]
         for geom in spec.geoms:
-            is_gel = geom.parent.name in gels
-            geom.contype, geom.conaffinity = (GEL, 0) if is_gel else (HAND, HAND)
-            geom.priority, geom.condim = 1, 6 if is_gel else 4  # the hand's friction counts
+            geom.contype, geom.conaffinity = (GEL, 0) if geom.parent.name in gels else (HAND, HAND)
+            geom.priority, geom.condim = 1, 4  # the hand's friction counts
             geom.friction = [hand.friction, self.torsion or 0.0, 0.0]
             geom.solref[:], geom.solimp[:] = HARD["solref"], HARD["solimp"]
         joined = {(joint.parent, joint.child) for joint in hand.joints}  # MuJoCo lets links of a palm that does not move collide with it
@@ -148,8 +146,7 @@ class MujocoHoldTest(HoldTest):
         self.data.joint(name).qpos = gel_top(sensor) if out and contact else spring.height
         joint.stiffness, joint.damping = spring.stiffness, spring.damping
         model.qpos_spring[joint.qposadr] = gel_top(sensor)
-        moments = (PLATE_TURN * spring.torsion, PLATE_TILT * spring.torsion) if self.torsion is None else (self.torsion, 0.0)
-        model.geom_friction[model.body(name).geomadr, 1:] = moments
+        model.geom_friction[model.body(name).geomadr, 1] = PLATE_TURN * spring.torsion if self.torsion is None else self.torsion
 
     def _object_pose(self) -> NDArray[np.float64]:
         """Read the pose; after a numerical failure MuJoCo has reset itself, and the pose is NaN."""
