@@ -33,8 +33,8 @@ ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
 PLATE_TURN = 3.0
-"""Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex part at
-one or two points, and in PyBullet at up to four, near its corners. With 1, seven of 125 objects that PyBullet holds turn and fall."""
+"""Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex
+part at one or two points, and in PyBullet at up to four, near its corners. With 1, seven of 125 objects that PyBullet holds fall."""
 HAND, GEL = 1, 2
 """Collision bits: links collide with links, links and gels with the object, gels with no part of the hand."""
 
