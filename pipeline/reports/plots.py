@@ -100,9 +100,10 @@ def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x:
     """Draw the distributions of series (N,) as lines over common bins, as an SVG; with a limit, over decades and with a line there."""
     with themed_svg(path) as figure:
         axes = figure.subplots()
-        highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
-        bins = np.linspace(0, highest, 25)
-        if limit is not None:
+        if limit is None:
+            highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
+            bins = np.linspace(0, highest, 25)
+        else:
             bins = limit * np.logspace(-DECADES, 1, 6 * (DECADES + 1) + 1)
             values = {name: np.clip(series, bins[0], bins[-1]) for name, series in values.items()}
             axes.axvline(limit, color=INK, linewidth=1, linestyle=LINES[1])
