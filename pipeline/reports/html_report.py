@@ -212,8 +212,8 @@ def _hold_plots(tallies: Mapping[str, Tally], folder: Path) -> list[dict[str, st
     for name, unit, limit, values in (("distance", "mm", 1e3 * WITHIN, measured[0]), ("speed", "mm/s", 1e3 * REST, measured[1])):
         file, held, beyond = f"hold-{name}.svg", values[values <= limit], values[values > limit]
         draw_histogram(folder / file, {"kept grasps": values}, x=f"{name}, {unit}", y="% of hold tests", limit=limit)
-        ends = [f"{len(held)} of {len(values)} up to {limit:g} {unit}", *([f"greatest {held.max():.2g}"] if len(held) else [])]
-        ends += [f"least beyond {beyond.min():.2g} {unit}"] if len(beyond) else []
+        ends = [f"{len(held)} of {len(values)} up to {limit:g} {unit}", *([f"greatest {held.max():.3g}"] if len(held) else [])]
+        ends += [f"least beyond {beyond.min():.3g} {unit}"] if len(beyond) else []
         caption = f"The object's {name} at the end of the hold test: {', '.join(ends)}"
         plots.append({"file": f"{folder.name}/{file}", "alt": caption, "caption": caption})
     return plots
