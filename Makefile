@@ -16,7 +16,7 @@
 #   SEEDS=0           trainings of each network, and evaluations of them: SEEDS="0 1 2" shows what is chance
 #   REAL=...          folder of clones of public repositories with photographs, for bench-touch and test-sensors: see docs/real-touch.md
 #   LONG=1            for reproduce: a night on 2 cores
-#   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv has
+#   PYTHON=...        Python 3.11, 3.12 or 3.13 for the virtual environment VENV=.venv; by default the first that fits, or one that uv downloads
 
 .DEFAULT_GOAL := help
 .SECONDEXPANSION:  # of prerequisites: $$(…) is looked at when a target is made, so that `make help` reads no dataset

@@ -6,6 +6,7 @@ import argparse
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import igl
 import numpy as np
@@ -34,7 +35,9 @@ def main() -> None:
     arguments = parser.parse_args()
     surfaces = DataDirectory(arguments.data).collection(SURFACES)
     names = ObjectRows(arguments.data, ["points"], "test").object_ids
-    rows = [measure(arguments.data, arguments.configuration, name, arguments.resolution, read_mesh(surfaces.view(name))) for name in names]
+    rows: list[Any] = [
+        measure(arguments.data, arguments.configuration, name, arguments.resolution, read_mesh(surfaces.view(name))) for name in names
+    ]
     table = Table(f"{arguments.resolution} edges", ["processor s", "watertight", "parts", "touch charts within, mm", "IoU"])
     for name, row in [*zip(names, rows, strict=True), ("mean", np.mean(rows, axis=0)), ("most", np.max(rows, axis=0))]:
         table.add(name, *map(three_digits, row))

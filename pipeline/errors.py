@@ -43,6 +43,11 @@ def unknown_name(kind: str, name: object, names: Collection[str]) -> str:
     return f"unknown {kind} {name}{f', did you mean {guess}?' if guess else ';'} choose from {', '.join(names)}"
 
 
+def missing_name(kind: str, name: str, names: Collection[str]) -> str:
+    """Describe a name that a file lacks, such as a link's: list those that it has."""
+    return f"there is no {kind} {name!r}; there are {', '.join(sorted(names)) or 'none at all'}"
+
+
 def first_line(error: Exception) -> str:
     """Return the first line of an error's message, or its type if the message is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)

@@ -43,7 +43,8 @@ INDEXED_DIMS = ("grasp", "viewpoint", "press")
 """Second dimensions of which readers take one entry at a time: in large arrays each is a chunk of its own."""
 
 COMMON = {
-    "object_id": Array(("object",), "string", "1", "The object's name, the same in every artifact."),
+    "object": Array(("object",), "string", "1", "The object's name, the same in every artifact: the label of its dimension."),
+    "object_id": Array(("object",), "string", "1", "The same names as `object`, called as in records and tables."),
     "category": Array(("object",), "string", "1", "The object's class."),
     "split": Array(("object",), "string", "1", "train, valid or test: a label, on which no value depends."),
     "ok": Array(

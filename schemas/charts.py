@@ -13,7 +13,7 @@ CHARTS = Artifact(
     name="charts",
     stage="fit-charts",
     order=4,
-    version=2,
+    version=3,
     summary="A touch chart for every sensor of every grasp, fitted to the points its U-Net sees, or to the true ones.",
     arrays={
         **coordinates("grasp", "sensor"),

@@ -6,7 +6,7 @@ DISTANCES = Artifact(
     name="distances",
     stage="sample-distances",
     order=5,
-    version=1,
+    version=2,
     summary="Points in space, near every object and around it, and their signed distance to its surface: for implicit networks.",
     arrays={
         "query_points": Array(

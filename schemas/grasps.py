@@ -6,7 +6,7 @@ GRASPS = Artifact(
     name="grasps",
     stage="simulate-grasps",
     order=1,
-    version=3,
+    version=4,
     summary="The best grasps of every object: poses of hand and sensors as simulated, and which sensors touch.",
     arrays={
         **coordinates("grasp", "sensor", "joint"),

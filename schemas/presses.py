@@ -9,7 +9,7 @@ PRESSES = Artifact(
     name="presses",
     stage="simulate-presses",
     order=7,
-    version=1,
+    version=2,
     summary="Random shapes and patches of each object, pressed into a gel without a hand: to train networks that read photographs.",
     arrays={
         "press_shape": Array(

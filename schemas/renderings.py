@@ -6,7 +6,7 @@ RENDERINGS = Artifact(
     name="renderings",
     stage="read-renderings",
     order=6,
-    version=1,
+    version=2,
     summary="Images of every object from several sides, read from a folder laid out as ShapeNetRendering.",
     arrays={
         "rendering": Array(("object", "viewpoint", "row", "col", "rgb"), "uint8", "1/255", "The object before a plain background, sRGB."),

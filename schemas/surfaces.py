@@ -6,7 +6,7 @@ SURFACES = Artifact(
     name="surfaces",
     stage="sample-surfaces",
     order=0,
-    version=3,
+    version=4,
     summary="The exterior surface of every object as points, and its normalised mesh with its look.",
     arrays={
         "points": Array(

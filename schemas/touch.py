@@ -6,7 +6,7 @@ TOUCH = Artifact(
     name="touch",
     stage="simulate-touch",
     order=3,
-    version=3,
+    version=4,
     summary="What every sensor of every grasp feels: depth, tactile image, and the surface points in its gel.",
     arrays={
         **coordinates("grasp", "sensor"),

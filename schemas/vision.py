@@ -6,7 +6,7 @@ VISION = Artifact(
     name="vision",
     stage="render-vision",
     order=2,
-    version=4,
+    version=5,
     summary="Images of every object alone and in every grasp from each camera of the scene, with what each pixel shows.",
     arrays={
         **coordinates("grasp"),

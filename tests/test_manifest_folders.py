@@ -200,7 +200,7 @@ def test_ids_and_categories_come_from_paths_in_a_folder(tmp_path):
         (["object_id,category,file,up", "a,cup,a.obj,w"], "a has up 'w'; it must be x, y, z or empty"),
         (["object_id,category,file,up,metres_per_unit", "a,cup,a.obj,,mm"], "a has metres_per_unit 'mm'; it must be a number from 1e-09"),
         (["object_id,category,file,up,metres_per_unit", "a,cup,a.obj,,nan"], "a has metres_per_unit 'nan'"),
-        (["\udcff"], "cannot be read as CSV in UTF-8"),
+        (["\udcff"], "is not text in UTF-8"),
         ([], "has no column object_id, category, file, up"),
     ],
 )

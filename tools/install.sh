@@ -59,23 +59,31 @@ facts() {
 print("%d.%d" % sys.version_info[:2], *("yes" if util.find_spec(name) else "no" for name in ("ensurepip", "pip")), sys.base_prefix)' 2>/dev/null
 }
 
-# choose PYTHON…: set `creator` to the first that fits and has ensurepip, else to uv, else to one that the Debian package `completed_by` completes
+# choose PYTHON…: set `creator` to the first that fits and has ensurepip, else to uv, else to one that the Debian package `completed_by` completes.
+# Where none fits, `uv_from` is any other Python, which installs uv.
 choose() {
-    incomplete='' version='' completed_by=''
+    incomplete='' version='' completed_by='' uv_from=''
     for creator; do
         found=$(facts "$creator") && fits "${found%% *}" || continue
         case $found in 3.??' yes '*) return ;; esac
         [ -n "$incomplete" ] || incomplete=$creator version=${found%% *}
     done
-    if command -v uv >/dev/null; then
-        creator=uv
-    elif [ -n "$incomplete" ]; then
-        creator=$incomplete completed_by=python$version-venv
-        available "$completed_by" || unfit "$creator is Python $version without ensurepip"
+    creator=uv uv=$(command -v uv || echo .venv-uv/bin/uv)
+    [ ! -x "$uv" ] || return 0
+    if [ -n "$incomplete" ]; then
+        creator=$incomplete
     else
-        creator=python3 completed_by=python3-venv
-        available python3-venv && fits "$(apt-cache show --no-all-versions python3 | sed -n 's/^Version: \(3\.[0-9]*\).*/\1/p')" ||
-            unfit "there is no such Python here"
+        for uv_from in python3 python3.14 python3.15 ''; do ! found=$(facts "$uv_from") || break; done
+        version=${found%% *}
+        case $found in 3.?' yes '* | 3.??' yes '*) return ;; esac
+    fi
+    if [ -n "$version" ]; then
+        completed_by=python$version-venv
+        available "$completed_by" || unfit "${uv_from:-$creator} is Python $version without ensurepip"
+    else
+        completed_by=python3-venv uv_from=python3
+        available python3-venv || unfit "there is no Python here"
+        ! fits "$(apt-cache show --no-all-versions python3 | sed -n 's/^Version: \(3\.[0-9]*\).*/\1/p')" || creator=python3 uv_from=''
     fi
 }
 
@@ -117,8 +125,13 @@ create() {
         trap 'rm -rf -- "$unfinished"' EXIT
         trap 'exit 130' HUP INT TERM
     fi
+    if [ -n "$uv_from" ]; then
+        echo "no Python here is ${only:-3.11, 3.12 or 3.13}: installing uv into .venv-uv, which downloads Python ${only:-3.13}"
+        "$uv_from" -m venv .venv-uv
+        install .venv-uv -c constraints.txt uv || unfit "uv cannot be installed"
+    fi
     case $creator in
-    uv) uv venv --quiet --seed --python "${incomplete:-${only:-3.13}}" "$1" ;;
+    uv) "$uv" venv --quiet --seed --python "${incomplete:-${only:-3.13}}" "$1" || unfit "$uv cannot make $1" ;;
     *) "$creator" -m venv "$1" ;;
     esac
 }
@@ -165,6 +178,8 @@ exports) # LeRobot pins an older torch, but reads datasets with ours
     create_beside .venv-exports
     install .venv-exports -c constraints.txt -r tests/export/requirements.txt
     install .venv-exports --no-deps lerobot==0.4.4 accelerate==1.15.0
+    command -v npm >/dev/null || packages npm
+    npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@0.7.5
     ;;
 peers) # most of them work with our versions of packages
     stop_if_fresh .venv-peers installed "$venv/installed-dev" benchmarks/peers/requirements.txt
@@ -191,7 +206,7 @@ household)
     exit
     ;;
 remove)
-    rm -rf .venv-peers .venv-peers-tacto .venv-hands .venv-exports
+    rm -rf .venv-peers .venv-peers-tacto .venv-hands .venv-exports .venv-uv
     [ ! -e "$venv/pyvenv.cfg" ] || rm -rf -- "$venv" # VENV may name any folder
     exit
     ;;

@@ -32,10 +32,11 @@ from pipeline.cli.request import (
 )
 from pipeline.config.manifest import load_manifest
 from pipeline.console import NAMED, abbreviate, console, errors, pluralise, print_line
-from pipeline.engine.plan import Forecast, Plan
+from pipeline.engine.plan import Forecast, Plan, Summary
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as execute
-from pipeline.engine.shard import failures as failures_of
+from pipeline.engine.shard_units import failures as failures_of
+from pipeline.engine.shard_units import failures_before
 from pipeline.engine.stage import DatasetStage, ObjectStage, Stage
 from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
@@ -104,7 +105,7 @@ NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) -> None:
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
     if foreseen.up_to_date:
-        text = f"up to date, {pluralise(foreseen.total)}"
+        text = f"up to date, {pluralise(foreseen.total)}" + _failed_text(foreseen.failed, foreseen.failed_before)
     elif not foreseen.total:
         text = f"would be removed, {NO_OBJECT_LEFT}"
     elif isinstance(stage, DatasetStage):
@@ -117,48 +118,44 @@ def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) 
     print_line(f"{stage.name} {path}: {text}")
 
 
+def _failed_text(here: int, before: int) -> str:
+    """Write how many objects failed in this stage, and in earlier ones."""
+    return (f", {here} failed" if here else "") + (f"; {pluralise(before)} failed in an earlier stage" if before else "")
+
+
 def run_plan(plan: Plan[Any]) -> None:
     """Run a plan and print what was done, and the reason of each object that failed."""
-    stage, request = plan.stage.name, plan.request
-    failures: dict[str, Failure] = {}
+    stage, request, is_shard = plan.stage.name, plan.request, isinstance(plan.output, ShardOutput)
+    result: Summary | None = None
     if plan.up_to_date():
-        objects = len(plan.units) if isinstance(plan.output, ShardOutput) else plan.total
-        print_line(f"{stage} {plan.path}: up to date, {pluralise(objects)}")
-        failures = _failures(plan)
+        text = f"up to date, {pluralise(len(plan.units) if is_shard else plan.total)}"
     elif not plan.total:
         execute(plan, console)
-        print_line(f"{stage} {plan.path}: removed, {NO_OBJECT_LEFT}")
+        text = f"removed, {NO_OBJECT_LEFT}"
     else:
         _warn_of_low_disk_space(plan)
-        if isinstance(plan.output, ShardOutput) and request.only is None and (line := _changed_rows(plan)):
+        if is_shard and request.only is None and (line := _changed_rows(plan)):
             print_line(f"{stage} {plan.path}: {line}")
-        for line in _misfits(plan) if isinstance(plan.output, ShardOutput) else ():
+        for line in _misfits(plan) if is_shard else ():
             print_line(line)
         result = execute(plan, console)
-        text = f"made {pluralise(result.made)}" if isinstance(plan.output, ShardOutput) else f"made from {pluralise(plan.total)}"
-        without_input = sum(unit.failure is not None and not plan.failed_here(unit.failure) for unit in plan.units)
-        note = f"; {pluralise(without_input)} failed in an earlier stage" if without_input else ""
-        note += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet" if plan.missing else ""
-        if result.held_back:
-            note = (
-                "; not published, because the others are damaged, have left the manifest, or were made with other settings, inputs or "
-                f"code: run without --object, or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another "
-                "--data"
-            )
-        failures = _failures(plan)
-        print_line(f"{stage} {plan.path}: {text} in {result.seconds:.1f} s" + (f", {len(failures)} failed" if failures else "") + note)
-        if isinstance(plan.output, ShardOutput) and plan.output.shard is not None:
-            for line in plan.stage.describe_shard(plan.settings, plan.output.shard):
-                print_line(line)
-    failures = {name: failure for name, failure in failures.items() if request.only in (None, name)}
+        text = (f"made {pluralise(result.made)}" if is_shard else f"made from {pluralise(plan.total)}") + f" in {result.seconds:.1f} s"
+    failures = failures_of(plan) if is_shard else {}  # a folder has none
+    text += _failed_text(len(failures), failures_before(plan) if is_shard else 0)
+    if result and result.held_back:
+        text += (
+            "; not published, because the others are damaged, have left the manifest, or were made with other settings, inputs or "
+            f"code: run without --object, or, to look at {request.only} alone, run each stage from {next(iter(STAGES))} with another --data"
+        )
+    elif result and plan.missing:
+        text += f"; {pluralise(len(plan.missing))} of {plan.total} not made yet"
+    print_line(f"{stage} {plan.path}: {text}")
+    if result and is_shard and plan.output.shard is not None:
+        for line in plan.stage.describe_shard(plan.settings, plan.output.shard):
+            print_line(line)
     _print_failures(failures)
     if failures and request.strict:
         fail(f"{pluralise(len(failures))} failed, and --strict was asked for")
-
-
-def _failures(plan: Plan[Any]) -> dict[str, Failure]:
-    """List the objects of a shard that failed in this stage; a folder has none."""
-    return failures_of(plan) if isinstance(plan.output, ShardOutput) else {}
 
 
 def _warn_of_low_disk_space(plan: Plan[Any]) -> None:

@@ -16,7 +16,7 @@ from pipeline.config.objects import Object
 from pipeline.config.sources import MeshSource
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import MESH_SUFFIXES, expanded, read_file
+from pipeline.formats.file_content import MESH_SUFFIXES, expanded, read_text
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT
 
 MAX_ENTRIES = 500_000
@@ -100,8 +100,7 @@ class Catalogue(MeshSource):
         folder = _folder(root or self.path, "a folder with a catalogue.csv (`make household` fills data/meshes/household)")
         file = folder / "catalogue.csv"
         try:
-            text = read_file(file, MAX_CATALOGUE_BYTES).decode("utf-8-sig")  # spreadsheets write a byte-order mark
-            lines = csv.DictReader(io.StringIO(text, newline=""), restval="")
+            lines = csv.DictReader(io.StringIO(read_text(file, MAX_CATALOGUE_BYTES), newline=""), restval="")
             if missing := [name for name in ("object_id", "category", "file", "up") if name not in (lines.fieldnames or ())]:
                 raise InvalidInput(f"{file.resolve()} has no column {', '.join(missing)}; its first line names the columns")
             for line in lines:
@@ -114,8 +113,8 @@ class Catalogue(MeshSource):
                 unit = _unit(line.get("metres_per_unit", ""), f"{file.resolve()}: {line['object_id']}")
                 source = self.placed(folder / line["file"], folder, line["up"], unit)
                 yield Object(line["object_id"], as_name(line["category"]), source)
-        except (UnicodeDecodeError, csv.Error) as error:
-            raise InvalidInput(f"{file.resolve()} cannot be read as CSV in UTF-8: {error}") from error
+        except csv.Error as error:
+            raise InvalidInput(f"{file.resolve()} cannot be read as CSV: {error}") from error
 
 
 def _unit(text: str, line: str) -> float | None:

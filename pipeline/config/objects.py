@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import refuse_pointer
 from pipeline.formats.mesh_companions import Companions
 
 
@@ -56,4 +57,6 @@ def checksum(objects: list[Object]) -> str:
 def _sha256(file: Path) -> str:
     if not file.is_file():
         raise InvalidInput(f"{file} is no regular file; remove it")
-    return hashlib.sha256(file.read_bytes()).hexdigest()
+    content = file.read_bytes()
+    refuse_pointer(file, content)
+    return hashlib.sha256(content).hexdigest()

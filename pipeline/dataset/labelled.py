@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -31,7 +33,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     -------
     Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
     where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them, the attribute `failures` says why.
-    Where objects have not been made yet, the attribute `missing` names them.
+    Where objects have not been made yet, the attribute `missing` names them. Attributes other than text and numbers are JSON text, which
+    netCDF can hold.
 
     Raises
     ------
@@ -48,21 +51,28 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
     first_index = collection.shards.index(collection.first)  # an error without shards
     shards = [_open_shard(shard) for shard in collection.shards]
-    failures = [failure for shard in shards for failure in shard.attrs["failures"].items()]
-    shards[0].attrs["failures"] = dict(failures)  # concatenation keeps the attributes of the first
+    opened = shards[0]
+    if len(shards) > 1:
+        lazy = [shard.assign({name: _lazy(array.variable) for name, array in shard.data_vars.items()}) for shard in shards]
+        template, opened_shards = lazy[first_index], zip(collection.shards, lazy, strict=True)
+        opened = _join(dataset if shard.has_rows else _zeros(dataset, template) for shard, dataset in opened_shards)
+    for variable in opened.variables.values():
+        variable.encoding = {name: value for name, value in variable.encoding.items() if name not in ("chunks", "shards")}  # of its files
+    attributes = dict(shards[0].attrs)
+    attributes["failures"] = dict(failure for shard in shards for failure in shard.attrs["failures"].items())
     if collection.missing:
-        shards[0].attrs["missing"] = list(collection.missing)
-    if len(shards) == 1:
-        return shards[0]
-    lazy = [shard.map(_lazy, keep_attrs=True) for shard in shards]
-    sized = [
-        dataset if shard.has_rows else _zeros(dataset, lazy[first_index]) for shard, dataset in zip(collection.shards, lazy, strict=True)
-    ]
-    joined: xarray.Dataset = xarray.concat(sized, "object", data_vars="minimal", coords="minimal", compat="override")
+        attributes["missing"] = list(collection.missing)
+    plain = {name: value if type(value) in (str, int, float) else json.dumps(value) for name, value in attributes.items()}
+    return opened.assign_attrs(plain)
+
+
+def _join(shards: Iterable[xarray.Dataset]) -> xarray.Dataset:
+    """Concatenate shards along `object`, in the order of its names."""
+    joined: xarray.Dataset = xarray.concat(shards, "object", data_vars="minimal", coords="minimal", compat="override")
     return joined.assign_coords({name: label.compute() for name, label in joined.coords.items()}).sortby("object")
 
 
-def _lazy(array: xarray.DataArray) -> xarray.DataArray:
+def _lazy(array: xarray.Variable) -> xarray.Variable:
     """Make an array lazy: it is read in blocks of as many objects as share a chunk."""
     return array.chunk({"object": array.encoding["chunks"][0]} if "object" in array.dims else {})
 
@@ -79,7 +89,7 @@ def _open_shard(shard: Shard) -> xarray.Dataset:
     shard.check_arrays()
     with shard.errors_as_damage("it cannot be opened"):
         plain = xarray.open_dataset(shard, engine=_ShardReader)  # type: ignore[arg-type]  # our reader takes a Shard
-        labelled: xarray.Dataset = plain.set_coords(["category", "split", "ok"]).set_index(object="object_id")
+        labelled: xarray.Dataset = plain.drop_vars("object_id").set_coords(["category", "split", "ok"])
         for name in labelled.coords:
             labelled[name].load()
     return labelled

@@ -21,7 +21,7 @@ from pipeline.config.sources import Pybullet
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import read_text
 from pipeline.store import digest
 from pipeline.store.record import Name, Sha256, Text
 from pipeline.store.reshard import shard_of
@@ -228,7 +228,7 @@ def read_recipe(path: Path) -> Recipe:
         the file and every such entry.
     """
     try:
-        head, _, lines = read_file(path, MAX_BYTES).decode().replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
+        head, _, lines = read_text(path, MAX_BYTES).replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
         content = parse_yaml(head)
     except (ValueError, yaml.YAMLError) as error:
         raise InvalidInput(f"recipe {path} cannot be read as YAML: {error}") from error

@@ -72,6 +72,7 @@ class Forecast:
     """An estimate of a run: `missing` of `total` objects to process, the seconds it takes, and the kilobytes that it writes.
 
     If it is not `up_to_date` and no object is missing, a run publishes finished rows, or removes a shard without objects.
+    `failed` and `failed_before` count the objects of an output that is up to date that failed, here and in earlier stages.
     """
 
     missing: int
@@ -79,11 +80,13 @@ class Forecast:
     seconds: float
     kilobytes: float
     up_to_date: bool = False
+    failed: int = 0
+    failed_before: int = 0
 
 
 @dataclass(frozen=True)
 class Summary:
-    """A summary of a run: the objects processed, and the seconds for all.
+    """A summary of a run: the objects that were made, without those that failed, and the seconds for all.
 
     The new rows are `held_back` if published rows of the shard must be made again first.
     """

@@ -16,6 +16,7 @@ from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
 from pipeline.engine.plan import Forecast, Plan, Request, Summary, description_errors
 from pipeline.engine.session import Work, check_assets
+from pipeline.engine.shard_units import failures, failures_before, finished, is_settled, pending_units, requested_units, reusable
 from pipeline.engine.stage import ObjectStage, names_read
 from pipeline.engine.unit import Unit
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
@@ -27,7 +28,7 @@ from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.row_files import Result
-from pipeline.store.rows import Row, conform, row_digest
+from pipeline.store.rows import Row, conform
 from pipeline.store.storage import exists
 
 
@@ -88,50 +89,6 @@ def _unit(plan: Plan[ShardOutput], item: Object) -> Unit:
     return Unit(item.object_id, key, inputs, plan.request.seed, item.category, item.split, item.source, failure)
 
 
-# ---- the state of units
-
-
-def finished(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
-    """Find the result of a unit that waits to be published; None if there is none yet."""
-    if unit.failure:
-        return Result(name=unit.name, key=unit.key, digest=row_digest({}, unit.failure, unit.category), failure=unit.failure)
-    return plan.output.rows.find(unit.name, unit.key)
-
-
-def published(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit; None if there is none with its key."""
-    shard = plan.output.shard
-    row = shard.row(unit.name) if shard and unit.name in shard.position else None
-    return row if row is not None and row.key == unit.key else None
-
-
-def reusable(plan: Plan[ShardOutput], unit: Unit) -> RowRecord | None:
-    """Find the published row of a unit, unless it failed and is retried."""
-    row = published(plan, unit)
-    return None if row is not None and plan.failed_here(row.failure) and plan.is_retried(unit.name) else row
-
-
-def pending_units(plan: Plan[ShardOutput]) -> list[Unit]:
-    """List the requested units without a row, published or waiting to be, under their key, and those to retry."""
-    requested = (unit for unit in plan.units if plan.request.only in (None, unit.name))
-    return [unit for unit in requested if not _is_settled(plan, unit, finished(plan, unit)) and reusable(plan, unit) is None]
-
-
-def _is_settled(plan: Plan[ShardOutput], unit: Unit, result: Result | None) -> bool:
-    """Check whether a result waits to be published, and is no failure to retry."""
-    return result is not None and (unit.failure is not None or result.failure is None or not plan.is_retried(unit.name))
-
-
-def failures(plan: Plan[ShardOutput]) -> dict[str, Failure]:
-    """List the objects that failed under this stage's current key, published or not, with their reasons."""
-    failed: dict[str, Failure] = {}
-    for unit in plan.units:
-        state = finished(plan, unit) or published(plan, unit)
-        if state and state.failure and plan.failed_here(state.failure):
-            failed[unit.name] = state.failure
-    return failed
-
-
 def published_collection(plan: Plan[ShardOutput]) -> Collection:
     """Open all shards of the artifact; none if one is damaged or of another version, and must be made again."""
     try:
@@ -147,7 +104,15 @@ def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
     same = [shard for shard in published_collection(plan).shards if shard.record.settings == plan.settings.results()]
     seconds = [row.seconds for shard in same for row in shard.record.rows]
     mean = sum(seconds) / len(seconds) if seconds else cost.seconds
-    return Forecast(number, plan.total, number * mean / plan.request.executor.processes, plan.total * cost.kilobytes, up_to_date)
+    return Forecast(
+        number,
+        len(plan.units) if up_to_date else plan.total,
+        number * mean / plan.request.executor.processes,
+        plan.total * cost.kilobytes,
+        up_to_date,
+        failed=len(failures(plan)) if up_to_date else 0,
+        failed_before=failures_before(plan) if up_to_date else 0,
+    )
 
 
 # ---- processing and publishing
@@ -169,13 +134,13 @@ def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
         if result := _reuse(plan, unit):
             _check_strictness(plan, result)
             results[unit.name] = result
-    pending = [unit for unit in plan.units if unit.name not in results and plan.request.only in (None, unit.name)]
+    pending = [unit for unit in requested_units(plan) if unit.name not in results]
     began = time.perf_counter()
-    processed = 0
+    made = 0
     for result in _process(plan, pending, console):
         results[result.name] = result
-        processed += 1
-    summary = Summary(processed, time.perf_counter() - began)
+        made += result.failure is None
+    summary = Summary(made, time.perf_counter() - began)
     if plan.request.only is not None and _loses_rows(plan, results):
         return replace(summary, held_back=True)
     _publish(plan, [results[unit.name] for unit in plan.units])
@@ -214,7 +179,7 @@ def _check_shared_objects(plan: Plan[ShardOutput]) -> None:
 def _reuse(plan: Plan[ShardOutput], unit: Unit) -> Result | None:
     """Find a row to reuse: one that waits, or the published one, unless it is damaged."""
     result = finished(plan, unit)
-    if result and not _is_settled(plan, unit, result):
+    if result and not is_settled(plan, unit, result):
         plan.output.rows.discard(unit.name, unit.key)
         result = None
     shard, row = plan.output.shard, reusable(plan, unit)

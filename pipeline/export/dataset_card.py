@@ -182,7 +182,8 @@ def card(facts: Facts, about: About, *, picture: bool) -> str:
         "## Load",
         '```python\nimport datasets\n\ndatasets.load_dataset("PATH")["train"][0]\n```',
         "`croissant.json` says the same to programs, with the SHA-256 of each file. Images are PNG; arrays keep their type and shape, and "
-        "nothing was rounded.",
+        "the files round nothing. `datasets` does: rows in the formats `numpy` and `torch` hold float64 arrays as float32. Plain rows, and "
+        '`with_format("numpy", dtype=numpy.float64)`, keep every digit.',
         "## Columns",
         _table(["column", "type", "shape", "unit", "meaning"], [_column(name, column) for name, column in facts.columns.items()]),
         "## Statistics",

@@ -7,8 +7,10 @@ would lose: MP4 compresses colours, and its depth has 12 bits.
 from __future__ import annotations
 
 import json
+import tempfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -26,6 +28,12 @@ FILE_BYTES = 100 * 10**6
 CHUNK = 1000
 """Files per folder."""
 
+QUANTILES = {"min": 0.0, "q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99, "max": 1.0}
+"""Shares of a column's values, over all frames, by the names that LeRobot normalises by."""
+
+BLOCK = 2**22
+"""Values that are sorted at a time: memory does not grow with the dataset."""
+
 NAMES = {"unoccluded": "observation.images.unoccluded", "occluded": "observation.images.occluded", "joint_angles": "observation.state"}
 PREFIXES = {"tactile_image.": "observation.images.tactile_", "depth.": "observation.depth_"}
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
@@ -37,9 +45,10 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
     tasks = sorted({_task(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
-    statistics = {name: _Statistics(column) for name, column in columns.items() if column.kind != "string"}
     files, splits, index = _DataFiles(pa, folder, schema_of(columns)), {}, 0
-    with Meter(errors, "export", sum(map(len, frames.object_ids.values())), "objects") as meter:
+    objects = sum(map(len, frames.object_ids.values()))
+    with Meter(errors, "export", objects, "objects") as meter, tempfile.TemporaryFile(dir=folder) as spooled:
+        statistics = _Statistics(columns, spooled)
         for split, ids in frames.object_ids.items():
             splits[split] = f"{len(episodes)}:{len(episodes) + len(ids)}"
             for object_id in ids:
@@ -48,8 +57,7 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
                     task, episode = tasks.index(_task(frame["category"])), len(episodes)
                     numbers = {"timestamp": grasp / FPS, "frame_index": grasp, "episode_index": episode, "index": index, "task_index": task}
                     named = {_name(name): value for name, value in frame.items()} | numbers
-                    for name, column_statistics in statistics.items():
-                        column_statistics.update(named[name])
+                    statistics.update(named)
                     rows.append(named)
                     index += 1
                 chunk, file = files.write(table_of(rows, columns))
@@ -57,6 +65,7 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
                 span = {"dataset_from_index": start, "dataset_to_index": index}
                 episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **places, **span})
                 meter.advance()
+        summary = statistics.summary()
     files.close()
     _write_meta(pa, folder, episodes, tasks)
     info = {
@@ -75,7 +84,7 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
         "features": {name: _feature(column) for name, column in columns.items()},
     }
     (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
-    (folder / "meta" / "stats.json").write_text(json.dumps({name: values.summary() for name, values in statistics.items()}, indent=4))
+    (folder / "meta" / "stats.json").write_text(json.dumps(summary, indent=4))
     return index
 
 
@@ -132,33 +141,69 @@ def _write_meta(pa: Any, folder: Path, episodes: list[dict[str, Any]], tasks: li
 
 
 class _Statistics:
-    """Least, greatest, mean and standard deviation of a column's finite values; of images per channel, 0 to 1."""
+    """Exact statistics of all columns but strings: of finite numbers, which wait in `file`, and of the channels of images, 0 to 1."""
 
-    def __init__(self, column: Column) -> None:
-        self._image = column.kind == "image"
-        shape = (3, 1, 1) if self._image else column.shape or (1,)
-        self._count, self._sum, self._squares = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-        self._min, self._max, self._frames = np.full(shape, np.inf), np.full(shape, -np.inf), 0
+    def __init__(self, columns: Mapping[str, Column], file: IO[bytes]) -> None:
+        numbers = {name: column for name, column in columns.items() if column.kind not in ("string", "image")}
+        self._numbers = np.dtype([(name, column.kind, column.shape or (1,)) for name, column in numbers.items()])
+        self._levels = {name: np.zeros((3, 256), np.int64) for name, column in columns.items() if column.kind == "image"}
+        self._file, self._frames = file, 0
 
-    def update(self, value: Any) -> None:
-        """Include the value of a frame."""
-        values = np.asarray(value, np.float64)
-        parts = values.reshape(-1, 3).T[:, :, None] / 255 if self._image else values.reshape(1, *self._sum.shape)
-        axis = 1 if self._image else 0
-        finite = np.isfinite(parts)
-        finite_parts = np.where(finite, parts, 0)
-        shape = self._sum.shape
+    def update(self, frame: Mapping[str, Any]) -> None:
+        """Include a frame."""
+        row = np.zeros((), self._numbers)
+        for name in self._numbers.names or ():
+            row[name] = frame[name]
+        self._file.write(row.tobytes())
+        for name, levels in self._levels.items():
+            for channel, counts in enumerate(levels):
+                counts += np.bincount(frame[name][..., channel].ravel(), minlength=256)
         self._frames += 1
-        self._count += finite.sum(axis=axis).reshape(shape)
-        self._sum += finite_parts.sum(axis=axis).reshape(shape)
-        self._squares += (finite_parts**2).sum(axis=axis).reshape(shape)
-        self._min = np.minimum(self._min, np.where(finite, parts, np.inf).min(axis=axis).reshape(shape))
-        self._max = np.maximum(self._max, np.where(finite, parts, -np.inf).max(axis=axis).reshape(shape))
 
-    def summary(self) -> dict[str, Any]:
-        """Compute the statistics as LeRobot writes them; 0 if no value was finite."""
-        count = np.maximum(self._count, 1)
-        mean = self._sum / count
-        spread = np.sqrt(np.maximum(self._squares / count - mean**2, 0))
-        statistics = {"min": np.where(self._count, self._min, 0), "max": np.where(self._count, self._max, 0), "mean": mean, "std": spread}
-        return {name: values.tolist() for name, values in statistics.items()} | {"count": [self._frames]}
+    def summary(self) -> dict[str, dict[str, Any]]:
+        """Compute the statistics of each column as LeRobot names and shapes them; 0 if no value was finite."""
+        self._file.flush()
+        rows = np.memmap(self._file, self._numbers, "r", shape=(self._frames,))
+        summaries = {}
+        for name in self._numbers.names or ():
+            values = rows[name].reshape(self._frames, -1)
+            step = max(1, BLOCK // self._frames)
+            blocks = [_of_numbers(values[:, start : start + step]) for start in range(0, values.shape[1], step)]
+            summaries[name] = {key: np.concatenate([block[key] for block in blocks]).reshape(rows[name].shape[1:]) for key in blocks[0]}
+        for name, levels in self._levels.items():
+            channels = [_of_levels(counts) for counts in levels]
+            summaries[name] = {key: np.array([channel[key] for channel in channels])[:, None, None] for key in channels[0]}
+        return {name: {key: value.tolist() for key, value in one.items()} | {"count": [self._frames]} for name, one in summaries.items()}
+
+
+def _of_numbers(
+    values: np.ndarray,  # (N, K)
+) -> dict[str, np.ndarray]:
+    """Compute the statistics of the finite values of each column; +inf is the only other one."""
+    ordered = np.sort(values, axis=0)
+    finite = np.isfinite(ordered)
+    ordered, counts = np.where(finite, ordered, 0).astype(np.float64), finite.sum(axis=0)
+    mean = ordered.sum(axis=0) / np.maximum(counts, 1)
+    variance = (finite * (ordered - mean) ** 2).sum(axis=0) / np.maximum(counts, 1)
+    return {"mean": mean, "std": np.sqrt(variance), **_quantiles(lambda index: ordered[index, np.arange(len(index))], counts)}
+
+
+def _of_levels(
+    counts: np.ndarray,  # (256,) pixels of each level
+) -> dict[str, np.ndarray]:
+    """Compute the statistics of a channel from its histogram."""
+    levels, cumulative = np.arange(256) / 255, np.cumsum(counts)
+    mean = counts @ levels / cumulative[-1]
+    variance = counts @ (levels - mean) ** 2 / cumulative[-1]
+    ordered = _quantiles(lambda index: levels[np.searchsorted(cumulative, index, side="right")], cumulative[-1])
+    return {"mean": mean, "std": np.sqrt(variance), **ordered}
+
+
+def _quantiles(ordered: Callable[[np.ndarray], np.ndarray], counts: np.ndarray) -> dict[str, np.ndarray]:
+    """Interpolate quantiles between the sorted values that `ordered` returns at indices, as NumPy does."""
+    quantiles = {}
+    for name, share in QUANTILES.items():
+        position = share * np.maximum(counts - 1, 0)
+        below, above = (ordered(bound(position).astype(np.int64)) for bound in (np.floor, np.ceil))
+        quantiles[name] = below + (position % 1) * (above - below)
+    return quantiles

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import foreign_content, read_file
 
 MAX_BYTES = 2**28
 
@@ -34,4 +34,6 @@ def read_array(path: Path) -> NDArray[Any]:
             raise ValueError(f"it claims {dtype} {shape}, and has {len(values)} bytes of values")
         return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran else "C")
     except Exception as error:  # numpy's parsing of headers raises whatever it trips over
-        raise InvalidInput(f"{path} cannot be read as an array ({error}); save it with numpy.save") from error
+        foreign = foreign_content(file.getvalue())
+        problem = f"is {foreign}" if foreign else f"cannot be read as an array ({error}); save it with numpy.save"
+        raise InvalidInput(f"{path} {problem}") from error

@@ -6,6 +6,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator
+from datetime import date
 from importlib import resources
 from itertools import islice
 from pathlib import Path
@@ -16,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from pipeline import plugins
 from pipeline.errors import InvalidInput, closest_name
-from pipeline.formats.file_content import expanded, read_file
+from pipeline.formats.file_content import expanded, read_text
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
@@ -124,7 +125,7 @@ def read_yaml(path: Path) -> Any:
     ValueError, yaml.YAMLError
         It cannot be read, is too large or too deep, has aliases, or is not YAML.
     """
-    return parse_yaml(read_file(path, MAX_BYTES).decode())
+    return parse_yaml(read_text(path, MAX_BYTES))
 
 
 def parse_yaml(text: str) -> Any:
@@ -187,7 +188,7 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
         if item["type"] == "union_tag_not_found":
             place = (*place, item["ctx"]["discriminator"].strip("'"))
         value = "" if item["type"] == "value_error" else _quoted_value(item["input"])  # our own messages state the value
-        name = ".".join(str(part) for part in place if not UNION_MEMBER.fullmatch(str(part)))
+        name = ".".join(str(part) for part in place if part != "[key]" and not UNION_MEMBER.fullmatch(str(part)))
         lines.setdefault(name, []).append(_describe(item["type"], name, item["msg"], guesses.get(place), value))
     return "; ".join(
         ", or ".join([first, *(line.removeprefix(f"{name}: ") for line in others)]) for name, (first, *others) in lines.items()
@@ -195,9 +196,11 @@ def invalid_entries(error: ValidationError, names: Collection[str] = ()) -> str:
 
 
 def _quoted_value(value: object) -> str:
-    """Quote a number, a string or null, if it is short."""
+    """Quote a number, a string, a date or null, if it is short."""
     if value is None:
         return " (it is null)"
+    if isinstance(value, date):
+        return f" (it is the date {value})"
     short = len(value) <= 60 if isinstance(value, str) else abs(value) < 10**60 if isinstance(value, int) else isinstance(value, float)
     return f" (it is {value!r})" if short else ""
 
@@ -215,6 +218,8 @@ def _describe(kind: str, name: str, message: str, guess: str | None, value: str)
         return f"there is no entry {name}" + (f", did you mean {guess}?" if guess else "")
     if kind in ("missing", "union_tag_not_found"):
         return f"entry {name} is missing"
+    if kind == "string_type":  # YAML reads 0, yes, null and 2026-01-01 as other things
+        return f"{name}: it must be text{value}" + ("; put it in quotes" if value else "")
     expected = {"tuple_type": "it must be a list, [VALUE, …]", "model_type": "it must be a mapping, {NAME: VALUE, …}"}
     message = expected.get(kind, message.removeprefix("Value error, ")) + (f", did you mean {guess}?" if guess else value)
     return f"{name}: {message}" if name else message

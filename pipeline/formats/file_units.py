@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import re
-import zipfile
 from contextlib import suppress
 from pathlib import Path
+
+from pipeline.formats.file_content import without_mark
+from pipeline.formats.threemf_package import HEAD_BYTES, Package
 
 METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 """Metres per unit, by its sign."""
@@ -14,14 +16,8 @@ METRES = {"mm": 1e-3, "cm": 1e-2, "dm": 1e-1, "m": 1.0, "in": 0.0254, "ft": 0.30
 LEAST_UNIT, GREATEST_UNIT = 1e-9, 1e9
 """Bounds of metres per unit: in others, sizes round to 0 or overflow."""
 
-HEAD_BYTES = 65_536
-"""Bytes within which a COLLADA or 3MF file states its unit: all that is read of it while objects are listed."""
-
 MAX_LISTING = 2**20
 """Bytes that are read at a time of the list of a 3MF file's members: 10,000 of them."""
-
-MODEL = "3D/3dmodel.model"
-"""The part of a 3MF file that holds its meshes."""
 
 THREEMF = {b"micron": 1e-6, b"millimeter": 1e-3, b"centimeter": 1e-2, b"inch": 0.0254, b"foot": 0.3048, b"meter": 1.0}
 """Metres per unit, by its name in a 3MF file."""
@@ -53,7 +49,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
-        head = stream.read(HEAD_BYTES)
+        head = without_mark(file, stream.read(HEAD_BYTES))
     head = re.sub(rb"<!--.*?-->", b"", head, flags=re.DOTALL)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
@@ -61,11 +57,12 @@ def _collada(file: Path) -> tuple[float | None, str]:
 
 
 def _threemf(file: Path) -> float | None:
-    with _Head(file) as content, zipfile.ZipFile(content) as archive:
-        if archive.getinfo(MODEL).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # the size of others is not bounded
-            return None
-        with archive.open(MODEL) as stream:
-            unit = _attribute(stream.read(HEAD_BYTES), rb"model", rb"unit")
+    with _Head(file) as content:
+        package = Package(content)
+        head = package.head(package.main)
+    if not head:
+        return None
+    unit = _attribute(head, rb"model", rb"unit")
     return THREEMF.get(unit) if unit else 1e-3
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_content import expanded
 from pipeline.formats.hand_joints import JointRoles, joint_roles, moved_links
@@ -53,7 +53,9 @@ class _FingerEntry(_Entry):
     """A finger: joints that move it, and its sensors. Fingers whose joints follow one motor move together."""
 
     name: Label = Field(description="Name of the finger in messages, and of its sensor.")
-    joints: list[str] = Field(min_length=1, description="Joints of the URDF that move it, and no other finger.")
+    joints: list[str] = Field(
+        min_length=1, description="Joints of the URDF that move it, and no other finger; names such as 0 or yes in quotes."
+    )
     sensor: _SensorMount | None = Field(None, description="Its sensor, if it has one.")
     sensors: list[_SensorMount] = Field([], description="In place of `sensor`, several.")
 
@@ -78,7 +80,7 @@ class HandFile(_Entry):
     """A robot hand: a URDF, and what it does not state. Lengths are metres."""
 
     name: str = Field(description="Name of the hand, recorded in grasps.")
-    urdf: str = Field(description="Path of the URDF, from the hand file.")
+    urdf: str = Field(description="Path of the URDF, from the hand file; xacro, MJCF and SDF are not read.")
     sensor: str | None = Field(None, description="The sensor that fingers wear: a shipped one, or a path from the hand file.")
     palm: _PalmEntry = Field(description="Where the hand is placed over an object.")
     fingers: list[_FingerEntry] = Field(min_length=1, description="One or more; a moving joint is in one of them, or `frozen`.")
@@ -284,7 +286,7 @@ def _sensor_pose(name: str, entry: _SensorMount) -> NDArray[np.float64]:
 
 def _find(kind: str, name: str, values: Mapping[str, Value]) -> Value:
     if name not in values:
-        raise InvalidInput(f"there is no {kind} {name!r}; there are {', '.join(sorted(values))}")
+        raise InvalidInput(missing_name(kind, name, values))
     return values[name]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, missing_name
 from pipeline.formats.urdf import MOVING
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.kinematics import joint_motion
@@ -42,7 +42,7 @@ def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[st
     moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
     for name in (*used, *frozen):
         if name not in moving:
-            raise InvalidInput(f"there is no moving joint {name!r}; there are {', '.join(sorted(moving))}")
+            raise InvalidInput(missing_name("moving joint", name, moving))
     if twice := sorted({name for name in used if used.count(name) > 1 or name in frozen}):
         raise InvalidInput(f"every moving joint must belong to one finger, or be frozen; this is not so for {', '.join(twice)}")
     leaders = {name: _leader(joint, moving, frozen) for name, joint in moving.items() if joint.mimic is not None and name not in frozen}

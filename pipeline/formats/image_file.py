@@ -14,7 +14,7 @@ from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.array_file import read_array
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import foreign_content, read_file
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
 """Pillow would open others too, some by starting a program."""
@@ -76,6 +76,8 @@ def _read_pixels(path: Path, modes: tuple[str, ...], what: str, remedy: str, con
     except InvalidInput:
         raise
     except UnidentifiedImageError as error:
+        if foreign := foreign_content(content):
+            raise InvalidInput(f"{path} is {foreign}") from error
         raise InvalidInput(f"{path} cannot be read as an image; give a file in {', '.join(FORMATS)}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as an image ({error}); save it again") from error

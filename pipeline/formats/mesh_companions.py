@@ -6,19 +6,19 @@ The key of a mesh covers them, and its reader may open no others.
 from __future__ import annotations
 
 import hashlib
-import html
-import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import regular_stat
+from pipeline.formats import collada
+from pipeline.formats.file_content import decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
+from pipeline.formats.gltf import file_names, read_document
+from pipeline.formats.mtl import OPTIONS, read_library
 from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
@@ -27,40 +27,18 @@ MAX_BYTES = 256 * 2**20
 MAX_NAMES = 1000
 """Maximum number of file names in a mesh file."""
 
-MAX_ENTRIES = 1_000_000
-"""Maximum number of commas and opening brackets in a glTF's JSON: each may take a hundred bytes."""
-
-HARMLESS_EXTENSIONS = re.compile("material|(?<!KHR_)texture|KHR_texture_basisu|light|KHR_mesh_quantization", re.IGNORECASE)
-"""Extensions that a glTF may require, although they are ignored: shape and textures stay in their places, which KHR_texture_transform
-would change."""
-
-TRIANGLE_FAN = 6
-"""Mode of a glTF's primitive that is a triangle fan (glTF 2.0, section 5.24)."""
-
-UNSIGNED_SHORT = 5123
-"""Type of a glTF's component that is an integer of 16 bits without sign (glTF 2.0, section 5.1)."""
-
-MAX_NON_ASCII = 2**25
-"""Maximum size of a JSON that is not ASCII: one such character makes all others four times as large in memory."""
-
 MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
 """A line of an OBJ that names material libraries."""
 
-COLLADA_IMAGE = re.compile(rb"<image\b(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
-"""The file of an image in a COLLADA file. Surfaces contain `init_from` too, but with the id of an image."""
-
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
-
-TEXTURE_OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
-"""What may stand before the name of a texture in an MTL file, as `-s 1 1 1`."""
 
 
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
     Only regular files below the root are included; a symbolic link counts as its target. `unread` lists the others, and whatever else the
-    reader of the mesh file cannot read, each with the reason.
+    reader of the mesh file cannot read, each with the reason. `content` is that of the mesh file, text without a byte-order mark.
 
     Parameters
     ----------
@@ -72,7 +50,7 @@ class Companions(Mapping[str, bytes]):
     Raises
     ------
     InvalidInput
-        The mesh file is not a regular file, too large, or names too many or too large files.
+        The mesh file is not a regular file, a Git LFS pointer, too large, or names too many or too large files.
     """
 
     def __init__(self, file: Path, root: Path | None = None) -> None:
@@ -80,10 +58,12 @@ class Companions(Mapping[str, bytes]):
         self._folder, self._root = file.parent, (root or file.parent).resolve()
         self._contents: dict[Path, bytes] = {}
         check_file(file)
-        self.content = file.read_bytes()
+        self._stored = file.read_bytes()
+        refuse_pointer(file.name, self._stored)
+        self.content = self._stored if _is_binary_stl(file, self._stored) else without_mark(file.name, self._stored)
         self.paths: dict[str, Path] = {}
         self.unread: list[str] = []
-        self._libraries: list[str] = []
+        self._libraries: dict[str, bytes] = {}
         names = set[str]()
         for name in self._names(file, self.content):  # lazily: a file full of names would fill the memory
             if name in names:
@@ -98,8 +78,8 @@ class Companions(Mapping[str, bytes]):
                 self.unread.append(f"{name} is missing below the folder of meshes")
 
     def __getitem__(self, name: str) -> bytes:
-        if name == ALL_LIBRARIES and self._libraries:
-            return b"\n".join(decode_text(self[library]).encode() for library in self._libraries)
+        if name == ALL_LIBRARIES:
+            return b"\n".join(self._libraries.values())
         if name not in self.paths:
             raise FileNotFoundError(f"it names {name!r}, which is not a file below {self._root}")
         path = self.paths[name]
@@ -116,14 +96,20 @@ class Companions(Mapping[str, bytes]):
     @cached_property
     def sha256(self) -> str:
         """The SHA-256 of the mesh file."""
-        return hashlib.sha256(self.content).hexdigest()
+        return hashlib.sha256(self._stored).hexdigest()
+
+    @property
+    def images(self) -> list[str]:
+        """The names of textures, except a glTF's."""
+        return [] if self.file_name.lower().endswith((".gltf", ".glb")) else [name for name in self.paths if name not in self._libraries]
 
     def _names(self, file: Path, content: bytes) -> Iterator[str]:
         match file.suffix.lower():
             case ".gltf" | ".glb":
-                yield from _gltf_names(file)
+                refuse_foreign(file.name, content)
+                yield from file_names(read_document(file.name, content))
             case ".dae":
-                yield from (html.unescape(_decode(image[1])) for image in COLLADA_IMAGE.finditer(content))
+                yield from (name for _, name in collada.image_names(content))
             case ".ply":
                 yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
@@ -131,10 +117,9 @@ class Companions(Mapping[str, bytes]):
                     name = _decode(line[1])
                     for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
                         yield library
-                        if (path := self.paths.get(library)) and path.stat().st_size:  # a shape needs no materials
-                            check_file(path)
-                            self._libraries.append(library)
-                            yield from _names_after(b"map_kd", path.read_bytes())
+                        if library in self.paths and library not in self._libraries:
+                            self._libraries[library] = read_library(library, self[library], self.unread)
+                            yield from _names_after(b"map_kd", self._libraries[library])
 
     def _find(self, name: str) -> Path | None:
         """Find a file by its name as it is, without percent signs, below the root, beside the mesh file, or elsewhere below the root."""
@@ -144,7 +129,7 @@ class Companions(Mapping[str, bytes]):
                 return path
         if elsewhere := find_below(self._root, self._folder.resolve(), plain):
             return self._regular(elsewhere)
-        return self._find(plain[match.end() :]) if (match := TEXTURE_OPTIONS.match(plain)) else None
+        return self._find(plain[match.end() :]) if (match := OPTIONS.match(plain)) else None
 
     def _regular(self, path: Path) -> Path | None:
         """Resolve a path to a regular file below the root; None where there is none."""
@@ -172,64 +157,9 @@ def check_file(file: Path) -> None:
         raise InvalidInput(f"{file.name} has {size} bytes, {MAX_BYTES} are the most; decimate the mesh or write it as binary PLY")
 
 
-def _read_gltf(file: Path) -> dict[str, Any]:
-    """Read the JSON of a glTF file, text or binary (glTF 2.0, sections 3.3 and 4.4)."""
-    content = file.read_bytes()
-    if file.suffix.lower() == ".glb":
-        content = content[20 : 20 + int.from_bytes(content[12:16], "little")]
-    if (entries := sum(content.count(mark) for mark in (b",", b"[", b"{"))) > MAX_ENTRIES:
-        raise InvalidInput(f"{file.name} has {entries} entries in its JSON, {MAX_ENTRIES} are the most; join its nodes and meshes")
-    if len(content) > MAX_NON_ASCII and not content.isascii():
-        raise InvalidInput(
-            f"{file.name} has {len(content)} bytes of JSON, {MAX_NON_ASCII} are the most unless all is ASCII; write it as GLB"
-        )
-    try:
-        tree = json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: {error}") from error
-    if not isinstance(tree, dict):
-        raise InvalidInput(f"{file.name} cannot be read as {file.suffix[1:].upper()}: its JSON is not an object")
-    return tree
-
-
-def _gltf_names(file: Path) -> Iterator[str]:
-    """List the URIs of a glTF's buffers and images that name files."""
-    tree = _read_gltf(file)
-    _check_geometry(file.name, tree)
-    parts: Iterable[Any] = (part for kind in ("buffers", "images") for part in _list(tree.get(kind)))
-    uris = (part.get("uri") for part in parts if isinstance(part, dict))
-    return (uri for uri in uris if isinstance(uri, str) and "base64," not in uri)
-
-
-def _check_geometry(name: str, tree: Mapping[str, Any]) -> None:
-    """Refuse a glTF whose shape or look would be read wrongly: encoded by an extension, as integers or sparsely, or as triangle fans."""
-    encoded = [one for one in map(str, _list(tree.get("extensionsRequired"))) if not HARMLESS_EXTENSIONS.search(one)]
-    if encoded:
-        raise InvalidInput(f"{name} requires {encoded[0]}, which cannot be read; export it without compression and extensions")
-    accessors = dict(enumerate(_list(tree.get("accessors"))))
-    for primitive in (part for mesh in _list(tree.get("meshes")) for part in _list(_get(mesh, "primitives"))):
-        if _get(primitive, "mode") == TRIANGLE_FAN:
-            raise InvalidInput(f"{name} has triangle fans, which cannot be read; export it as triangles")
-        attributes = _get(primitive, "attributes")
-        position, uv, colors, indices = (
-            accessors.get(index) if isinstance(index, int) else None
-            for index in (*(_get(attributes, of) for of in ("POSITION", "TEXCOORD_0", "COLOR_0")), _get(primitive, "indices"))
-        )
-        if any(_get(part, "sparse") for part in (position, uv, colors, indices)):
-            raise InvalidInput(f"{name} has sparse accessors, which cannot be read; export it without them")
-        for what, part in (("positions", position), ("texture coordinates", uv)):
-            if _get(part, "normalized"):
-                raise InvalidInput(f"{name} has {what} as normalised integers, which cannot be read; export it without quantisation")
-        if _get(colors, "componentType") == UNSIGNED_SHORT and _get(primitive, "material") is None:
-            raise InvalidInput(f"{name} has vertices with colours of 16 bits and no material, which cannot be read; give it a material")
-
-
-def _get(value: Any, name: str) -> Any:
-    return value.get(name) if isinstance(value, dict) else None
-
-
-def _list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
+def _is_binary_stl(file: Path, content: bytes) -> bool:
+    """Check whether a file is a binary STL, whose first 80 bytes may be anything."""
+    return file.suffix.lower() == ".stl" and len(content) >= 84 + 50 * int.from_bytes(content[80:84], "little")
 
 
 def _names_after(word: bytes, content: bytes) -> Iterator[str]:
@@ -241,11 +171,3 @@ def _names_after(word: bytes, content: bytes) -> Iterator[str]:
 
 def _decode(name: bytes) -> str:
     return decode_text(name).strip()
-
-
-def decode_text(content: bytes) -> str:
-    """Decode text that is UTF-8, or else Latin-1."""
-    try:
-        return content.decode()
-    except UnicodeDecodeError:
-        return content.decode("latin-1")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Sequence, Sized
+from collections.abc import Sequence, Set, Sized
 from dataclasses import replace
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -12,33 +12,26 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from PIL import Image
 
-from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import MESH_SUFFIXES
-from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions, decode_text
+from pipeline.errors import InvalidInput, first_line
+from pipeline.formats import mtl
+from pipeline.formats.collada import rewrite_effects
+from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign
+from pipeline.formats.gltf_scene import read_gltf
+from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
+from pipeline.formats.mesh_parts import GREY, MAX_UV, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
-from pipeline.formats.obj_lines import rewrite_lines
+from pipeline.formats.obj_lines import rewrite_lines, rewrite_uses
+from pipeline.formats.off import read_off
+from pipeline.formats.ply import read_ply
+from pipeline.formats.stl import read_stl
+from pipeline.formats.textures import Textures
+from pipeline.formats.threemf import read_threemf
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
-
-MAX_UV = 2.0**20
-"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
-
-GREY = (178, 178, 178, 255)
-"""The colour of faces without a material, as 3D Warehouse's default material."""
-
-MAX_FACES = 2_000_000
-"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
-
-FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX", "MPO")
-"""Accepted formats of textures. Pillow would read others too, some by starting other programs."""
-
-MAX_PIXELS = 2**26
-"""Maximum number of pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
 
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
@@ -75,7 +68,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
     companions = Companions(file, root)
     try:
-        meshes = _read_parts(file, companions)
+        meshes = [mesh for mesh in _read_parts(file, companions) if len(mesh.faces)]
     except InvalidInput as error:
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
@@ -83,84 +76,57 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     except Exception as error:  # trimesh's readers raise whatever their parsing trips over
         if "memory" in str(error).lower() and not isinstance(error, OSError):  # libxml2 calls it a fault of the XML
             raise MemoryError from error
+        refuse_foreign(file.name, companions.content)
         reason = f"{file.name} cannot be read as {file.suffix[1:].upper()}: {type(error).__name__}: {error}"
         raise InvalidInput(f"{reason}; write it again with another program, as triangles") from error
     if not meshes:
-        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?")
-    return replace(_join(meshes), unread=tuple(companions.unread))
+        refuse_foreign(file.name, companions.content)
+        left_out = "".join(f"; {reason}" for reason in dict.fromkeys(companions.unread))
+        raise InvalidInput(f"{file.name} holds no triangle mesh; is it cut off, text, a point cloud or an empty export?{left_out}")
+    return replace(_join(meshes), unread=tuple(dict.fromkeys(companions.unread)))
 
 
 def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
-    """Read the parts of a file, without materials if they are damaged: the shape is still usable."""
-    content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), rewrite_lines(companions.content)) if file.suffix.lower() == ".obj" else file
+    """Read the parts of a file; of one that trimesh reads, without materials if they are damaged: the shape is still usable."""
+    content, unread, transparent = companions.content, companions.unread, set[str]()
+    match file.suffix.lower():
+        case ".stl":
+            return read_stl(content, unread)
+        case ".off":
+            return read_off(content, unread)
+        case ".ply":
+            return read_ply(content, companions, partial(Textures(companions).read, opaque=True), unread)
+        case ".gltf" | ".glb":
+            return read_gltf(companions, Textures(companions).read)
+        case ".3mf":
+            return read_threemf(content, Textures(companions).read, unread)
+        case ".obj":
+            content = rewrite_uses(rewrite_lines(content), companions[ALL_LIBRARIES], unread)
+            content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), content)
+        case ".dae":
+            content, transparent = rewrite_effects(content, unread)
     try:
-        return _read(content, file, companions)
+        return _read(content, file, companions, transparent)
     except (InvalidInput, MemoryError):
         raise
     except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
-        text, end, data = (companions.content if isinstance(content, Path) else content).partition(
-            b"end_header"
-        )  # after it a PLY is binary
-        return _read(decode_text(text).encode() + end + data, file, companions)
-    except Exception:
-        return _read(content, file, companions, skip_materials=True)
+        return _read(decode_text(content).encode(), file, companions, transparent)
+    except Exception as error:
+        parts = _read(content, file, companions, transparent, skip_materials=True)
+        unread.append(f"materials are not read ({type(error).__name__}: {first_line(error)})")
+        return parts
 
 
-def _check(what: str, number: int, limit: int, remedy: str) -> None:
-    if number > limit:
-        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
-
-
-class _Textures:
-    """The decoded textures of one mesh file, of which several materials may use one."""
-
-    def __init__(self) -> None:
-        self._decoded: dict[str, NDArray[np.uint8]] = {}
-        self._digests: dict[int, str] = {}  # Pillow forgets a file's content when it is decoded
-        self._pixels = 0
-
-    def decode(self, image: Image.Image) -> NDArray[np.uint8]:
-        """Decode an image to (height, width, 4) uint8 sRGB and opacity; the same array for the same content.
-
-        Raises
-        ------
-        InvalidInput
-            The textures so far and this one have too many pixels.
-        ValueError, OSError
-            Its format is not accepted, or it is damaged.
-        """
-        digest = self._digests.setdefault(id(image), _digest(image))
-        if digest not in self._decoded:
-            if image.format not in (None, *FORMATS):  # None: made by a conversion
-                raise ValueError(f"a texture is {image.format}; convert it to PNG or JPEG")
-            self._pixels += image.width * image.height
-            _check("pixels of textures", self._pixels, MAX_PIXELS, "make them smaller")
-            self._decoded[digest] = np.array(_eight_bits(image).convert("RGBA"))
-        return self._decoded[digest]
-
-
-def _eight_bits(image: Image.Image) -> Image.Image:
-    """Scale an image of 16 bits of grey, which Pillow's conversion would cut off at 255."""
-    return Image.fromarray(np.rint(np.asarray(image) / 257).astype(np.uint8)) if image.mode.startswith("I;16") else image
-
-
-def _digest(image: Image.Image) -> str:
-    file = getattr(image, "fp", None)
-    return hashlib.sha256(file.getbuffer()).hexdigest() if isinstance(file, BytesIO) else str(id(image))
-
-
-def _read(content: Path | bytes, file: Path, companions: Companions, skip_materials: bool = False) -> list[Mesh]:
-    """Read the parts of a file, from its path or from content in its place, each in its pose."""
+def _read(content: bytes, file: Path, companions: Companions, transparent: Set[str], skip_materials: bool = False) -> list[Mesh]:
+    """Read the parts of a file from its content, each in its pose; `transparent` is as for `Textures`."""
     suffix = file.suffix.lower()
     options: Any = {"process": False, "skip_materials": skip_materials, "resolver": companions, "file_type": suffix[1:]}
-    scene: Any = trimesh.load_scene(content if isinstance(content, Path) else BytesIO(content), **options)
+    scene: Any = trimesh.load_scene(BytesIO(content), **options)
     parts = {name: part for name, part in scene.geometry.items() if isinstance(part, trimesh.Trimesh) and len(part.faces)}
     nodes = [(pose, name) for pose, name in (scene.graph[node] for node in scene.graph.nodes_geometry) if name in parts]
-    _check("faces", sum(len(parts[name].faces) for _, name in nodes), MAX_FACES, "decimate the mesh")
-    _check("vertices", sum(len(parts[name].vertices) for _, name in nodes), 3 * MAX_FACES, "decimate the mesh")
-    textures = _Textures()
-    linear = suffix in (".gltf", ".glb")  # glTF states colours in linear light, other formats in sRGB
-    looks = {name: _look(part, textures, linear=linear) for name, part in parts.items()}
+    check_mesh(sum(len(parts[name].faces) for _, name in nodes), sum(len(parts[name].vertices) for _, name in nodes))
+    textures = Textures(companions, transparent)
+    looks = {name: _look(part, textures) for name, part in parts.items()}
     return [_placed(parts[name], pose, looks[name]) for pose, name in nodes]
 
 
@@ -212,13 +178,13 @@ def _renumber(look: Look, numbers: dict[int, int]) -> NDArray[np.int32]:
     return np.array([-1 if index < 0 else numbers[id(look.textures[index])] for index in look.material_texture], np.int32)
 
 
-def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
+def _look(part: trimesh.Trimesh, textures: Textures) -> Look:
     visual: Any = part.visual
     colors, texture = np.array([GREY], np.uint8), None
     uv = np.zeros((len(part.vertices), 2), np.float32)
-    face_material: NDArray[Any] = np.zeros(len(part.faces), np.int32)
     if visual.kind == "texture":
-        colors[0], texture = _material(visual.material, textures, linear=linear)
+        colors[0], texture = _material(visual.material, textures)
+        textures.unread += mtl.losses(visual.material, visual.uv)
         if visual.uv is None or len(visual.uv) != len(uv):
             texture = None
         elif texture is not None:
@@ -226,43 +192,40 @@ def _look(part: trimesh.Trimesh, textures: _Textures, *, linear: bool) -> Look:
             uv[:] = np.where(np.abs(coordinates) < MAX_UV, coordinates, 0)  # NaN too
     elif visual.kind == "vertex":
         colors[0] = 255
-    elif visual.kind == "face":
-        colors, face_material = np.unique(np.asarray(visual.face_colors, np.uint8), axis=0, return_inverse=True)
     return Look(
         uv=uv,
-        face_material=face_material.reshape(-1).astype(np.int32),
+        face_material=np.zeros(len(part.faces), np.int32),
         base_color=colors,
-        material_texture=np.full(len(colors), -1 if texture is None else 0, np.int32),
+        material_texture=np.array([-1 if texture is None else 0], np.int32),
         textures=() if texture is None else (texture,),
-        vertex_color=_vertex_color(visual, len(part.vertices), linear=linear),
+        vertex_color=_vertex_color(visual, len(part.vertices)),
     )
 
 
-def _vertex_color(visual: Any, count: int, *, linear: bool) -> NDArray[np.uint8] | None:
+def _vertex_color(visual: Any, count: int) -> NDArray[np.uint8] | None:
     """Return the (V, 4) sRGB colours of vertices, where a part states them, alone or beside a material."""
     stored = visual.vertex_colors if visual.kind == "vertex" else getattr(visual, "vertex_attributes", {}).get("color")
     if stored is None or len(stored) != count:
         return None
     stored = np.rint(stored / 257).astype(np.uint8) if stored.dtype == np.uint16 else stored  # trimesh would take the lower eight bits
-    colors = np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
-    if linear:
-        colors[:, :3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(colors[:, :3]))
-    return colors
+    return np.array(trimesh.visual.color.to_rgba(stored), np.uint8)
 
 
-def _material(material: Any, textures: _Textures, *, linear: bool) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
+def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDArray[np.uint8] | None]:
     """Read base colour (4,) and texture (h, w, 4), sRGB, of any of trimesh's kinds of materials."""
     color = np.full(4, 255, np.uint8)
-    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of glTF and COLLADA: a factor, white by default, times the texture
+    if isinstance(material, trimesh.visual.material.PBRMaterial):  # of COLLADA: a factor, white by default, times the texture
         if material.baseColorFactor is not None:
             color[:] = material.baseColorFactor
-        if linear:
-            color[:3] = np.rint(255 * trimesh.visual.color.linear_to_srgb(color[:3]))
-        return color, None if material.baseColorTexture is None else textures.decode(material.baseColorTexture)
-    image: Any = getattr(material, "image", None)
-    if image is None:
-        color[:] = getattr(material, "diffuse", GREY)
-    texture = None if image is None else textures.decode(image)
-    if texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
+        image = material.baseColorTexture
+        return color, None if image is None else textures.decode(image, opaque=not textures.is_transparent(image))
+    values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
+    texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
+    if texture is None:
+        color[:] = getattr(material, "diffuse", GREY) if image is None or "kd" in values else GREY
+        if (light := mtl.emission(values)) is not None:
+            color[:3] = np.rint(255 * light)
+    color[3] = round(255 * mtl.opacity(values))
+    if image is not None and texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
         color[:], texture = GREY, None  # the file states no material, or a missing one
     return color, texture

@@ -27,7 +27,7 @@ from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.mesh import Look, Mesh
 
 BYTES = 5 * 2**28
-"""Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less, 3MF 1.5 GB."""
+"""Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
 
 SECONDS = 60
 """Processor time that reading a file may take: a million faces take 7 s at most."""

@@ -1,16 +1,18 @@
 """Lines of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, counts relative numbers from the file's end, and skips
-lines that begin with a blank."""
+lines that begin with a blank and materials with a comment behind their name."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Collection, Sequence
+from itertools import islice
 
-import mapbox_earcut
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.polygons import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
 """A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
@@ -20,8 +22,10 @@ VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
-TURN = 1e-6
-"""Sine of the turn at a corner, against the polygon's sense, from which it counts as concave."""
+USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
+DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
+"""Names that programs write where faces have no material."""
 
 
 def rewrite_lines(content: bytes) -> bytes:
@@ -94,33 +98,59 @@ def _cut_concave(
         indices = named[firsts[numbers, None] + np.arange(size)]
         known = ((indices >= 0) & (indices < len(vertices))).all(axis=1)
         corners = vertices[indices[known]]  # (faces, size, 3)
-        for place in np.flatnonzero(_is_concave(corners)):
-            cut = _ear_clip(corners[place])
+        for place in np.flatnonzero(is_concave(corners)):
+            cut = ear_clip(corners[place])
             if len(cut) == size - 2:
                 triangles[int(numbers[known][place])] = cut
     return triangles
 
 
-def _is_concave(corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether polygons (P, N, 3) turn against their own sense at a corner."""
-    sides = np.roll(corners, -1, axis=1) - corners
-    lengths, normal = np.linalg.norm(sides, axis=2), _normal(corners)
-    turns = (np.cross(np.roll(sides, 1, axis=1), sides) * normal[:, None]).sum(axis=2)
-    limit = TURN * lengths * np.roll(lengths, 1, axis=1) * np.linalg.norm(normal, axis=1)[:, None]
-    return np.asarray((turns < -limit).any(axis=1))
+def rewrite_uses(content: bytes, libraries: bytes, unread: list[str]) -> bytes:
+    """Write the names of materials as their libraries do, without comments behind them and in the same case.
+
+    Parameters
+    ----------
+    content
+        Of an OBJ file.
+    libraries
+        The content of its material libraries.
+    unread
+        Names that no library defines, or that have several definitions, are appended to it.
+
+    Returns
+    -------
+    The content with other names.
+    """
+    definitions = defaultdict[bytes, set[bytes]](set)
+    pieces = DEFINITION.split(libraries)
+    for name, definition in zip(pieces[1::2], pieces[2::2], strict=True):
+        definitions[_name(name)].add(b" ".join(definition.split()))
+    folded = {name.lower(): name for name in definitions}
+    undefined, several = dict[bytes, None](), dict[bytes, None]()  # each once, in order
+
+    def named(use: re.Match[bytes]) -> bytes:
+        stated = _name(use[1])
+        candidates = (stated, _name(stated.partition(b"#")[0]))  # a name may contain it
+        name = next((name for name in candidates if name in definitions), None)
+        name = name or next((folded[name.lower()] for name in candidates if name.lower() in folded), stated)
+        if name not in definitions and name.lower() not in NO_MATERIAL:
+            undefined[name] = None
+        if len(definitions.get(name, ())) > 1:
+            several[name] = None
+        return b"usemtl " + name
+
+    content = USE.sub(named, content)
+    if definitions and undefined:
+        unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
+    if several:
+        unread.append(f"materials with several definitions have the last one: {_list_names(several)}")
+    return content
 
 
-def _normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute twice the area of polygons (…, N, 3) as vectors (…, 3)."""
-    spokes = corners - corners[..., :1, :]
-    return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=-2)).sum(axis=-2))
+def _name(text: bytes) -> bytes:
+    return b" ".join(text.split())
 
 
-def _ear_clip(corners: NDArray[np.float64]) -> NDArray[np.integer]:
-    """Cut a polygon (N, 3), as seen along its normal, into triangles (T, 3) of its corners."""
-    normal, sides = _normal(corners), np.roll(corners, -1, axis=0) - corners
-    across = sides[np.linalg.norm(sides, axis=1).argmax()]
-    plane = np.stack([across / np.linalg.norm(across), np.cross(normal, across) / np.linalg.norm(np.cross(normal, across))], axis=1)
-    return np.asarray(
-        mapbox_earcut.triangulate_float64(np.ascontiguousarray(corners @ plane), np.array([len(corners)], np.uint32))
-    ).reshape(-1, 3)
+def _list_names(names: Collection[bytes]) -> str:
+    listed = ", ".join(name.decode("utf-8", "replace") for name in islice(names, 5))
+    return f"{listed} and {len(names) - 5} more" if len(names) > 5 else listed

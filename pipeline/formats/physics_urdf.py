@@ -10,8 +10,9 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.formats.urdf import mass_of, parse_urdf
+from pipeline.formats.urdf import mass_of
 from pipeline.formats.urdf_shapes import numbers_of
+from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.model import Hand, Joint, Link
 
 DENSITY = 1000.0

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import foreign_content, read_file, read_text
 from pipeline.kernels.vision.viewpoint import Viewpoint
 
 VIEWS, PIXELS = 24, 137
@@ -62,11 +62,7 @@ def read_renderings(folder: Path) -> tuple[NDArray[np.uint8], list[Viewpoint]]:
 
 
 def _read_metadata(path: Path) -> list[Viewpoint]:
-    try:
-        lines = read_file(path, MAX_BYTES).decode().split("\n")
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path} is not text ({error}); download the model's renderings again") from error
-    lines = [line for line in lines if line.strip()]
+    lines = [line for line in read_text(path, MAX_BYTES).split("\n") if line.strip()]
     if len(lines) != VIEWS:
         raise InvalidInput(f"{path} has {len(lines)} lines; there must be {VIEWS}, one per image")
     return [_viewpoint(path, number, line) for number, line in enumerate(lines, start=1)]
@@ -99,7 +95,8 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
     except InvalidInput:
         raise
     except UnidentifiedImageError as error:  # its message has a memory address, which differs in each run
-        raise InvalidInput(f"{path} is no PNG file; download the model's renderings again") from error
+        problem = foreign_content(content) or "no PNG file; download the model's renderings again"
+        raise InvalidInput(f"{path} is {problem}") from error
     except Exception as error:  # Pillow's readers raise whatever their parsing trips over
         raise InvalidInput(f"{path} cannot be read as PNG ({error}); download the model's renderings again") from error
 

@@ -7,27 +7,25 @@ processor's, and with them every pose that follows.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from xml.etree.ElementTree import Element, TreeBuilder
-from xml.parsers import expat
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from pipeline.console import Meter, errors
-from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import regular_stat
-from pipeline.formats.mesh_file import MAX_FACES, load_mesh
-from pipeline.formats.urdf_shapes import Color, material_color, numbers_of, origin_of, shape_of
+from pipeline.errors import InvalidInput, missing_name
+from pipeline.formats.mesh_file import load_mesh
+from pipeline.formats.mesh_parts import MAX_FACES
+from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_color, numbers_of, origin_of, shape_of
+from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.model import Joint, Link, Mimic, Shape
+from pipeline.kernels.hand.model import Hand, Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
-MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
-"""Limits of a URDF file: its size; its number of links, joints and shapes."""
 BAR_AFTER = 1.0
 """Seconds of reading meshes after which a progress bar is shown."""
 
@@ -54,8 +52,8 @@ def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tu
     InvalidInput
         The file is no URDF tree, or uses what is not supported; the message names the file and the part.
     """
+    robot = parse_urdf(path)
     try:
-        robot = parse_urdf(path)
         _check_unique(robot)
         link_names = _below(robot, root)
         materials = _materials(robot)
@@ -88,44 +86,13 @@ def _materials(robot: Element) -> dict[str, Color]:
     return colors
 
 
-def parse_urdf(path: Path) -> Element:
-    """Parse a URDF file; raise an `InvalidInput` if it is none."""
-    try:
-        regular_stat(path)
-        content = path.read_bytes()
-        _check_size(content)
-        return _parse_xml(content)
-    except (OSError, expat.ExpatError, ValueError, LookupError) as error:  # the last two: its encoding is unknown
-        if isinstance(error, InvalidInput):
-            raise
-        raise InvalidInput(f"not XML ({error}); a hand's `urdf` must be a URDF file, not xacro") from error
-
-
-def _parse_xml(content: bytes) -> Element:
-    """Parse XML whose prefixes need no declaration: Drake's `<drake:…>` never has one, and no part of a hand has a prefix."""
-    tree, parser = TreeBuilder(), expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = tree.start, tree.end, tree.data
-    parser.Parse(content, True)
-    return tree.close()
-
-
-def _check_size(content: bytes) -> None:
-    """Refuse content that no hand has, and that would take minutes or gigabytes to read."""
-    if len(content) > MAX_BYTES:
-        raise InvalidInput(f"it has {len(content)} bytes, {MAX_BYTES} are the most")
-    if b"\0" in content or b"<!" in content.replace(b"<!--", b"").replace(b"<![CDATA[", b""):
-        raise InvalidInput("it declares a document type or entities, or is not UTF-8; write out their content")
-    if (parts := sum(content.count(tag) for tag in (b"<link", b"<joint", b"<visual", b"<collision"))) > MAX_PARTS:
-        raise InvalidInput(f"it has {parts} links, joints and shapes, {MAX_PARTS} are the most")
-
-
 def _below(robot: Element, root: str | None) -> Collection[str]:
     """List the names of a link and its descendants; of all links if none is given."""
     names = [_name(link) for link in robot.findall("link")]
     if root is None:
         return names
     if root not in names:
-        raise InvalidInput(f"there is no link {root!r}; there are {', '.join(sorted(names))}")
+        raise InvalidInput(missing_name("link", root, names))
     ends = [(_end_link(joint, "parent"), _end_link(joint, "child")) for joint in robot.findall("joint")]
     below, reached = [root], {root}
     for link in below:  # grows as we go
@@ -192,12 +159,33 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
-    lower, upper = (float(numbers_of(element.find("limit"), key, (0.0,))[0]) for key in ("lower", "upper"))
+    lower, upper = _stated_limits(element)
     if kind == "continuous":
         lower, upper = -np.pi, np.pi
-    if kind in MOVING and element.find("mimic") is None and not lower < upper:  # a follower's are its leader's
-        raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
+    if kind in MOVING and element.find("mimic") is None:  # a follower's are its leader's
+        if not lower < upper:
+            raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
+        check_unit(f"joint {name} has limits", (lower, upper), slides=kind == "prismatic")
     return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
+
+
+def _stated_limits(joint: Element) -> tuple[float, float]:
+    limit = joint.find("limit")
+    return float(numbers_of(limit, "lower", (0.0,))[0]), float(numbers_of(limit, "upper", (0.0,))[0])
+
+
+def ignored_limits(hand: Hand) -> Iterator[str]:
+    """Describe the continuous joints whose URDF states limits that they would keep if they were revolute."""
+    continuous = [joint.name for joint in hand.joints if joint.kind == "continuous"]
+    for joint in parse_urdf(hand.urdf).findall("joint"):
+        if (name := joint.get("name")) in continuous:
+            lower, upper = _stated_limits(joint)
+            full_turn = lower <= -0.99 * np.pi and 0.99 * np.pi <= upper < MAX_TURN
+            if lower < upper and not full_turn:
+                yield (
+                    f"joint {name} is continuous, so its limits {lower:g} … {upper:g} do not count: it turns through -3.14 … 3.14 rad; "
+                    "if they should count, make it revolute, with limits in radians"
+                )
 
 
 def _mimic(joint: Element) -> Mimic | None:
@@ -207,6 +195,7 @@ def _mimic(joint: Element) -> Mimic | None:
     multiplier, offset = (float(numbers_of(mimic, key, (default,))[0]) for key, default in (("multiplier", 1.0), ("offset", 0.0)))
     if multiplier == 0:
         raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
+    check_unit(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with offset", (offset,), slides=joint.get("type") == "prismatic")
     return Mimic(mimic.get("joint", ""), multiplier, offset)
 
 
@@ -221,7 +210,7 @@ def _in_tree_order(links: tuple[Link, ...], joints: list[Joint]) -> tuple[tuple[
             sequence += below
             order += [joint.child for joint in below]
     if len(order) != len(links):
-        names = ", ".join(links[i].name for i in roots)
+        names = ", ".join(links[i].name for i in roots) or "none"
         raise InvalidInput(f"{len(links)} links with {len(joints)} joints are not a tree with one root (roots: {names})")
     new_index = {old: i for i, old in enumerate(order)}
     renumbered = tuple(replace(joint, parent=new_index[joint.parent], child=new_index[joint.child]) for joint in sequence)

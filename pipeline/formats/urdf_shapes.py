@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,9 @@ from pipeline.kernels.hand.model import Shape
 Color = tuple[int, int, int]
 MAX_NUMBER = 1e6
 """Maximum of a number, metres or radians."""
+
+MAX_TURN, MAX_SLIDE = 1.01 * 2 * np.pi, 1.0
+"""rad and m, of a rotation and of the path of a joint that slides: what is larger is in degrees or millimetres."""
 
 MAX_LEVELS = 20
 """Number of folders around a URDF in which a package is searched for."""
@@ -67,6 +70,9 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         elif part.tag == "cylinder":
             size = _sizes(part, radius=1, length=1)
             body = trimesh.creation.cylinder(radius=size[0], height=size[1], sections=32)
+        elif part.tag == "capsule":
+            size = _sizes(part, radius=1, length=1)
+            body = trimesh.creation.capsule(radius=size[0], height=size[1], count=(16, 32))
         elif part.tag == "mesh":
             path, package = mesh_path(part.get("filename", ""), folder)
             body, companions = read(path, package), tuple(Companions(path, package).paths.values())
@@ -78,7 +84,8 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         plain = Look.plain(len(vertices), len(faces), color)
         look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
         return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions)
-    raise InvalidInput(f"a {element.tag} has no box, sphere, cylinder or mesh")
+    given = ", ".join(f"<{part.tag}>" for part in element.findall("geometry/*")) or "no geometry"
+    raise InvalidInput(f"a {element.tag} has {given}; give it a box, sphere, cylinder, capsule or mesh")
 
 
 def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
@@ -164,11 +171,24 @@ def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) ->
     return numbers
 
 
+def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, slides: bool = False) -> None:
+    """Refuse angles, rad, that are evidently in degrees, and paths of joints that slide, m, evidently in millimetres."""
+    limit, unit, other, factor = (MAX_SLIDE, "m", "millimetres", 1e-3) if slides else (MAX_TURN, "rad", "degrees", np.pi / 180)
+    if (np.abs(numbers) > limit).any():
+        between = " … " if len(numbers) == 2 else " "
+        stated, converted = (between.join(f"{scale * number:.4g}" for number in numbers) for scale in (1.0, factor))
+        raise InvalidInput(f"{what} {stated} {unit}, beyond {limit:.3g}; are they in {other}? Then write {converted}")
+
+
 def origin_of(element: Element) -> NDArray[np.float64]:
     """Read the <origin> of an element as a pose (4, 4), m."""
     origin = element.find("origin")
     pose = np.eye(4)
-    pose[:3, :3] = rotation_from_euler(numbers_of(origin, "rpy", (0.0, 0.0, 0.0)))  # fixed axes, as URDF says
+    if origin is not None and origin.get("quat_xyzw"):  # of URDF 1.1; the physics engines ignore it
+        raise InvalidInput(f"<origin quat_xyzw={origin.get('quat_xyzw')!r}> is not read; write the same rotation as rpy")
+    angles = numbers_of(origin, "rpy", (0.0, 0.0, 0.0))
+    check_unit("<origin> has rpy", angles)
+    pose[:3, :3] = rotation_from_euler(angles)  # fixed axes, as URDF says
     pose[:3, 3] = numbers_of(origin, "xyz", (0.0, 0.0, 0.0))
     return pose
 

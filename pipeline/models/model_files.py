@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
-from pipeline.formats.file_content import read_file, regular_stat
+from pipeline.formats.file_content import POINTER_REMEDY, is_pointer_file, read_file, regular_stat, without_mark
 
 WEIGHTS, DESCRIPTION = "model.safetensors", "model.json"
 MAX_BYTES = 2**20
@@ -43,8 +43,9 @@ def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) 
 
 def read_description(folder: Path, kind: type[D]) -> D:
     """Read the description that `save_model` wrote; raise a `StoreError` if it is missing or an entry invalid."""
+    _refuse_pointer(folder / DESCRIPTION)
     try:
-        return kind.model_validate_json(read_file(folder / DESCRIPTION, MAX_BYTES))
+        return kind.model_validate_json(without_mark(folder / DESCRIPTION, read_file(folder / DESCRIPTION, MAX_BYTES)))
     except ValidationError as error:
         raise unusable(folder, f"{DESCRIPTION}: {invalid_entries(error)}") from error
     except InvalidInput as error:
@@ -53,6 +54,7 @@ def read_description(folder: Path, kind: type[D]) -> D:
 
 def read_weights(folder: Path) -> dict[str, Tensor]:
     """Read the weights that `save_model` wrote; raise a `StoreError` if they cannot be read."""
+    _refuse_pointer(folder / WEIGHTS)
     try:
         regular_stat(folder / WEIGHTS)
         return load_file(folder / WEIGHTS)
@@ -91,6 +93,11 @@ def load_network(folder: Path, make: Callable[[], N], device: torch.device | str
     network = network.to_empty(device=device)
     network.load_state_dict(weights)
     return network.eval()
+
+
+def _refuse_pointer(path: Path) -> None:
+    if is_pointer_file(path):
+        raise StoreError(f"{path} is {POINTER_REMEDY}")
 
 
 def unusable(folder: Path, why: object) -> StoreError:

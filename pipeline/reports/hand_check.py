@@ -17,9 +17,10 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.formats.urdf import read_urdf
+from pipeline.formats.urdf import ignored_limits, read_urdf
 from pipeline.kernels.geometry.mesh import face_cross_products
 from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
@@ -44,6 +45,9 @@ MIN_TRAVEL = 1e-3
 
 FAR_PALM = 2.0
 """A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
+
+LARGE = 2.0
+"""m, that no hand opens."""
 
 VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
 """Title, and the axes of the root link that point right, up and towards the viewer."""
@@ -79,7 +83,8 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
     )
     unusable = _unusable_shapes(hand)
-    faults = [*_faults(hand, boxes), *unusable]
+    gels = list(buried_gels(hand, sensors))
+    faults = [*_faults(hand, boxes), *unusable, *(f"fault: {sentence}" for wholly, sentence in gels if wholly)]
     trial = [] if faults else trial_grasps(path)
     faulty = any(line.startswith("fault:") for line in (*faults, *trial))
     return [
@@ -87,6 +92,7 @@ def check_hand(path: Path, picture: Path) -> list[str]:
         f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
         f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
         *faults,
+        *(f"warning: {sentence}" for wholly, sentence in gels if not wholly),
         *(_overlap_line(hand, overlap) for overlap in overlaps),
         *([] if unusable else _convex_notes(hand)),
         *_notes(hand),
@@ -113,7 +119,9 @@ def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
         for number, mount in enumerate(hand.sensors)
         if number in on_fingers and np.linalg.norm(closing[number]) < MIN_TRAVEL
     ]
-    return [*blocked, *shapeless, *still, *_far_palm(hand)]
+    width = opening(hand)
+    too_large = [f"fault: the hand opens {width:.3g} m; are lengths in its URDF or hand file in millimetres?"] if width > LARGE else []
+    return [*blocked, *shapeless, *still, *too_large, *_far_palm(hand)]
 
 
 def _unusable_shapes(hand: Hand) -> list[str]:
@@ -179,6 +187,7 @@ def _notes(hand: Hand) -> list[str]:
         )
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
+    notes += [f"warning: {sentence}" for sentence in ignored_limits(hand)]
     notes += _followers_beyond_limits(hand)
     if hand.allowed_contacts:
         pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
 from pipeline.config.objects import identity
-from pipeline.console import Meter, Row, Table, errors, pluralise, table_lines
+from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.scene_file import load_scene
@@ -153,7 +153,8 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
         *_tables(checked),
         *_first(faults),
         *_first([doubt for item in checked if (doubt := item.doubt)]),
-        *unread_remarks({item.name: item.unread for item in checked if item.unread}),
+        *unread_remarks(unread := {item.name: item.unread for item in checked if item.unread}),
+        *_first([f"warning: in {name}: {abbreviate(reasons)}" for name, reasons in [*unread.items()][1:]]),
         *SampleSurfaces().describe_objects(SurfaceSettings(), objects),
         *_first(list(_same_files(objects))),
         *_scaled([item.in_file for item in checked if item.unit == SCALED]),

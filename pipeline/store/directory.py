@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.console import pluralise
 from pipeline.errors import StoreError, first_line
+from pipeline.formats.file_content import without_mark
 from pipeline.store import digest
 from pipeline.store.atomic import create
 from pipeline.store.collection import Collection
@@ -85,7 +86,7 @@ class DataDirectory:
         recorded = sorted({int(path.stem.rpartition("-")[2]) for path in self.shard_records()})
         remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(map(str, recorded)) or "none is left"}'
         try:
-            shards = DatasetDescription.model_validate_json(read_bytes(path)).shards
+            shards = DatasetDescription.model_validate_json(without_mark(path, read_bytes(path))).shards
         except FileNotFoundError:
             if len(recorded) > 1:
                 raise StoreError(f"{path} is missing; {remedy}") from None

@@ -1,6 +1,6 @@
 """Encode arrays as the chunks of a shard's files, and lay chunks out as files of Zarr v3's `sharding_indexed` codec.
 
-The codecs are those that `spec.py` declares: transposed colours, Blosc (zstd of shuffled bytes), crc32c. A chunk is encoded once, by
+The codecs are those that `spec.py` declares: Blosc (zstd of shuffled bytes), crc32c. A chunk is encoded once, by
 the process that computed it; publishing concatenates chunks.
 """
 
@@ -15,7 +15,7 @@ import google_crc32c
 import numpy as np
 from numcodecs import blosc
 
-from pipeline.store.spec import LEVEL, chunking, planar_order
+from pipeline.store.spec import LEVEL, chunking, shuffle_stride
 from schemas.base import Array
 
 blosc.use_threads = False  # threads would write a chunk's blocks in the order in which they finish: equal values, other bytes
@@ -40,12 +40,11 @@ def decode_array(array: Array | None, shape: Sequence[int], dtype: str, chunks: 
         return np.array(json.loads(without_checksum(next(iter(chunks)))))
     if array is None:
         return np.frombuffer(without_checksum(next(iter(chunks))), dtype).reshape(shape)
-    block_shape, order = chunk_shape(array, shape), planar_order(array)
-    stored = [block_shape[axis] for axis in order] if order else block_shape
-    values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(stored) for chunk in chunks]
+    block_shape = chunk_shape(array, shape)
+    values = [np.frombuffer(blosc.decompress(without_checksum(chunk)), dtype).reshape(block_shape) for chunk in chunks]
     decoded = np.empty((1, *shape) if len(block_shape) > len(shape) else tuple(shape), dtype)
     for block, value in zip(_blocks(decoded.shape, block_shape), values, strict=True):
-        decoded[block] = value.transpose(np.argsort(order)) if order else value
+        decoded[block] = value
     return decoded.reshape(shape)
 
 
@@ -64,10 +63,9 @@ def chunk_shape(array: Array, shape: Sequence[int]) -> tuple[int, ...]:
 
 def encode_chunk(array: Array, values: np.ndarray) -> bytes:
     """Encode a chunk, whose axes are those of the stored array."""
-    order = planar_order(array)
-    stored = np.ascontiguousarray(values.transpose(order) if order else values)
-    size = stored.dtype.itemsize
-    compressed: bytes = blosc.compress(stored, b"zstd", LEVEL, blosc.SHUFFLE if size > 1 else blosc.NOSHUFFLE, 0, size)
+    stride = shuffle_stride(array)
+    shuffle = blosc.SHUFFLE if stride > 1 else blosc.NOSHUFFLE
+    compressed: bytes = blosc.compress(np.ascontiguousarray(values), b"zstd", LEVEL, shuffle, 0, stride)
     return with_checksum(compressed)
 
 

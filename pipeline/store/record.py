@@ -109,7 +109,8 @@ class RowRecord(Stored):
 
     def labels(self) -> dict[str, Any]:
         """Return the entries of the arrays that every artifact has (`COMMON`)."""
-        return {"object_id": self.object_id, "category": self.category, "split": self.split, "ok": self.failure is None}
+        object_id = self.object_id
+        return {"object": object_id, "object_id": object_id, "category": self.category, "split": self.split, "ok": self.failure is None}
 
 
 class ShardRecord(Provenance):

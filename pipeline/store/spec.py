@@ -39,14 +39,13 @@ def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     objects per file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = chunking(array, shape)
-    size = 1 if array.dtype == "string" else numpy_dtype(array).itemsize
     little_endian = {"configuration": {"endian": "little"}}
-    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **(little_endian if size > 1 else {})}
-    shuffle = "shuffle" if size > 1 else "noshuffle"
-    blosc = {"name": "blosc", "configuration": {"typesize": size, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}}
-    order = planar_order(array)
-    planar = ({"name": "transpose", "configuration": {"order": order}},) if order else ()
-    inner: tuple[Any, ...] = (*planar, bytes_codec, blosc, {"name": "crc32c"})
+    one_byte = numpy_dtype(array).itemsize == 1
+    bytes_codec = {"name": "vlen-utf8"} if array.dtype == "string" else {"name": "bytes", **({} if one_byte else little_endian)}
+    stride = shuffle_stride(array)
+    shuffle = "shuffle" if stride > 1 else "noshuffle"
+    blosc = {"name": "blosc", "configuration": {"typesize": stride, "cname": "zstd", "clevel": LEVEL, "shuffle": shuffle, "blocksize": 0}}
+    inner: tuple[Any, ...] = (bytes_codec, blosc, {"name": "crc32c"})
     if array.per_object and array.dtype != "string":
         index = ({"name": "bytes", **little_endian}, {"name": "crc32c"})
         sharding = {"chunk_shape": chunk, "codecs": inner, "index_codecs": index, "index_location": "end"}
@@ -84,12 +83,11 @@ def chunking(array: Array, shape: tuple[int, ...]) -> tuple[tuple[int, ...], tup
     return file_shape, (1, *single[1:])
 
 
-def planar_order(array: Array) -> tuple[int, ...]:
-    """Return the order in which axes are stored, empty for their own order: one plane per colour takes a third of the space."""
-    if array.dims[-1] != "rgb" or len(array.dims) < 3:
-        return ()
-    *leading, row, col, rgb = range(len(array.dims))
-    return (*leading, rgb, row, col)
+def shuffle_stride(array: Array) -> int:
+    """Return the distance in bytes of the values that Blosc's shuffle gathers: of images a pixel, so that equal colours come together."""
+    if array.dtype == "string":
+        return 1
+    return numpy_dtype(array).itemsize * (FIXED["rgb"] if array.dims[-1] == "rgb" else 1)
 
 
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:

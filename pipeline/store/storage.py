@@ -30,8 +30,8 @@ from zarr.core.buffer import Buffer, BufferPrototype
 from zarr.storage import LocalStore, WrapperStore
 from zarr.storage import ObjectStore as ZarrObjectStore
 
-from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import expanded, regular_stat
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.file_content import MAX_POINTER, POINTER_REMEDY, expanded, is_pointer, regular_stat
 
 PROTOCOLS = ("s3", "gs")
 """URL schemes of object storage with conditional puts: S3 and compatible servers, Google Cloud Storage."""
@@ -95,11 +95,15 @@ def is_machine_fault(error: Exception) -> bool:
 
 
 def read_bytes(path: Place) -> bytes:
-    """Read a regular file; raise a `FileNotFoundError` if there is none."""
+    """Read a regular file; raise a `FileNotFoundError` if there is none, a `StoreError` if it is a Git LFS pointer."""
     if isinstance(path, Path):
         regular_stat(path)
-        return path.read_bytes()
-    return bytes(obstore.get(bucket_of(path), key_of(path)).bytes())
+        content = path.read_bytes()
+    else:
+        content = bytes(obstore.get(bucket_of(path), key_of(path)).bytes())
+    if is_pointer(content):
+        raise StoreError(f"{path} is {POINTER_REMEDY}")
+    return content
 
 
 def exists(path: Place) -> bool:
@@ -236,7 +240,9 @@ class _Files(WrapperStore[Store]):
     async def get(self, key: str, prototype: BufferPrototype, byte_range: ByteRequest | None = None) -> Buffer | None:
         if self._folder:
             with suppress(FileNotFoundError, NotADirectoryError):
-                regular_stat(f"{self._folder}/{key}")
+                path = f"{self._folder}/{key}"
+                if regular_stat(path).st_size < MAX_POINTER and is_pointer(Path(path).read_bytes()):
+                    raise StoreError(f"{path} is {POINTER_REMEDY}")
         content = await self._store.get(key, prototype, byte_range)
         if content is None and not self.sparse and PurePosixPath(key).name not in ZARR_METADATA:
             raise FileNotFoundError(errno.ENOENT, "the chunk is missing", key)

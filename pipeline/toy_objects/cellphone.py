@@ -95,7 +95,7 @@ def smartphone(model: Model, rng: Rng) -> None:
     leaf = Leaf(rng, (68, 9, h), pick(rng, *SHELLS))
     leaf.rectangle(0, h / 2, 66, h - 2, pick(rng, BLACK, WHITE).color, 6)
     leaf.screen(h / 2, 61, h - (30 if old else 10), lit=1.0, rim=0.0)
-    leaf.rectangle(rng.choice((-20, 0, 0, 20)), h - 9, rng.choice((5, 16, 28)), 5, BLACK, 2.4)
+    leaf.rectangle(int(rng.choice((-20, 0, 0, 20))), h - 9, int(rng.choice((5, 16, 28))), 5, BLACK, 2.4)
     if old:
         leaf.key(0, 7.5, rng.uniform(9, 21), 9, pick(rng, *STEELS).color)
     leaf.add(model)
@@ -108,7 +108,7 @@ def bar_phone(model: Model, rng: Rng) -> None:
     leaf.screen(103 - 0.5 * tall, 31, tall)
     leaf.navigation(64)
     leaf.keypad(9, 54)
-    leaf.antenna(0.45, 24, side=rng.choice((-1, 1)))
+    leaf.antenna(0.45, 24, side=int(rng.choice((-1, 1))))
     leaf.add(model)
 
 

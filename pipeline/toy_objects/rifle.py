@@ -73,7 +73,7 @@ class Gun:
 
 def bolt_action(model: Model, rng: Rng) -> None:
     """Hunting or service rifle: one-piece stock, round receiver, bolt, scope or sights; short or full fore-end."""
-    gun, fore = Gun(model, rng, 680, 11), rng.choice((300, 360, 570))
+    gun, fore = Gun(model, rng, 680, 11), int(rng.choice((300, 360, 570)))
     grasp = [(-165, -72, -24, 38), (-115, -52, -6, 44), (-40, -46, -3, 48), (70, -45, -4, 48), (fore - 12, -26, 0, 32)]
     gun.stock(gun.wood, *BUTT, *grasp, (fore, -18, -2, 22))
     gun.add(gun.metal, rod(-110, 75, 17))

@@ -15,6 +15,7 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
+from pipeline.formats.file_content import is_pointer_file
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
@@ -38,7 +39,7 @@ class SampleSurfaces(ObjectStage):
 
     def describe_objects(self, settings: SurfaceSettings, objects: Sequence[Object]) -> Iterator[str]:
         """Report files without units, which are scaled to one size, and warn if others have units and are not scaled."""
-        files = [item for item in objects if "file" in item.source]
+        files = [item for item in objects if "file" in item.source and not is_pointer_file(Path(item.source["file"]))]
         sized = [item.object_id for item in files if item.source.get("metres_per_unit") is not None]
         if unitless := len(files) - len(sized):
             size = f"{settings.diagonal:g} m; --units mm (make: UNITS=mm), or another unit, keeps real sizes"

@@ -22,6 +22,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.physics_urdf import links_without_mass
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
+from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest
@@ -83,11 +84,13 @@ class SimulateGrasps(ObjectStage):
         }
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name links without mass, and objects that do not fit the hand."""
+        """Name links without mass, gels inside their links, and objects that do not fit the hand."""
         hand = load_hand(settings.hand)
         if massless := links_without_mass(hand):
             yield f"hand {hand.name}: its URDF states no mass for {abbreviate(massless)}; estimated from collision shapes at 1000 kg/m³"
-        widest = max(sensor.width for sensor in load_worn_sensors(sensor_names(hand, settings.sensor)))
+        sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
+        yield from (f"hand {hand.name}: {sentence}" for _, sentence in buried_gels(hand, sensors))
+        widest = max(sensor.width for sensor in sensors)
         extents = {name: np.ptp(inputs["surfaces"]["points"], axis=0) for name, inputs in objects}
         yield from size_warnings(extents, smallest=2 * widest, largest=opening(hand), hand=hand.name)
 

@@ -178,14 +178,14 @@ def test_unknown_or_missing_artifact_is_named(tmp_path):
         open_artifact(tmp_path, "touch")
 
 
-@pytest.mark.parametrize("label", ["object_id", "category", "ok"])
+@pytest.mark.parametrize("label", ["object", "category", "ok"])
 def test_an_artifact_with_a_damaged_label_is_not_opened(data, tmp_path, label):
     shutil.copytree(data, tmp_path, dirs_exist_ok=True)
     (chunk,) = (path for path in (DataDirectory(tmp_path).collection(TOUCH).first.path / label / "c").rglob("*") if path.is_file())
     content = bytearray(chunk.read_bytes())
     content[-1] ^= 1
     chunk.write_bytes(content)
-    with pytest.raises(StoreError, match=r"cannot be read .*--check"):
+    with pytest.raises(StoreError, match=r"cannot be (read|opened) .*--check"):
         open_artifact(tmp_path, "touch")
 
 

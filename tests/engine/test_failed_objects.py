@@ -9,7 +9,7 @@ import pytest
 from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.run import forecast
-from pipeline.engine.shard import failures
+from pipeline.engine.shard_units import failures
 from pipeline.errors import BugFound, InvalidInput
 from tests.engine.tiny_stages import MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
 
@@ -42,11 +42,13 @@ def test_failures_are_tried_again_with_retry_only(tmp_path):
 
 
 def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
-    items = objects(3, b="bad")
+    flag = tmp_path / "mended"
+    items = objects(3, b=f"until {flag}")
     for name in "ab":
         leave_row(request(tmp_path, items=items), name)
     missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
     assert missing == [[1], [2]]
+    flag.touch()
     assert run(request(tmp_path, items=items, retry=True)) == 2
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import os
 import shutil
 
@@ -165,4 +166,4 @@ def test_reshard_is_refused_while_a_run_is_at_work(tmp_path):
 def test_xarray_attributes_list_the_failures_of_all_shards(tmp_path):
     items = objects(6, a="bad", b="bad", c="bad", d="bad", e="bad")
     run(request(tmp_path, items=items, shards=3))
-    assert open_artifact(tmp_path, "noise").attrs["failures"].keys() == set("abcde")
+    assert json.loads(open_artifact(tmp_path, "noise").attrs["failures"]).keys() == set("abcde")

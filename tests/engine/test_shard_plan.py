@@ -17,7 +17,7 @@ from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.run import forecast, make_plans
 from pipeline.engine.run import run as run_plan
-from pipeline.engine.shard import pending_units
+from pipeline.engine.shard_units import pending_units
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.reports.status import read_account

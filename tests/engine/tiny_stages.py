@@ -213,7 +213,7 @@ def plan_of(wanted: Request) -> Plan[Any]:
 
 
 def run(wanted: Request, shard: int | None = None) -> int:
-    """Run every plan that is not up to date; return the number of processed objects."""
+    """Run every plan that is not up to date; return the number of objects made, without those that failed."""
     with wanted.executor:
         return sum(run_plan(plan, CONSOLE).made for plan in make_plans(wanted, shard) if not plan.up_to_date())
 

@@ -82,6 +82,21 @@ def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tm
         assert item["task"] == f"grasp {'an' if item['category'] == 'object' else 'a'} {item['category']}"
 
 
+def test_lerobot_statistics_have_the_names_shapes_and_values_of_its_own(lerobot, data, tmp_path):  # noqa: F811
+    from lerobot.datasets.compute_stats import get_feature_stats
+
+    vt("export", data, tmp_path / "out", "--to", "lerobot")
+    dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
+    items = [dataset[number] for number in range(dataset.num_frames)]
+    for name, axes, gap in ((f"observation.images.tactile_{FINGERS[0]}", (0, 2, 3), 1 / 255), ("grasp", 0, 1)):
+        own = get_feature_stats(np.stack([item[name].numpy() for item in items]).astype(np.float64), axes, keepdims=True)
+        own = {key: value[0] if value.ndim > 1 else value for key, value in own.items()}
+        ours = dataset.meta.stats[name]
+        assert {key: value.shape for key, value in ours.items()} == {key: value.shape for key, value in own.items()}
+        for key, value in own.items():  # its quantiles are those of a histogram: between the same two values as ours
+            np.testing.assert_allclose(ours[key], value, rtol=0, atol=1.001 * gap if key.startswith("q") else 1e-6, err_msg=key)
+
+
 @pytest.fixture
 def exported(data, tmp_path) -> Path:  # noqa: F811
     about = {"creators": ["A. Person"], "url": "https://example.org", "licence": "https://spdx.org/licenses/CC0-1.0"}
@@ -108,6 +123,16 @@ def test_hugging_face_reads_rows_equal_to_the_stored_ones(exported, stored, tmp_
     assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
     for row in read["test"]:
         check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
+
+
+def test_hugging_face_rounds_in_its_formats_as_the_card_says(exported, stored, tmp_path):
+    rows = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))["test"]
+    pose = stored.read("hand_pose", rows[0]["object_id"], rows[0]["grasp"])
+    for form in ("numpy", "torch"):
+        rounded = np.asarray(rows.with_format(form)[0]["hand_pose"])
+        assert rounded.dtype == np.float32
+        np.testing.assert_array_equal(rounded, pose.astype(np.float32))
+    np.testing.assert_array_equal(rows.with_format("numpy", dtype=np.float64)[0]["hand_pose"], pose)
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it does not close its files

@@ -44,6 +44,7 @@ def test_card_has_statistics_licences_columns_and_hub_metadata(data: Path, facts
     assert "# Balls \\| to &lt;touch>" in body
     assert "15 grasps, a row each, of 3 objects." in body
     assert "| train | 2 | 10 |" in body
+    assert "hold float64 arrays as float32" in body
     assert "| bottle | 2 | 10 | 40 | 75.0 |" in body
     assert "| not recorded | 3 |" in body
     assert "| `depth.finger-0` | float32 | 100 × 100 | m | D: distance" in body

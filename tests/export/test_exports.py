@@ -8,6 +8,7 @@ import io
 import json
 import os
 import tarfile
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +19,8 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
-from pipeline.export.grasp_frames import GraspFrames
-from pipeline.export.lerobot_files import _Statistics
+from pipeline.export.grasp_frames import Column, GraspFrames
+from pipeline.export.lerobot_files import QUANTILES, _Statistics
 from pipeline.export.webdataset_shards import write_webdataset
 from pipeline.store.atomic import atomic_writes
 from tests.stages import ball_dataset
@@ -86,13 +87,30 @@ def test_missing_pyarrow_is_named_with_the_command_that_installs_it(data, tmp_pa
     assert "pip install -c constraints.txt -e '.[export]'" in vt("export", data, tmp_path / "out", "--to", "parquet", fails=True)
 
 
-def test_statistics_leave_infinite_depths_out(data):
-    column = GraspFrames(data).columns["depth.finger-0"]
-    statistics = _Statistics(type(column)("float32", (2,)))
-    for value in ([1.0, np.inf], [3.0, np.inf]):
-        statistics.update(np.array(value, np.float32))
-    summary = statistics.summary()
-    assert (summary["min"], summary["max"], summary["mean"], summary["std"], summary["count"]) == ([1, 0], [3, 0], [2, 0], [1, 0], [2])
+@pytest.mark.parametrize("block", [1, 2**22])
+def test_lerobot_statistics_are_those_of_numpy_over_all_finite_values(tmp_path, monkeypatch, block):
+    monkeypatch.setattr("pipeline.export.lerobot_files.BLOCK", block)
+    rng = np.random.default_rng(0)
+    depth = rng.normal(size=(37, 2, 3)).astype(np.float32)
+    depth[::3, 0, 1], depth[:, 1, 2] = np.inf, np.inf
+    images, grasps = rng.integers(0, 200, (37, 8, 9, 3), np.uint8), np.arange(37) % 5
+    columns = {"depth": Column("float32", (2, 3)), "image": Column("image", (8, 9, 3)), "grasp": Column("int64"), "split": Column("string")}
+    with (tmp_path / "numbers").open("w+b") as file:
+        statistics = _Statistics(columns, file)
+        for number in range(37):
+            statistics.update({"depth": depth[number], "image": images[number], "grasp": grasps[number], "split": "test"})
+        summary = statistics.summary()
+    assert summary.keys() == {"depth", "image", "grasp"}
+    for name, values in {"depth": np.where(np.isfinite(depth), depth, np.nan), "image": images / 255, "grasp": grasps[:, None]}.items():
+        axes, shape = ((0, 1, 2), (3, 1, 1)) if name == "image" else (0, values.shape[1:])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the pixel without a finite depth
+            expected = {key: np.nanquantile(values, share, axis=axes, method="linear") for key, share in QUANTILES.items()}
+            expected |= {"mean": np.nanmean(values, axis=axes, dtype=float), "std": np.nanstd(values, axis=axes, dtype=float)}
+        assert summary[name].pop("count") == [37]
+        assert summary[name].keys() == expected.keys()
+        for key, value in expected.items():
+            np.testing.assert_allclose(summary[name][key], np.nan_to_num(value).reshape(shape), rtol=1e-6, atol=1e-7, err_msg=key)
 
 
 def test_killed_export_is_started_again_by_the_next(data, tmp_path):

@@ -137,7 +137,7 @@ def test_aliases_tags_deep_nesting_and_duplicate_entries_are_refused(text: str, 
     [
         ({"diffuse": 2.0}, "diffuse 2.0 belongs to lights"),
         ({"within": [-8.5, -5, 8.9, 5.8]}, r"within .* lies far beyond the gel, whose rim is 0.00\d+ m and .* in metres"),
-        ({"background": 5}, r"calibrated.background: it must be a list, \[VALUE, …\] \(it is 5\), or Input should be a valid string"),
+        ({"background": 5}, r"calibrated.background: it must be a list, \[VALUE, …\] \(it is 5\), or it must be text"),
     ],
 )
 def test_calibrated_sensor_refuses_entries_that_contradict_its_colours(tmp_path: Path, changes: dict[str, Any], fault: str) -> None:

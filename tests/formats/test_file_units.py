@@ -31,6 +31,13 @@ def collada(path: Path, *assets: str) -> Path:
     return path
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
+def test_unit_is_read_in_the_encoding_of_the_byte_order_mark(tmp_path: Path, encoding: str) -> None:
+    text = collada(tmp_path / "a.dae", "<unit meter='0.0254'/>", "<up_axis>Z_UP</up_axis>").read_text()
+    (tmp_path / "a.dae").write_bytes((text + "<!-- -->" * 10_000).encode(encoding))
+    assert stated_units(tmp_path / "a.dae") == (0.0254, "z")
+
+
 @pytest.mark.parametrize(
     ("assets", "expected"),
     [

@@ -19,7 +19,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.physics_urdf import add_origin, links_without_mass, write_physics_urdf
-from pipeline.formats.urdf import parse_urdf, read_urdf
+from pipeline.formats.urdf import read_urdf
+from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics

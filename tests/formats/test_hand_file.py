@@ -67,6 +67,13 @@ def test_hand_file_finds_links_and_joints_of_another_urdf_by_name(hand: Hand, tm
             "  sensors: [{link: link_3.0_tip, origin: [0, 0, 0], normal: [1, 0, 0], columns: [0, 1, 0]}]\n  centre:",
             "palm: finger 'index' moves the link of sensor 'palm'; list the sensor under that finger",
         ),
+        ("joints: [joint_0.0,", "joints: [0,", "fingers.0.joints.0: it must be text (it is 0); put it in quotes"),
+        ("joints: [joint_0.0,", "joints: [yes,", "fingers.0.joints.0: it must be text (it is True); put it in quotes"),
+        ("joints: [joint_0.0,", "joints: [null,", "fingers.0.joints.0: it must be text (it is null); put it in quotes"),
+        ("joints: [joint_0.0,", "joints: [2026-01-01,", "it must be text (it is the date 2026-01-01); put it in quotes"),
+        ("fingers:", "frozen: {1.0: 0}\nfingers:", "frozen.1.0: it must be text (it is 1.0); put it in quotes"),
+        ("fingers:", "allowed_contacts: [[0, 1]]\nfingers:", "allowed_contacts.0.1: it must be text (it is 1); put it in quotes"),
+        ("joints: [joint_0.0,", "joints: [[0],", "fingers.0.joints.0: it must be text. Its entries"),
         ("link: base_link", "link: link_99", "there is no link 'link_99'"),
         ("link: base_link", "link: link_0.0", "there is no moving joint 'joint_0.0'; there are joint_1.0, joint_2.0, joint_3.0"),
     ],
@@ -125,7 +132,7 @@ def test_unknown_hand_is_refused_with_the_shipped_ones() -> None:
         (r"<robot", '<!DOCTYPE x [<!ENTITY a "b">]><robot', "declares a document type or entities"),
         (r"<robot", '<?xml version="1.0" encoding="odd"?><robot', "not XML"),
         (r"</robot>", "<link/>" * 1001 + "</robot>", "links, joints and shapes, 1000 are the most"),
-        (r"</robot>", " " * 11_000_000 + "</robot>", "bytes, 10485760 are the most"),
+        (r"</robot>", " " * 11_000_000 + "</robot>", "bytes; 10485760 are the most"),
     ],
 )
 def test_unusable_urdf_is_refused_with_the_part(hand: Hand, tmp_path: Path, old: str, new: str, message: str) -> None:

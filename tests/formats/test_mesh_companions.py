@@ -127,7 +127,7 @@ def test_mesh_file_that_is_a_socket_is_refused(tmp_path: Path) -> None:
 
 def test_number_of_names_is_bounded(tmp_path: Path) -> None:
     file = textured(tmp_path, "0.png")
-    (file.parent / "a.mtl").write_text("".join(f"map_Kd {number}.png\n" for number in range(1000)))
+    (file.parent / "a.mtl").write_text("newmtl a\n" + "".join(f"map_Kd {number}.png\n" for number in range(1000)))
     with pytest.raises(InvalidInput, match="names more than 1000 files"):
         Companions(file)
 

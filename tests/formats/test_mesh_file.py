@@ -196,7 +196,7 @@ def test_texture_that_needs_another_program_is_dropped(tmp_path: Path, monkeypat
 
 
 def test_gltf_with_too_many_entries_is_refused_before_parsing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.formats.mesh_companions.MAX_ENTRIES", 1000)
+    monkeypatch.setattr("pipeline.formats.gltf.MAX_ENTRIES", 1000)
     with pytest.raises(InvalidInput, match="entries in its JSON, 1000 are the most"):
         parse_mesh(gltf(tmp_path, extras=[0] * 1001), tmp_path)
 
@@ -306,59 +306,6 @@ def test_all_material_libraries_of_an_obj_are_read(tmp_path: Path, lines: str) -
     square = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nusemtl one\nf 1 2 3\nusemtl two\nf 1 3 4\n"
     (tmp_path / "square.obj").write_text(f"{lines}\n{square}")
     assert sorted(load_mesh(tmp_path / "square.obj").look.base_color[:, :3].tolist()) == [[0, 0, 255], [255, 0, 0]]
-
-
-@pytest.mark.parametrize("stored", [np.array([0.5, 0.25, 1, 1], np.float32), np.array([32768, 16384, 65535, 65535], np.uint16)])
-def test_colours_of_vertices_of_any_type_are_read_beside_a_material(tmp_path: Path, stored: np.ndarray) -> None:
-    corners, colors = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), np.tile(stored, (3, 1))
-    content = corners.tobytes() + colors.tobytes()
-    (tmp_path / "a.bin").write_bytes(content)
-    kind = {"componentType": 5126} if stored.dtype == np.float32 else {"componentType": 5123, "normalized": True}
-    tree = {
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 1]}}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "material": 0}]}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
-            {"bufferView": 1, "count": 3, "type": "VEC4"} | kind,
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": corners.nbytes},
-            {"buffer": 0, "byteOffset": corners.nbytes, "byteLength": colors.nbytes},
-        ],
-        "buffers": [{"uri": "a.bin", "byteLength": len(content)}],
-    }
-    (tmp_path / "a.gltf").write_text(json.dumps(tree))
-    colors_read = load_mesh(tmp_path / "a.gltf").look.vertex_color
-    assert colors_read is not None
-    np.testing.assert_allclose(colors_read, np.tile([188, 137, 255, 255], (3, 1)), atol=1)
-    del tree["meshes"][0]["primitives"][0]["material"]
-    (tmp_path / "a.gltf").write_text(json.dumps(tree))
-    if stored.dtype == np.uint16:
-        with pytest.raises(InvalidInput, match="colours of 16 bits and no material"):
-            load_mesh(tmp_path / "a.gltf")
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "requires KHR_draco_mesh_compression, which cannot be read"),
-        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}, "indices": 0, "mode": 6}]}]}, "triangle fans"),
-        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 1}}]}], "accessors": [{}, {"normalized": True}]}, "normalised integers"),
-        (
-            {"meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}}]}], "accessors": [{}, {"normalized": True}]},
-            "texture coordinates as normalised integers",
-        ),
-        ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "accessors": [{"sparse": {"count": 1}}]}, "sparse accessors"),
-        ({"extensionsRequired": ["KHR_texture_transform"]}, "requires KHR_texture_transform, which cannot be read"),
-    ],
-)
-def test_gltf_whose_shape_would_be_read_wrongly_is_refused(tmp_path: Path, changes: dict[str, object], message: str) -> None:
-    with pytest.raises(InvalidInput, match=message):
-        load_mesh(gltf(tmp_path, **changes))
-    assert len(load_mesh(gltf(tmp_path, extensionsRequired=["KHR_materials_unlit"])).faces) == 12
 
 
 def test_grey_of_sixteen_bits_is_scaled(tmp_path: Path) -> None:

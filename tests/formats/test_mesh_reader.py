@@ -44,9 +44,9 @@ def test_file_that_needs_too_much_memory_is_refused(tmp_path: Path, monkeypatch:
 
 def test_missing_buffer_is_named_whatever_its_name(tmp_path: Path) -> None:
     (tmp_path / "memory_card.gltf").write_bytes(
-        BOX.export(file_type="gltf")["model.gltf"].replace(b"gltf_buffer_0.bin", b"memory_card.bin")
+        BOX.export(file_type="gltf")["model.gltf"].replace(b"gltf_buffer_1.bin", b"memory_card.bin")
     )
-    with pytest.raises(InvalidInput, match=r"names 'memory_card\.bin', which is not a file below"):
+    with pytest.raises(InvalidInput, match=r"memory_card\.bin is missing or cut off: 96 bytes are needed, there are 0"):
         load_mesh(tmp_path / "memory_card.gltf")
 
 

@@ -54,7 +54,7 @@ def save_image(folder: Path, size: int, mode: str) -> None:
         (lambda folder: save_image(folder, 137, "RGB"), "137 x 137 pixels of RGB;"),
         (lambda folder: (folder / "07.png").write_bytes((folder / "07.png").read_bytes()[:500]), r"07\.png cannot be read as PNG"),
         (
-            lambda folder: (folder / "07.png").write_text("<html>"),
+            lambda folder: (folder / "07.png").write_text("no image"),
             r"07\.png is no PNG file; download the model's renderings again",
         ),  # no address
         (lambda folder: replace_line(folder, "1 95 0 0.7 25"), "has an elevation of 95 degrees; it must be from -90 to 90"),

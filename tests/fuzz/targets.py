@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import json
 import os
+import struct
+import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -19,12 +21,14 @@ from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.config import folder_sources
 from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import fingerprint
-from pipeline.formats.file_units import MODEL, stated_units
+from pipeline.formats.file_units import stated_units
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.formats.threemf_package import MODEL
 from stages.registry import load_stage, resolve
+from tests.formats.gltf_builder import Gltf, glb
 from tests.fuzz.predict_target import Predictions
 from tests.fuzz.store_target import Stores
 from tests.fuzz.target import Files, Target
@@ -148,6 +152,7 @@ class Meshes(Target):
         colored.visual.vertex_colors = np.arange(32, dtype=np.uint8).reshape(8, 4)
         looks.append({"mesh.ply": colored.export(file_type="ply", encoding="ascii")})
         looks.append({"mesh.stl": box.export(file_type="stl_ascii").encode()})
+        looks += _colored(texture)
         exported = trimesh.Scene(box).export(file_type="gltf")
         looks.append({"mesh.gltf" if name.endswith(".gltf") else name: content for name, content in exported.items()})
         return looks
@@ -157,6 +162,63 @@ class Meshes(Target):
         stated_units(file)
         fingerprint({"file": str(file), "root": str(folder)})
         load_mesh(file, folder)
+
+
+def _colored(texture: bytes) -> list[Files]:
+    """Write meshes with colours and pages of textures: OFF, STL, and PLY with polygons and strips, in text and binary."""
+    corners = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+    off = "\n".join(["COFF", "4 1 0", *(f"{corner} 1 0 0.5 1" for corner in corners), "4 0 1 2 3 9 9 9", ""]).encode()
+    head = "ply\nformat {} 1.0\ncomment TextureFile a.png\ncomment TextureFile b.png\nelement vertex 4\n"
+    head += "".join(f"property float {name}\n" for name in ("x", "y", "z", "diffuse_red", "diffuse_green", "diffuse_blue"))
+    head += "element face 2\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nproperty uchar texnumber\n"
+    head += "element tristrips 1\nproperty list int int vertex_indices\nend_header\n"
+    faces = ((0, 1, 2, 3), (0, 0, 1, 0, 1, 1, 0, 1), 1), ((0, 1, 2), (0, 0, 1, 0, 1, 1), 0)
+    rows = [f"{corner} 1 0.5 0" for corner in corners]
+    rows += [f"{len(face)} {' '.join(map(str, face))} {len(uv)} {' '.join(map(str, uv))} {page}" for face, uv, page in faces]
+    text = head.format("ascii") + "\n".join([*rows, "5 0 1 2 -1 3", ""])
+    binary = head.format("binary_big_endian").encode() + np.array([corner.split() + [1, 0.5, 0] for corner in corners], ">f4").tobytes()
+    for face, uv, page in faces:
+        binary += struct.pack(f">B{len(face)}iB{len(uv)}fB", len(face), *face, len(uv), *uv, page)
+    binary += struct.pack(">6i", 5, 0, 1, 2, -1, 3)
+    stl = b"COLOR=1234".ljust(80) + struct.pack("<I12fH12fH", 2, *range(12), 0x1234, *range(12, 24), 0x8000) + b"behind"
+    pages = {"a.png": texture, "b.png": texture}
+    return [{"mesh.off": off}, {"mesh.stl": stl}, {"mesh.ply": text.encode(), **pages}, {"mesh.ply": binary, **pages}]
+
+
+class Gltfs(Meshes):
+    """glTF files: a skin, morph targets, instances, a texture with a sampler, sparse and normalised arrays; as JSON and as GLB."""
+
+    def sound(self) -> list[Files]:
+        document = Gltf()
+        document.texture([[[200, 30, 30, 90], [0, 0, 255, 255]]], sampler=document.add("samplers", {"wrapS": 33071, "wrapT": 33648}))
+        corners, weights = np.tile(np.uint8([0, 1, 0, 0]), (8, 1)), np.tile(np.float32([0.5, 0.25, 0, 0]), (8, 1))
+        uv, colors = np.linspace(-1, 2, 16, dtype=np.float32).reshape(8, 2), np.full((8, 4), 0.5, np.float32)
+        part = document.box(JOINTS_0=corners, WEIGHTS_0=weights, TEXCOORD_1=uv, COLOR_0=colors) | {"material": 0}
+        part["targets"] = [{"POSITION": document.sparse([0, 5], np.ones((2, 3), np.float32), 8)}]
+        binds = document.array(np.tile(np.eye(4, dtype=np.float32).reshape(1, 16), (2, 1)))
+        places = {
+            "TRANSLATION": document.array(np.eye(3, dtype=np.float32)),
+            "ROTATION": document.array(np.int8(np.eye(4)[:3] * 127), normalized=True),
+        }
+        nodes = [
+            {"mesh": 0, "skin": 0, "weights": [0.5]},
+            {"rotation": [0, 0, 0.6, 0.8], "children": [2]},
+            {"mesh": 1, "extensions": {"EXT_mesh_gpu_instancing": {"attributes": places}}},
+        ]
+        transform = {"KHR_texture_transform": {"offset": [0.5, 0], "rotation": 1, "scale": [2, 1]}}
+        rough = {"baseColorFactor": [0, 0, 0, 0.5], "baseColorTexture": {"index": 0, "texCoord": 1, "extensions": transform}}
+        material = {
+            "pbrMetallicRoughness": rough,
+            "emissiveFactor": [0, 1, 0],
+            "emissiveTexture": {"index": 0, "texCoord": 1},
+            "alphaMode": "MASK",
+        }
+        meshes = [{"primitives": [part], "weights": [1]}, {"primitives": [document.box() | {"mode": 5}]}]
+        skins = [{"joints": [1, 2], "inverseBindMatrices": binds}]
+        with tempfile.TemporaryDirectory() as folder:
+            entries = {"nodes": nodes, "meshes": meshes, "skins": skins, "materials": [material], "scenes": [{"nodes": [0, 1]}]}
+            text = document.write(Path(folder) / "a.gltf", **entries).read_bytes()
+        return [{"mesh.gltf": text}, {"mesh.glb": glb(text)}]
 
 
 class Collada(Meshes):
@@ -194,10 +256,20 @@ class ThreeMF(Meshes):
         items = b'<item objectid="9" transform="1 0 0 0 1 0 0 0 1 5 5 5"/>\n<item objectid="9"/>\n</build>'
         model = parts[MODEL].replace(b"</resources>", components + b"</resources>").replace(b"</build>", items)
         parts[MODEL] = model.replace(b"><vertex", b">\n<vertex").replace(b"><triangle", b">\n<triangle")
+        groups = b"""<m:texture2d id="11" path="/3D/a.png" contenttype="image/png"/>
+<m:texture2dgroup id="12" texid="11"><m:tex2coord u="0" v="1"/><m:tex2coord u="1" v="1"/></m:texture2dgroup>
+<m:colorgroup id="13"><m:color color="#DC1414FF"/><m:color color="#1414DC"/></m:colorgroup>
+"""
+        painted = parts[MODEL].replace(b"<resources>", b"<resources>\n" + groups)
+        painted = painted.replace(b"<triangle ", b'<triangle pid="12" p1="0" p2="1" ', 6).replace(
+            b"<triangle v", b'<triangle pid="13" p1="0" p3="1" v'
+        )
+        painted = painted.replace(b"<item ", b'<item p:path="/3D/b.model" objectid="1"/>\n<item ', 1)
+        colored = {**parts, MODEL: painted, "3D/a.png": _png(np.zeros((2, 2, 3), np.uint8)), "3D/b.model": parts[MODEL]}
         whole = [
             {"mesh.3mf": _packed(parts, kind)} for kind in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
         ]
-        return [*whole, *[{f"parts/{name}": content for name, content in parts.items()}] * 4]
+        return [*whole, *[{f"parts/{name}": content for name, content in of.items()} for of in (parts, colored)] * 3]
 
     def read(self, folder: Path, files: Files) -> None:
         if "mesh.3mf" not in files:
@@ -224,10 +296,11 @@ def _png(pixels: np.ndarray) -> bytes:
 TARGETS: dict[str, tuple[type[Target], Any]] = {
     "sensor files": (Sensors, 0.25),
     "scene files": (Scenes, 0.25),
-    "manifests": (Manifests, 0.2),
+    "manifests": (Manifests, 0.15),
     "cluster files": (Clusters, 0.05),
     "hand files": (Hands, 0.1),
     "mesh files": (Meshes, 0.1),
+    "glTF files": (Gltfs, 0.05),
     "COLLADA files": (Collada, 0.05),
     "3MF files": (ThreeMF, 0.05),
     "predict": (Predictions, 0.1),

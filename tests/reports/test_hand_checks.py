@@ -16,6 +16,7 @@ from pipeline.formats.hand_file import load_hand
 from pipeline.reports.description_checks import check_file
 from stages.simulate_grasps.prepare import prepare_hand
 from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.stage import SimulateGrasps
 from tests.reports.edited_descriptions import edited
 
 
@@ -63,7 +64,7 @@ def test_links_that_block_a_finger_are_a_fault_with_the_message_of_the_stage(old
     lines = check_file(str(path), tmp_path / "a.png")
     with pytest.raises(InvalidInput) as stopped:
         prepare_hand(GraspSettings(hand=str(path)))
-    faults = [line.removeprefix("fault: ") for line in lines if line.startswith("fault: ")]
+    faults = [line.removeprefix("fault: ") for line in lines if line.startswith("fault: ") and "the gel of" not in line]
     assert "; ".join(faults) == str(stopped.value)
     assert re.match(fault, faults[0])
     assert re.search(r": write `allowed_contacts: \[\[.*\]\]` into ", faults[0])  # these links are boxes: nothing can be cut
@@ -82,14 +83,44 @@ def test_trial_reports_the_number_of_grasps_and_a_remedy_if_there_is_none(tmp_pa
     (fault,) = [line for line in lines if line.startswith("fault: ")]
     assert "palm.facing" in fault
     described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
-    for finger in described["fingers"]:  # into their links
-        finger["sensor"]["normal"] = [-number for number in finger["sensor"]["normal"]]
+    for finger in described["fingers"]:  # on the backs of the fingers
+        finger["sensor"]["normal"][1] *= -1
+        finger["sensor"]["origin"][1] = 0.012 * finger["sensor"]["normal"][1]
     limits = Path(urdf).read_text().replace('<mimic joint="left_slide"/>', '<mimic joint="left_slide" multiplier="1.5"/>')
     (tmp_path / "wide.urdf").write_text(limits)
     path = edited("hand", "two_finger_gripper", tmp_path / "in.yaml", fingers=described["fingers"], urdf="wide.urdf")
     text = "\n".join(check_file(str(path), tmp_path / "a.png"))
     assert "no sensor touches the ball: do the sensors' normals point out of their links? Else let palm.facing" in text
     assert "joint right_slide follows left_slide through 0.0105 … 0.105, beyond its own limits 0.007 … 0.07, which do not count" in text
+
+
+@pytest.mark.parametrize(
+    ("sensor", "kind", "sentence"),
+    [
+        ({"origin": [0, 0.008, 0.082]}, "fault", "lies inside its link left_finger, which objects meet first; move its `origin` by 8 mm"),
+        ({"origin": [0, 0.002, 0.082]}, "warning", "so that objects meet only the outer 4.8 mm of its gel; move its `origin` by 2 mm"),
+        ({"normal": [0, 1, 0]}, "fault", "its normal points into the link: write `normal: [0, -1, 0]`"),
+    ],
+)
+def test_gel_inside_its_link_is_named_with_the_place_where_it_belongs(
+    sensor: dict[str, object], kind: str, sentence: str, tmp_path: Path
+) -> None:
+    described = yaml.safe_load(description_path("hand", "two_finger_gripper").read_text())
+    described["fingers"][0]["sensor"] |= sensor
+    urdf = str(load_hand("two_finger_gripper").urdf)
+    path = edited("hand", "two_finger_gripper", tmp_path / "in.yaml", urdf=urdf, fingers=described["fingers"])
+    lines = check_file(str(path), tmp_path / "a.png")
+    assert ("faults below" in lines[0]) == (kind == "fault")
+    assert [line.startswith(f"{kind}: ") for line in lines if sentence in line] == [True]
+    misfits = list(SimulateGrasps().describe_misfits(GraspSettings(hand=str(path)), []))
+    assert [sentence in line for line in misfits] == [True]
+
+
+def test_hand_in_millimetres_is_a_fault(tmp_path: Path) -> None:
+    palm = {"link": "palm", "facing": [0, 0, 1], "centre": [0, 0, 30]}
+    urdf = str(load_hand("two_finger_gripper").urdf)
+    lines = check_file(str(edited("hand", "two_finger_gripper", tmp_path / "mm.yaml", palm=palm, urdf=urdf)), tmp_path / "a.png")
+    assert any(re.fullmatch(r"fault: the hand opens (29|30)(\.\d)? m; are lengths .* in millimetres\?", line) for line in lines)
 
 
 def test_trial_of_a_hand_with_palm_sensors_only_reports_when_they_touch(tmp_path: Path) -> None:

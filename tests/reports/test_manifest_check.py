@@ -62,7 +62,7 @@ def test_sizes_units_textures_and_files_that_are_no_meshes_are_listed(tmp_path: 
     assert row(lines, "boxes-tea") == ["boxes-tea", "0.08 × 0.06 × 0.12", "mm, --units", "12", "0", "yes"]
     assert row(lines, "soda") == ["soda", "0.066 × 0.066 × 0.12", "mm, --units", "2", "0, 1 missing or unread", "no"]
     (fault,) = (line for line in lines if line.startswith("fault:"))
-    assert fault.startswith("fault: broken: broken.ply cannot be read as PLY")
+    assert fault.startswith("fault: broken: broken.ply: it has no header that begins with ply")
     (warning,) = (line for line in lines if line.startswith("warning:"))
     assert warning == "warning: 1 object not read in full (soda); in soda: textures/soda.png is missing below the folder of meshes"
     assert (tmp_path / "a.png").exists()

@@ -19,7 +19,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard import failures
+from pipeline.engine.shard_units import failures
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh

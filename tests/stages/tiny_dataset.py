@@ -8,7 +8,7 @@ from pipeline.config.manifest import Manifest
 from pipeline.console import errors
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard import failures
+from pipeline.engine.shard_units import failures
 from pipeline.store.publish import FolderOutput
 from stages.registry import load_stage, resolve
 

@@ -200,3 +200,20 @@ def test_attributes_that_are_not_json_are_refused(shard):
 def test_missing_group_is_reported(shard):
     shutil.rmtree(shard)
     assert "cannot be read (No such file or directory)" in problems(shard)[0]
+
+
+@pytest.mark.parametrize("file", ["chunk", "zarr.json", "values/zarr.json", "record", "dataset.json"])
+def test_pointer_of_git_lfs_is_named(shard: Path, file: str) -> None:
+    paths = {
+        "chunk": next(path for path in (shard / "values" / "c").rglob("*") if path.is_file()),
+        "record": next(shard.parent.glob("*.json")),
+        "dataset.json": shard.parent.parent / "dataset.json",
+    }
+    path = paths.get(file, shard / file)
+    assert path.is_file()
+    path.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "5" + "\nsize 70000\n")
+    try:
+        lines = problems(shard)
+    except StoreError as error:  # without a record, or the number of shards, nothing can be checked
+        lines = [str(error)]
+    assert any(f"{path} is a Git LFS pointer; run `git lfs pull`" in line for line in lines)

@@ -18,7 +18,9 @@ case $2 in *ensurepip*) echo "{version} {ensurepip} yes {prefix}"; exit ;; esac
 echo "$0 $*" >>log
 if [ "$2" = venv ]; then mkdir -p "$3/bin"; cp "$0" "$3/bin/python"; touch "$3/pyvenv.cfg"; fi
 case $2 in *print*) mkdir -p "$(dirname "$0")/../packages"; echo "$(dirname "$0")/../packages" ;; esac
+case "$*" in *"pip install"*" uv") cp programs/uv-of-pip "$(dirname "$0")/uv" ;; esac
 """
+UV = 'echo "uv $*" >>log; for last; do :; done; programs/kept -m venv "$last" 2>/dev/null'
 PIP_FAILS = 'if [ "$2" = pip ]; then exit 1; fi'
 LIBRARIES = "libegl1 libgl1 libxrender1 libgl1-mesa-dri"
 PIP = "-m pip install --quiet --disable-pip-version-check"
@@ -171,21 +173,28 @@ def test_package_that_completes_python_is_installed_if_available(user, python, a
 
 
 @pytest.mark.parametrize(
-    "archive", [{}, {"python3": "3.14.1-1", "python3-venv": "3.14.1-1"}, {"python3": "3.9.2-3", "python3-venv": "3.9.2-3"}]
+    ("python", "archive", "said"),
+    [
+        (None, {}, "there is no Python here"),
+        ("3.12", {"python3": "3.12.3-1", "python3-venv": "3.12.3-1"}, "python3 is Python 3.12 without ensurepip"),
+        ("3.14", {"python3": "3.13.5-1", "python3-venv": "3.13.5-1"}, "python3 is Python 3.14 without ensurepip"),
+    ],
 )
-@pytest.mark.parametrize("incomplete", [False, True])
-def test_missing_python_gives_a_one_line_error_with_the_remedy(archive, incomplete, machine):
+def test_missing_python_gives_a_one_line_error_with_the_remedy(python, archive, said, machine):
     (machine.root / "programs" / "python3.11").unlink()
-    if incomplete:
-        machine.python("python3", "3.12", ensurepip="no")
+    if python:
+        machine.python("python3", python, ensurepip="no")
     machine.debian(*LIBRARIES.split(), user=0, archive=archive)
     done = machine.install("project")
     assert done.returncode != 0
     assert len(done.stderr.splitlines()) == 1
-    assert "vt-pipeline needs Python 3.11, 3.12 or 3.13 with venv" in done.stderr
+    assert f"{said}: vt-pipeline needs Python 3.11, 3.12 or 3.13 with venv" in done.stderr
     assert "make setup PYTHON=/path/to/python" in done.stderr
     assert not [call for call in machine.calls() if "install" in call]
     assert not (machine.root / ".venv").exists()
+
+
+# ---- uv
 
 
 @pytest.mark.parametrize(("incomplete", "source"), [(False, "3.13"), (True, "python3")])
@@ -193,9 +202,83 @@ def test_uv_makes_the_environment_if_no_python_can(incomplete, source, machine):
     (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
     if incomplete:
         machine.python("python3", "3.12", ensurepip="no")
-    machine.program("uv", 'echo "uv $*" >>log; for last; do :; done; programs/kept -m venv "$last" 2>/dev/null')
+    machine.program("uv", UV)
     assert machine.install("project").returncode == 0
     assert f"uv venv --quiet --seed --python {source} .venv" in machine.calls()
+
+
+UV_CALLS = [".venv-uv/bin/python " + PIP + " -c constraints.txt uv", "uv venv --quiet --seed --python 3.13 .venv"]
+
+
+@pytest.fixture
+def without_suitable_python(machine):
+    """Give a machine that has neither a suitable Python nor uv, which pip can install."""
+    (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
+    machine.program("uv-of-pip", UV)
+    return machine
+
+
+@pytest.mark.parametrize(
+    ("name", "version"), [("python3", "3.14"), ("python3", "3.15"), ("python3", "3.9"), ("python3.14", "3.14"), ("python3.15", "3.15")]
+)
+def test_any_other_python_installs_uv_which_makes_the_environment(name, version, without_suitable_python):
+    machine = without_suitable_python
+    machine.python(name, version)
+    done = machine.install("project")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "no Python here is 3.11, 3.12 or 3.13: installing uv into .venv-uv, which downloads Python 3.13\n" in done.stdout
+    calls = machine.calls()
+    assert calls[0] == f"{name} -m venv .venv-uv"
+    assert [call for call in calls if "uv" in call][1:] == UV_CALLS
+    assert calls[-1] == f".venv/bin/python {PIP} -c constraints.txt -e ."
+    machine.install("project")
+    assert machine.calls() == []
+    shutil.rmtree(machine.root / ".venv")
+    machine.install("project")
+    assert machine.calls()[0] == UV_CALLS[1]  # with the uv that is there
+    machine.install("remove")
+    assert not (machine.root / ".venv-uv").exists()
+
+
+@pytest.mark.parametrize(
+    ("python", "archive", "package"),
+    [
+        ("3.14", {"python3": "3.14.4-1", "python3-venv": "3.14.4-1", "python3.14-venv": "3.14.4-2"}, "python3.14-venv"),
+        (None, {"python3": "3.14.4-1", "python3-venv": "3.14.4-1"}, "python3-venv"),
+    ],
+)
+@pytest.mark.parametrize("user", [0, 1000])
+def test_package_that_completes_the_python_that_installs_uv_is_installed(user, python, archive, package, without_suitable_python):
+    machine = without_suitable_python
+    if python:
+        machine.python("python3", python, ensurepip="no")
+    machine.debian(*LIBRARIES.split(), user=user, archive=archive)
+    machine.python("completed", "3.14")
+    machine.program("apt-get", 'echo "apt-get $*" >>log; cp programs/completed programs/python3')
+    done = machine.install("project")
+    if user:
+        assert f"sudo apt-get install -y {package}\n" in done.stdout
+    else:
+        assert (done.returncode, done.stderr) == (0, "")
+        assert machine.calls()[1:3] == [f"apt-get install -y -qq --no-install-recommends {package}", "python3 -m venv .venv-uv"]
+
+
+@pytest.mark.parametrize(
+    ("more", "uv", "said"),
+    [
+        (PIP_FAILS, UV, "uv cannot be installed"),
+        ("", "echo error: no route >&2; exit 2", ".venv-uv/bin/uv cannot make .venv"),
+    ],
+)
+def test_failure_of_uv_gives_the_remedy_and_leaves_no_environment(more, uv, said, without_suitable_python):
+    machine = without_suitable_python
+    machine.python("python3", "3.14", more=more)
+    machine.program("uv-of-pip", uv)
+    done = machine.install("project")
+    assert done.returncode != 0
+    assert f"{said}: vt-pipeline needs Python 3.11, 3.12 or 3.13 with venv" in done.stderr
+    assert "make setup PYTHON=/path/to/python" in done.stderr
+    assert not (machine.root / ".venv").exists()
 
 
 @pytest.mark.parametrize(
@@ -256,15 +339,17 @@ def test_folder_that_is_not_an_environment_is_not_removed(machine):
     assert (machine.root / "conda" / "bin" / "python").exists()
 
 
-def test_environments_that_need_python_3_11_use_it_or_report_it_missing(machine):
+def test_environments_that_need_python_3_11_use_it_or_uv(machine):
     machine.python("python3", "3.13")
     machine.install("project", python="python3")
     machine.calls()
     assert machine.install("tacto").returncode == 0
     assert machine.calls()[0] == "python3.11 -m venv .venv-peers-tacto"
-    (machine.root / "programs" / "python3.11").unlink()
+    (machine.root / "programs" / "python3.11").rename(machine.root / "programs" / "kept")
     shutil.rmtree(machine.root / ".venv-peers-tacto")
-    assert "tacto needs Python 3.11 with venv" in machine.install("tacto").stderr
+    machine.program("uv", UV)
+    assert machine.install("tacto").returncode == 0
+    assert machine.calls()[0] == "uv venv --quiet --seed --python 3.11 .venv-peers-tacto"
 
 
 # ---- other environments
@@ -272,6 +357,7 @@ def test_environments_that_need_python_3_11_use_it_or_report_it_missing(machine)
 
 @pytest.mark.parametrize(("what", "folder"), [("peers", ".venv-peers"), ("exports", ".venv-exports")])
 def test_additional_environments_extend_the_projects_environment(what, folder, machine):
+    machine.program("npm", 'echo "npm $*" >>log')
     machine.install("project", venv="a 'b'")
     machine.calls()
     assert machine.install(what, venv="a 'b'").returncode == 0
@@ -280,6 +366,16 @@ def test_additional_environments_extend_the_projects_environment(what, folder, m
     assert added == "a 'b'/bin/../packages\n"
     machine.install(what, venv="a 'b'")
     assert machine.calls() == []
+
+
+def test_exports_get_zarrita_by_npm_which_debian_installs_where_it_is_missing(machine):
+    machine.install("project")
+    machine.debian(*LIBRARIES.split(), user=0)
+    assert machine.install("exports").returncode != 0
+    assert "apt-get install -y -qq --no-install-recommends npm" in machine.calls()
+    machine.program("npm", 'echo "npm $*" >>log')
+    assert machine.install("exports").returncode == 0
+    assert machine.calls()[-1].startswith("npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@")
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_table_replaces_the_previous_one(tmp_path):
 def test_unknown_system_is_refused_with_the_list_of_systems(capsys):
     with pytest.raises(SystemExit):
         parse(["debian-99"])
-    assert "there is no system debian-99: there are debian-12, debian-13, python-3.11" in capsys.readouterr().err
+    assert "there is no system debian-99: there are debian-12, debian-13, debian-testing, python-3.11" in capsys.readouterr().err
 
 
 def test_debian_systems_need_debootstrap(monkeypatch, tmp_path):

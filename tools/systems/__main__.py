@@ -27,7 +27,7 @@ from pipeline.errors import StageError
 from tools.systems import wheel
 from tools.systems.debian import MIRROR, USER, make_debian, network_variables
 
-DEBIANS = {"debian-12": "bookworm", "debian-13": "trixie"}
+DEBIANS = {"debian-12": "bookworm", "debian-13": "trixie", "debian-testing": "testing"}  # the last has Python 3.14 and a newer Mesa
 PYTHONS = ("python-3.11", "python-3.12", "python-3.13")
 DEFAULT = ("debian-12", "debian-13", "python-3.12", "wheel")
 README = ("make dataset", "make test")

@@ -14,6 +14,8 @@ from pipeline.errors import StageError
 
 MIRROR = "http://deb.debian.org/debian"
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+SCRIPT = "/usr/share/debootstrap/scripts/sid"
+"""What debootstrap does for all these releases; an older one does not know the names of newer releases."""
 USER = "somebody"
 PASSED = ("PIP_", "UV_", "http_proxy", "https_proxy", "no_proxy", "HTTP_PROXY", "HTTPS_PROXY", "NO_PROXY", "SSL_CERT", "REQUESTS_CA")
 """Prefixes of the variables that say how this machine reaches package registries."""
@@ -65,7 +67,7 @@ def make_debian(base: Path, root: Path, release: str, *, mirror: str = MIRROR, b
     root
         The new root, a copy of it.
     release
-        bookworm, trixie …
+        bookworm, trixie, testing …
     mirror
         Where packages come from.
     binds
@@ -81,7 +83,7 @@ def make_debian(base: Path, root: Path, release: str, *, mirror: str = MIRROR, b
     if not base.exists():
         unfinished = base.with_suffix(".unfinished")
         shutil.rmtree(unfinished, ignore_errors=True)
-        command = ["debootstrap", "--variant=minbase", "--include=ca-certificates,git,make", release, str(unfinished), mirror]
+        command = ["debootstrap", "--variant=minbase", "--include=ca-certificates,git,make", release, str(unfinished), mirror, SCRIPT]
         if subprocess.run(command, stdout=subprocess.DEVNULL, check=False).returncode:
             raise StageError(f"debootstrap of {release} from {mirror} failed; {unfinished}/debootstrap/debootstrap.log says why")
         unfinished.rename(base)

@@ -57,7 +57,7 @@ def with_convex_shapes(link: Link, slabs: int | None = None) -> Link:
     Parameters
     ----------
     link
-        Its boxes, spheres and cylinders stay as they are.
+        Its other shapes, such as boxes, stay as they are.
     slabs
         Cut each mesh into so many slabs across its longest side; by default, a mesh of more than `MAX_FACES` faces becomes one hull.
 

@@ -19,8 +19,8 @@ class Shape:
     Attributes
     ----------
     kind, size
-        "box" and its (x, y, z), "sphere" and its (radius,), "cylinder" and its (radius, length along z), in m; or "mesh" and the
-        (x, y, z) scale of its file.
+        "box" and its (x, y, z), "sphere" and its (radius,), "cylinder" and its (radius, length along z), "capsule" and the (radius,
+        length) of its cylinder, in m; or "mesh" and the (x, y, z) scale of its file.
     origin
         (4, 4) frame of the shape in its link's frame.
     mesh

@@ -1,0 +1,129 @@
+"""COLLADA files: the images that they name, and effects that trimesh reads wrongly."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator, Mapping
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
+
+from pipeline.formats.file_content import decode_text
+
+IMAGE = re.compile(rb"<image\b([^>]*)>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
+"""An image with its file. Surfaces contain `init_from` too, but with the id of an image."""
+
+ID = re.compile(rb"\bid\s*=\s*[\"']([^\"']*)")
+ENCODING = re.compile(rb"^\s*<\?xml[^>]*\bencoding\s*=\s*[\"']([\w-]+)")
+EFFECTS = re.compile(rb"<library_effects\b.*?</library_effects>", re.DOTALL)
+SHADERS = ("phong", "lambert", "blinn", "constant")
+LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
+"""Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
+
+
+def image_names(content: bytes) -> Iterator[tuple[str, str]]:
+    """List the images of a file: id, and name of the file that holds it."""
+    for attributes, name in IMAGE.findall(content):
+        found = ID.search(attributes)
+        yield _text(found[1]) if found else "", _text(name)
+
+
+def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]:
+    """Rewrite effects: their opacity into the one number that trimesh reads, and emission, where it is the only colour, as diffuse.
+
+    Parameters
+    ----------
+    content
+        Of the file.
+    unread
+        Gets what is not read.
+
+    Returns
+    -------
+    The content, and the names of the files whose alpha is an opacity: by `<transparent>`, COLLADA 1.4.1, chapter 7.
+    """
+    files, transparent = dict(image_names(content)), set[str]()
+    encoding = ENCODING.match(content)
+
+    def rewrite(effects: re.Match[bytes]) -> bytes:
+        try:
+            parser = ElementTree.XMLParser(encoding=encoding[1].decode() if encoding else "utf-8")
+            library = ElementTree.fromstring(effects[0], parser)
+        except (ElementTree.ParseError, ValueError, LookupError):  # a prefix, another encoding, or damaged, as the reader says
+            return effects[0]
+        for effect in library.iter("effect"):
+            params = {param.get("sid"): param for param in effect.iter("newparam")}
+            for shader in [part for part in effect.iter() if part.tag in SHADERS]:
+                _show_emission(shader)
+                image = _set_opacity(shader)
+                if image == "":
+                    unread.append(f"the texture of opacities of effect {effect.get('id')} is not read")
+                elif image is not None:
+                    transparent.add(files.get(_image_id(image, params), ""))
+        return bytes(ElementTree.tostring(library))
+
+    return EFFECTS.sub(rewrite, content), transparent
+
+
+def _show_emission(shader: Element) -> None:
+    """Rename a colour or texture that a shader emits if it has no other one."""
+    emission, diffuse = shader.find("emission"), shader.find("diffuse")
+    if emission is None or not _shows(emission) or (diffuse is not None and _shows(diffuse)):
+        return
+    if diffuse is not None:
+        shader.remove(diffuse)
+    emission.tag = "diffuse"
+
+
+def _shows(part: Element) -> bool:
+    return part.find("texture") is not None or any(_numbers(part.find("color"))[:3])
+
+
+def _set_opacity(shader: Element) -> str | None:
+    """Replace what a shader says of opacity by one number, the last of `<transparent>`'s colour.
+
+    Returns
+    -------
+    The texture whose alpha multiplies it, as the shader names it; "" where it is not that of the diffuse colour, None without one.
+    """
+    transparent, transparency = shader.find("transparent"), shader.find("transparency")
+    factors = [] if transparency is None else _numbers(transparency.find("float"))
+    factor, image, mode = (factors or [1.0])[0], None, "A_ONE"
+    color = [1.0, 1.0, 1.0, 1.0]
+    if transparent is not None:
+        mode, texture = transparent.get("opaque", mode), transparent.find("texture")
+        stated = _numbers(transparent.find("color"))
+        color = stated if len(stated) == 4 else color
+        if texture is not None:
+            same = mode == "A_ONE" and texture.get("texture") in {part.get("texture") for part in shader.findall("diffuse/texture")}
+            image, mode = texture.get("texture") if same else "", "A_ONE"
+    amount = factor * (float(LUMINANCE @ color[:3]) if mode.startswith("RGB") else color[3])
+    for part in (transparent, transparency):
+        if part is not None:
+            shader.remove(part)
+    opacity = float(np.clip(1 - amount if mode.endswith("ZERO") else amount, 0, 1))
+    SubElement(SubElement(shader, "transparent"), "color").text = f"1 1 1 {opacity!r}"
+    return image
+
+
+def _image_id(name: str, params: Mapping[str | None, Element]) -> str:
+    """Follow a shader's texture to its sampler, surface and image."""
+    for path in ("sampler2D/source", "surface/init_from"):
+        if name in params:
+            name = (params[name].findtext(path) or name).strip()
+    return name
+
+
+def _numbers(part: Element | None) -> list[float]:
+    """Read the numbers of an element; none where it is missing or has other words."""
+    try:
+        numbers = [] if part is None else [float(word) for word in (part.text or "").split()]
+    except ValueError:
+        return []
+    return numbers if np.isfinite(numbers).all() else []
+
+
+def _text(name: bytes) -> str:
+    return html.unescape(decode_text(name)).strip()

@@ -1,0 +1,104 @@
+"""Build parts of a mesh from what readers of files find: corners, colours and texture coordinates."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.geometry.mesh import Look, Mesh
+
+Decode = Callable[[str, bytes], "NDArray[np.uint8] | None"]
+"""Decode the texture of this name and content to (height, width, 4); None, and an entry of `unread`, if that fails."""
+
+MAX_UV = 2.0**20
+"""Repeats of a texture beyond which float32 cannot tell its pixels apart: such coordinates are damaged, and become 0."""
+
+GREY = (178, 178, 178, 255)
+"""The colour of faces without a material, as 3D Warehouse's default material."""
+
+WHITE = (255, 255, 255, 255)
+
+MAX_FACES = 2_000_000
+"""Maximum number of faces of a mesh file, and a third of that of vertices. More would take gigabytes, whatever `max_faces` allows."""
+
+
+def check_count(what: str, number: int, limit: int, remedy: str) -> None:
+    """Refuse a mesh file with too many faces, vertices, pixels, …."""
+    if number > limit:
+        raise InvalidInput(f"it has {number} {what}, {limit} are the most; {remedy}")
+
+
+def check_mesh(faces: int, vertices: int) -> None:
+    """Refuse a mesh file with too many faces or vertices."""
+    check_count("faces", faces, MAX_FACES, "decimate the mesh")
+    check_count("vertices", vertices, 3 * MAX_FACES, "decimate the mesh")
+
+
+def read_numbers(text: bytes) -> NDArray[np.float64]:
+    """Read the numbers between blanks; refuse other text."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what earlier versions of NumPy raise
+        try:
+            return np.fromstring(text, np.float64, sep=" ")
+        except (ValueError, DeprecationWarning) as error:
+            raise InvalidInput("it has other text where numbers are expected; the file is damaged") from error
+
+
+def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
+    """Scale colours (N, 3 or 4) to (N, 4) uint8 by the range that they use: 0 to 1 (of fractions alone), 255, or 65535."""
+    stored = np.clip(np.nan_to_num(np.asarray(colors, np.float64)), 0, 65535)
+    largest = stored.max(initial=0)
+    limit = next(limit for limit in ((1, 255, 65535) if fractions else (255, 65535)) if largest <= limit)
+    scaled = np.full((len(stored), 4), 255, np.uint8)
+    scaled[:, : stored.shape[1]] = np.rint(stored * (255 / limit))
+    return scaled
+
+
+def build_part(
+    vertices: NDArray[np.float64],  # (V, 3)
+    faces: NDArray[np.integer],  # (F, 3)
+    *,
+    face_color: NDArray[np.uint8] | None = None,  # (F, 4)
+    vertex_color: NDArray[np.uint8] | None = None,  # (V, 4)
+    uv: NDArray[np.floating] | None = None,  # (V, 2)
+    page: NDArray[np.integer] | None = None,  # (F,) index in `textures`, -1 for none
+    textures: Sequence[NDArray[np.uint8] | None] = (),
+) -> Mesh:
+    """Build a mesh; faces without a colour of their own are grey, or white where vertices or a texture colour them."""
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+    check_mesh(len(faces), len(vertices))
+    page = np.full(len(faces), -1) if page is None or uv is None else page
+    kept = [number for number in np.unique(page[page >= 0]).tolist() if textures[number] is not None]
+    page = np.where(np.isin(page, kept), np.searchsorted(kept, page), -1)
+    if face_color is None:
+        blank = GREY if vertex_color is None else WHITE
+        face_color = np.where((page < 0)[:, None], np.array(blank, np.uint8), np.array(WHITE, np.uint8))
+    packed = np.ascontiguousarray(face_color, np.uint8).view(np.uint32).reshape(-1)  # with the page one number, which sorts fast
+    materials, face_material = np.unique((page + 1) << 32 | packed, return_inverse=True)
+    coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, np.float64)
+    look = Look(
+        uv=np.where(np.abs(coordinates) < MAX_UV, coordinates, 0).astype(np.float32),  # NaN too
+        face_material=face_material.reshape(-1).astype(np.int32),
+        base_color=materials.astype(np.uint32).view(np.uint8).reshape(-1, 4),
+        material_texture=((materials >> 32) - 1).astype(np.int32),
+        textures=tuple(texture for number in kept if (texture := textures[number]) is not None),
+        vertex_color=vertex_color,
+    )
+    return Mesh(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32), look)
+
+
+def split_vertices(
+    faces: NDArray[np.integer],  # (F, 3)
+    values: NDArray[np.integer],  # (F, 3) a number >= 0 per corner, of its colour or texture coordinates
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Give each vertex one value: (V,) the old vertex and (V,) the value of each new one, and (F, 3) new faces."""
+    count = int(values.max(initial=0)) + 1
+    unique, new_faces = np.unique(np.asarray(faces, np.int64) * count + values, return_inverse=True)
+    vertex, value = np.divmod(unique, count)
+    return vertex, value, new_faces.reshape(-1, 3)

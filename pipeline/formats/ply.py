@@ -1,0 +1,180 @@
+"""PLY files: polygons and triangle strips, colours under their several names, and textures of one or more pages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_parts import Decode, build_part, check_mesh, eight_bits, split_vertices
+from pipeline.formats.ply_elements import Element, read_elements
+from pipeline.formats.polygons import triangulate
+from pipeline.kernels.geometry.mesh import Mesh
+
+COLORS = [
+    tuple(prefix + channel for channel in channels)
+    for prefix, channels in product(("", "diffuse_"), (("red", "green", "blue", "alpha"), ("r", "g", "b", "a")))
+]
+"""Names of the properties of a colour, the last of which may be missing."""
+
+COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|material_index$")
+"""Names of properties that look like a colour."""
+
+COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
+"""Names of the texture coordinates of a vertex."""
+
+PAGES = ("texnumber", "texindex", "tex_index", "texture_index", "texture_number")
+"""Names of the property of a face, or of a vertex, that numbers its texture from 0."""
+
+TEXTURE = "texturefile"
+"""The word in a comment before the name of a texture."""
+
+
+def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread: list[str]) -> list[Mesh]:
+    """Read the surface of a PLY file, with the textures among its files; append what is not read to `unread`."""
+    elements, comments = read_elements(content, unread)
+    named = {element.name: element for element in elements}
+    vertex = named.pop("vertex", Element("vertex", 0))
+    if (vertices := vertex.columns("x", "y", "z")) is None:
+        return []
+    vertices = vertices.astype(np.float64)
+    face = named.pop("face", Element("face", 0))
+    corners, sizes, indices = _polygons(face)
+    strips = np.concatenate([np.empty((0, 3), np.int64), *(_cut_strips(named.pop(name)) for name in list(named) if "strip" in name)])
+    _check_elements(named.values(), unread)
+    if len(corners) and not (corners.min() >= 0 and corners.max() < len(vertices)):
+        raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+    if lines := np.count_nonzero(sizes < 3):
+        unread.append(f"faces of fewer than three corners are not read ({lines})")
+    check_mesh(int(np.maximum(sizes - 2, 0).sum()) + len(strips), len(vertices))
+    places, polygon = triangulate(corners, sizes, vertices)
+    faces = np.concatenate([corners[places], strips])
+    if not len(faces):
+        return []
+    textures = _textures(comments, files, decode)
+    vertex_color, face_color = _colors(vertex, unread), _colors(face, unread)
+    if vertex_color is not None and face_color is not None:
+        unread.append("colours of faces are not read beside those of vertices")
+        face_color = None
+    if len(strips) and face_color is not None:
+        unread.append("colours of faces are not read beside triangle strips")
+        face_color = None
+    uv = None
+    if any(texture is not None for texture in textures) and (uv := _corner_uv(vertex, face, indices, places, polygon, faces)) is None:
+        unread.append("the texture of the PLY is not read: it has no texture coordinates")
+    if uv is None:
+        face_color = None if face_color is None else face_color[polygon]
+        return [build_part(vertices, faces, face_color=face_color, vertex_color=vertex_color)]
+    if any(color is not None and (color != 255).any() for color in (vertex_color, face_color)):
+        unread.append("colours of the PLY are not read beside its texture")
+    page = _pages(vertex, face, polygon, faces, len(textures), unread)
+    page[np.isnan(uv).any(axis=(1, 2))] = -1
+    pairs, values = np.unique(np.ascontiguousarray(uv, np.float32).view(np.uint64).reshape(-1, 3), return_inverse=True)
+    vertex_of, value_of, faces = split_vertices(faces, values.reshape(-1, 3))
+    uv_of = pairs.view(np.float32).reshape(-1, 2)[value_of]
+    return [build_part(vertices[vertex_of], faces, uv=uv_of, page=page, textures=textures)]
+
+
+def _polygons(face: Element) -> tuple[NDArray[np.int64], NDArray[np.int64], str]:
+    """Return the corners of all faces, one after the other, the number of each face's corners, and the name of their list."""
+    usual = [name for name in ("vertex_indices", "vertex_index") if name in face.sizes]
+    others = [of.name for of in face.properties if of.name in face.sizes and of.type.kind in "iu" and not of.name.startswith("tex")]
+    name = next(iter([*usual, *others]), "")
+    if face.length and not name:
+        raise InvalidInput(f"its {face.length} faces have no list of their vertices; write it again with another program")
+    return face.values.get(name, np.empty(0)).astype(np.int64), face.sizes.get(name, np.empty(0, np.int64)), name
+
+
+def _cut_strips(element: Element) -> NDArray[np.int64]:
+    """Cut strips, each row one or several with -1 in between, into triangles (T, 3): every other one is turned."""
+    corners, sizes, _ = _polygons(element)
+    row, gap = np.repeat(np.arange(element.length), sizes), corners < 0
+    begins = np.flatnonzero(np.append(True, (np.diff(row) != 0) | gap[:-1])[: len(corners)])
+    place = np.arange(len(corners)) - np.repeat(begins, np.diff([*begins, len(corners)]))  # within its strip
+    whole = (place[2:] >= 2) & ~gap[:-2] & ~gap[1:-1] & ~gap[2:]
+    first = np.flatnonzero(whole)
+    turned = place[first] % 2
+    return corners[np.stack([first + turned, first + 1 - turned, first + 2], axis=1)]
+
+
+def _check_elements(elements: Iterable[Element], unread: list[str]) -> None:
+    """Refuse elements with lists of vertices, which belong to the shape, and note others."""
+    for element in elements:
+        if element.length and any("vert" in name and not name.startswith("tex") for name in element.sizes):
+            raise InvalidInput(f"it has {element.name} with lists of vertices, which cannot be read; export it as triangles")
+        if element.length and element.name != "camera":
+            unread.append(f"elements of the PLY that are no faces are not read: {element.name} ({element.length})")
+
+
+def _textures(comments: Sequence[str], files: Mapping[str, bytes], decode: Decode) -> list[NDArray[np.uint8] | None]:
+    """Decode the textures that comments name; None for a missing or damaged one."""
+    textures = list[NDArray[np.uint8] | None]()
+    for comment in comments:
+        if (start := comment.lower().find(TEXTURE)) >= 0:
+            name = comment[start + len(TEXTURE) :].strip()
+            try:
+                textures.append(decode(name, files[name]))
+            except FileNotFoundError:
+                textures.append(None)
+    return textures
+
+
+def _colors(element: Element, unread: list[str]) -> NDArray[np.uint8] | None:
+    """Read the colours (N, 4) of an element's rows."""
+    for *names, opacity in COLORS:
+        if (levels := element.columns(*names)) is not None and len(levels):
+            colors = eight_bits(_unsigned(levels), fractions=levels.dtype.kind == "f")
+            if (levels := element.columns(opacity)) is not None:
+                colors[:, 3] = eight_bits(_unsigned(levels), fractions=levels.dtype.kind == "f")[:, 0]
+            return colors
+    if element.length and (names := [name for name in element.values if COLOR_LIKE.match(name)]):
+        unread.append(f"colours of each {element.name} ({', '.join(names)}) are not read")
+    return None
+
+
+def _unsigned(levels: NDArray[Any]) -> NDArray[Any]:
+    """Read signed bytes, which some programs declare, as unsigned ones."""
+    return levels if levels.dtype.kind == "f" else levels + np.int64(256) * (levels < 0)
+
+
+def _corner_uv(
+    vertex: Element, face: Element, indices: str, places: NDArray[np.int64], polygon: NDArray[np.int64], faces: NDArray[np.int64]
+) -> NDArray[np.float64] | None:
+    """Read texture coordinates (F, 3, 2) of triangles from a list per polygon, or from vertices; NaN where there are none."""
+    if name := next((of.name for of in face.properties if of.name in face.sizes and of.type.kind == "f" and of.name != indices), None):
+        sizes, corner_sizes = face.sizes[name], face.sizes[indices]
+        start = (np.cumsum(sizes) - sizes)[polygon, None] + 2 * (places - (np.cumsum(corner_sizes) - corner_sizes)[polygon, None])
+        fits = np.flatnonzero((sizes == 2 * corner_sizes)[polygon])
+        uv = np.full((len(faces), 3, 2), np.nan)
+        uv[fits] = face.values[name][start[fits, :, None] + np.arange(2)]
+        return uv
+    for names in COORDINATES:
+        if (coordinates := vertex.columns(*names)) is not None:
+            return coordinates[faces].astype(np.float64)
+    return None
+
+
+def _pages(
+    vertex: Element, face: Element, polygon: NDArray[np.int64], faces: NDArray[np.int64], count: int, unread: list[str]
+) -> NDArray[np.int64]:
+    """Read the number (F,) of the texture of each triangle, -1 for none."""
+    pages = np.full(len(faces), -1, np.int64)
+    for name in PAGES:
+        if name in face.values and name not in face.sizes:
+            pages[: len(polygon)] = face.values[name][polygon]
+            break
+        if name in vertex.values and name not in vertex.sizes:
+            pages[:] = vertex.values[name][faces[:, 0]]
+            break
+    else:
+        if count > 1:
+            unread.append(f"{count} textures are not read: no property such as {PAGES[0]} says which faces use which")
+        pages[:] = 0 if count == 1 else -1
+    if wrong := np.count_nonzero(pages >= count):
+        unread.append(f"textures of triangles are not read ({wrong}): their number is beyond the {count} of the PLY")
+    return np.where(pages < count, pages, -1)

@@ -1,0 +1,254 @@
+"""3MF files: the objects that are built, with the colours and textures of the core and materials specifications."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from io import BytesIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_count, check_mesh, split_vertices
+from pipeline.formats.threemf_package import Element, Model, Package, parse_model
+from pipeline.kernels.geometry.mesh import Mesh
+
+MAX_INSTANCES = 100_000
+"""Maximum number of components, counted each time that they are used."""
+
+MAX_DEPTH = 100
+"""Maximum depth of components within components."""
+
+EXTENSIONS = ("core/", "material/", "production/", "slice/", "trianglesets/")
+"""Parts of the names of the extensions that a file may require: those that are read, and two that do not change the mesh."""
+
+LEFT_OUT = {"support": "a support", "solidsupport": "a support", "other": "a helper that is not built"}
+"""Types of objects that are no part of the shape."""
+
+COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
+"""Groups of properties that are colours, and the attribute of each entry that states it."""
+
+UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties"}
+"""Groups of properties that are not read."""
+
+MODIFIERS = (b"ParameterModifier", b"NegativeVolume", b"SupportEnforcer", b"SupportBlocker")
+SLICER_VOLUMES = "Metadata/Slic3r_PE_model.config"
+"""Where PrusaSlicer states which triangles of an object are no part of its shape."""
+
+
+def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh]:
+    """Read the meshes of a 3MF file where its build places them; append what is not read to `unread`."""
+    package = Package(BytesIO(content))
+    if SLICER_VOLUMES in package:
+        with package.open(SLICER_VOLUMES) as stream:
+            config = stream.read()
+        if any(kind in config for kind in MODIFIERS):
+            raise InvalidInput("it has volumes that modify others, as PrusaSlicer draws them; export its parts as STL")
+    builder = _Builder(package, decode, unread)
+    meshes = list(builder.build())
+    if not meshes and builder.left_out:
+        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.left_out)}")
+    unread += [*builder.left_out, *builder.lost]
+    return meshes
+
+
+@dataclass
+class _Part:
+    """A model with its objects by their ids, which count within it alone."""
+
+    name: str
+    model: Model
+
+    @property
+    def unit(self) -> str:
+        return self.model.root.attributes.get("unit", "")
+
+    @cached_property
+    def resources(self) -> dict[str, Element]:
+        return {element.attributes.get("id", ""): element for element in self.model.root.first("resources").children}
+
+
+@dataclass
+class _Properties:
+    """The entries of all groups of properties of a part: the first is grey, for none."""
+
+    first: dict[int, int]  # the first entry of a group
+    color: NDArray[np.uint8]  # (N, 4)
+    uv: NDArray[np.float64]  # (N, 2)
+    texture: NDArray[np.int64]  # (N,) index in `textures`, -1 for none
+    textures: list[NDArray[np.uint8] | None]
+
+
+class _Builder:
+    """The models of a package, parsed when they are first used."""
+
+    def __init__(self, package: Package, decode: Decode, unread: list[str]) -> None:
+        self._package, self._decode, self._unread = package, decode, unread
+        self._parts: dict[str, _Part] = {}
+        self._properties: dict[str, _Properties] = {}
+        self._unit = ""  # of the main model, which is the first
+        self._instances = self._faces = self._vertices = 0
+        self.left_out: dict[str, None] = {}  # in order, each once
+        self.lost: dict[str, None] = {}
+
+    def build(self) -> Iterator[Mesh]:
+        """Build the items of the main model."""
+        main = self._part(self._package.main)
+        for number, item in enumerate(main.model.root.first("build").all("item"), 1):
+            if item.attributes.get("printable", "1") in ("0", "false"):
+                self.left_out[f"item {number} is left out; it is marked as not printable"] = None
+            else:
+                yield from self._place(main, item, np.eye(4), 0)
+
+    def _part(self, name: str) -> _Part:
+        key = name.lower().lstrip("/")
+        if key not in self._parts:
+            with self._package.open(name) as stream:
+                part = _Part(name, parse_model(stream))
+            for prefix in part.model.root.attributes.get("requiredextensions", "").split():
+                uri = part.model.namespaces.get(prefix, prefix)
+                if not any(known in uri for known in EXTENSIONS):
+                    raise InvalidInput(f"it requires {uri}, which cannot be read; export it without that extension")
+            self._unit = self._unit or part.unit or "millimeter"
+            if (part.unit or self._unit) != self._unit:
+                raise InvalidInput(f"its models are in {self._unit} and in {part.unit}; export it in one unit")
+            if part.model.painted:
+                self.lost["colours that a slicer painted on triangles are not read"] = None
+            self._parts[key] = part
+        return self._parts[key]
+
+    def _place(self, part: _Part, reference: Element, pose: NDArray[np.float64], depth: int) -> Iterator[Mesh]:
+        """Build the object that an item or a component names, at a pose."""
+        self._instances += 1
+        check_count("components", self._instances, MAX_INSTANCES, "merge its objects")
+        check_count("levels of components", depth, MAX_DEPTH, "one may contain itself; merge its objects")
+        part = self._part(reference.attributes["path"]) if "path" in reference.attributes else part
+        number = reference.attributes["objectid"]
+        if (thing := part.resources.get(number)) is None or thing.tag != "object":
+            raise InvalidInput(f"it names object {number} of {part.name}, which is not there; export it again")
+        pose = pose @ _transform(reference)
+        if (kind := thing.attributes.get("type", "model")) in LEFT_OUT:
+            self.left_out[f"object {number} is left out; it is {LEFT_OUT[kind]}"] = None
+            return
+        for child in thing.children:
+            if child.tag == "components":
+                for component in child.all("component"):
+                    yield from self._place(part, component, pose, depth + 1)
+            elif child.tag == "mesh":
+                yield from self._mesh(part, thing, child, pose)
+            elif child.tag not in ("metadatagroup",):
+                raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
+
+    def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: NDArray[np.float64]) -> Iterator[Mesh]:
+        """Build the mesh of an object."""
+        name = f"object {thing.attributes['id']} of {part.name}"
+        if other := {child.tag for child in mesh.children} - {"vertices", "triangles", "trianglesets", "metadatagroup"}:
+            raise InvalidInput(f"{name} has a {min(other)}, which cannot be read; export it as triangles")
+        if thing.attributes.get("meshresolution") == "lowres":
+            raise InvalidInput(f"{name} has its shape in slices beside a mesh of low resolution; export it as triangles")
+        vertices, triangles = mesh.first("vertices").table, mesh.first("triangles").table.astype(np.int64)
+        if "slicestackid" in thing.attributes and not len(triangles):
+            raise InvalidInput(f"{name} has slices and no triangles; export it as triangles")
+        if not len(triangles):
+            return
+        self._faces, self._vertices = self._faces + len(triangles), self._vertices + len(vertices)
+        check_mesh(self._faces, self._vertices)
+        faces = triangles[:, :3]
+        if not (faces.min() >= 0 and faces.max() < len(vertices)):
+            raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+        vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
+        turned = [0, 2, 1] if np.linalg.det(pose[:3, :3]) < 0 else [0, 1, 2]  # a mirrored solid keeps its outside
+        table = self._table(part)
+        entries = _entries(thing, triangles[:, 3:], table)
+        varied = (entries != entries[:, :1]).any(axis=1) & (table.texture[entries[:, 0]] < 0)  # colours that differ at the corners
+        face_color = table.color[np.where(varied, -1, entries[:, 0])]
+        corner_color = np.where(varied[:, None], entries, -1)  # the last entry is white
+        used = np.where(table.texture[entries] >= 0, entries, corner_color + len(table.color) * (corner_color < 0))
+        vertex, entry, faces = split_vertices(faces, used)
+        yield build_part(
+            vertices[vertex],
+            faces[:, turned],
+            face_color=face_color,
+            vertex_color=table.color[entry] if varied.any() else None,
+            uv=table.uv[entry],
+            page=table.texture[entries[:, 0]],
+            textures=table.textures,
+        )
+
+    def _table(self, part: _Part) -> _Properties:
+        """Read the properties of a part: entry 0 is none, the last one is white."""
+        if part.name in self._properties:
+            return self._properties[part.name]
+        first, colors, uv, pages, textures = dict[int, int](), [GREY], [(0.0, 0.0)], [-1], list[NDArray[np.uint8] | None]()
+        for number, group in part.resources.items():
+            if group.tag not in (*COLORS, *UNREAD, "texture2dgroup"):
+                continue
+            first[int(number)] = len(colors)
+            if group.tag in UNREAD:
+                self.lost[f"{UNREAD[group.tag]} ({group.tag}) are not read"] = None
+            if group.tag == "texture2dgroup":
+                textures.append(self._texture(part, group))
+            for entry in group.children:
+                if group.tag == "texture2dgroup":
+                    colors.append(WHITE if textures[-1] is not None else GREY)
+                    uv.append((float(entry.attributes["u"]), float(entry.attributes["v"])))
+                    pages.append(len(textures) - 1 if textures[-1] is not None else -1)
+                else:
+                    colors.append(_color(entry.attributes.get(COLORS.get(group.tag, ""), "")))
+                    uv.append((0.0, 0.0))
+                    pages.append(-1)
+        table = _Properties(
+            first,
+            np.array([*colors, WHITE], np.uint8),
+            np.array([*uv, (0, 0)], np.float64),
+            np.array([*pages, -1], np.int64),
+            textures,
+        )
+        return self._properties.setdefault(part.name, table)
+
+    def _texture(self, part: _Part, group: Element) -> NDArray[np.uint8] | None:
+        """Decode the texture of a group of coordinates."""
+        texture = part.resources.get(group.attributes["texid"], group)
+        path = texture.attributes.get("path", "")
+        if path not in self._package:
+            self.lost[f"{path} is missing in the 3MF"] = None
+            return None
+        for axis in "uv":
+            outside = any(not 0 <= float(entry.attributes[axis]) <= 1 for entry in group.children)
+            if outside and (style := texture.attributes.get(f"tilestyle{axis}", "wrap")) != "wrap":
+                self.lost[f"{path} is repeated where the file says {style}"] = None
+        with self._package.open(path) as stream:
+            return self._decode(path, stream.read())
+
+
+def _transform(reference: Element) -> NDArray[np.float64]:
+    """Read the pose (4, 4) of an item or a component (3MF core, section 3.3: of rows, four by three)."""
+    pose = np.eye(4)
+    if "transform" in reference.attributes:
+        pose[:3] = np.array(reference.attributes["transform"].split(), np.float64).reshape(4, 3).T
+    return pose
+
+
+def _entries(thing: Element, properties: NDArray[np.int64], table: _Properties) -> NDArray[np.int64]:
+    """Find the entries (T, 3) of the corners of triangles from their group and numbers (T, 4), or those of their object."""
+    group, numbers = properties[:, 0], properties[:, 1:]
+    own_group = int(thing.attributes.get("pid", -1))
+    whole = np.where(numbers[:, :1] < 0, int(thing.attributes.get("pindex", 0)), numbers[:, :1])
+    numbers = np.where(numbers < 0, whole, numbers)
+    group = np.where(group < 0, own_group, group)
+    names = np.array(sorted(table.first), np.int64)
+    firsts = np.array([0, *(table.first[name] for name in names.tolist())])
+    place = np.searchsorted(names, group, side="right")
+    found = np.isin(group, names)[:, None]
+    return np.where(found, np.minimum(firsts[place][:, None] + numbers, len(table.color) - 2), 0)
+
+
+def _color(text: str) -> tuple[int, int, int, int]:
+    """Read a colour #RRGGBB or #RRGGBBAA in sRGB; grey if it is none."""
+    if not re.fullmatch(r"#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})", text.strip()):
+        return GREY
+    red, green, blue, opacity, *_ = (*bytes.fromhex(text.strip()[1:]), 255)
+    return red, green, blue, opacity

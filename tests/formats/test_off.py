@@ -1,0 +1,124 @@
+"""OFF files: what may stand before, in and behind their lines, and their colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_parts import GREY
+from pipeline.kernels.geometry.mesh import Mesh
+
+CORNERS = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+FACES = ("3 0 1 2", "3 0 2 3")
+RED = [220, 20, 20, 255]
+
+
+def read(folder: Path, *lines: str, end: str = "\n") -> Mesh:
+    (folder / "a.off").write_bytes("".join(line + end for line in lines).encode())
+    return parse_mesh(folder / "a.off", folder)
+
+
+def colors(mesh: Mesh) -> list[list[int]]:
+    """Return the colour of each face, or that of each vertex where there are such."""
+    look = mesh.look
+    return (look.base_color[look.face_material] if look.vertex_color is None else look.vertex_color).tolist()
+
+
+@pytest.mark.parametrize(
+    "head", [("OFF", "4 2 0"), ("OFF 4 2 5",), ("OFF4 2 0",), ("# made by", "", "OFF # x", "4 2"), ("4 2 0",), ("off", "4 2 0")]
+)
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_first_lines_of_every_form_are_read(tmp_path: Path, head: tuple[str, ...], end: str) -> None:
+    mesh = read(tmp_path, *head, *CORNERS, "", *FACES, end=end)
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+    assert mesh.unread == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "behind", "color"),
+    [
+        ("COFF", " 220 20 20 255", RED),
+        ("COFF", " 220 20 20", RED),
+        ("COFF", " 1 0 0.2 1", [255, 0, 51, 255]),
+        ("COFF", " 1 0 0 1", [255, 0, 0, 255]),
+        ("CNOFF", " 0 0 1 220 20 20", RED),
+        ("NCOFF", " 0 0 1 220 20 20 255", RED),
+        ("NCOFF", " 220 20 20 255 -1.5708 0 1", RED),  # as MeshLab writes it
+        ("NCOFF", " 220 20 20 0 0 1", RED),
+        ("STCNOFF", " 0 0 1 220 20 20 255 0.5 0.5", RED),
+    ],
+)
+def test_colours_of_vertices_are_read(tmp_path: Path, kind: str, behind: str, color: list[int]) -> None:
+    mesh = read(tmp_path, kind, "4 2 0", *(corner + behind for corner in CORNERS), *FACES)
+    assert colors(mesh) == [color] * 4
+    assert mesh.look.base_color.tolist() == [[255] * 4]
+
+
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [
+        ((" 220 20 20", " 20 20 220"), [RED, [20, 20, 220, 255]]),
+        ((" 220 20 20 128", " 20 20 220 255"), [[220, 20, 20, 128], [20, 20, 220, 255]]),
+        ((" 1.0 0 0.2", " 0 0 0"), [[255, 0, 51, 255], [0, 0, 0, 255]]),
+        ((" 220 20 20", ""), [RED, list(GREY)]),
+    ],
+)
+def test_colours_of_faces_are_read(tmp_path: Path, behind: tuple[str, str], expected: list[list[int]]) -> None:
+    mesh = read(tmp_path, "OFF", "4 2 0", *CORNERS, *(face + color for face, color in zip(FACES, behind, strict=True)))
+    assert colors(mesh) == expected
+    assert mesh.unread == ()
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        (("OFF", "4 2 0", *CORNERS, "3 0 1 2 7", FACES[1]), "colours of faces are not read (1 of 2)"),
+        (("OFF", "4 2 0", *(corner + " 9 9 9" for corner in CORNERS), *FACES), "numbers at the end of each vertex are not read (3)"),
+        (("COFF", "4 2 0", *(corner + " 9" for corner in CORNERS), *FACES), "numbers at the end of each vertex are not read (1)"),
+        (("STOFF", "4 2 0", *(corner + " 0 1" for corner in CORNERS), *FACES), "texture coordinates of the OFF are not read"),
+        (("OFF", "4 2 0", *CORNERS, *FACES, "0 1", "some text"), "2 lines after the last of 2 faces are ignored"),
+        (("COFF", "4 1 0", *(corner + " 9 9 9" for corner in CORNERS), FACES[0] + " 1 1 1"), "not read beside those of vertices"),
+    ],
+)
+def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: str) -> None:
+    (line,) = read(tmp_path, *lines).unread
+    assert said in line
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        (("OFF", "4 2 0", *CORNERS, FACES[0]), "4 vertices and 2 faces take as many lines, and 5 follow; it is cut off"),
+        (("OFF", "4 1 0", *CORNERS, "4 0 1 2"), "line of face 0 has fewer corners than it says"),
+        (("OFF", "4 1 0", *CORNERS, "3 0 1 4"), "a face names a vertex outside 0..3"),
+        (("OFF", "4 1 0", *CORNERS[:3], "0 1", FACES[0]), "do not have equally many numbers"),
+        (("OFF BINARY", "4 1 0"), "binary"),
+        (("nOFF", "4", "4 1 0"), "OFF of many dimensions"),
+        (("solid",), "other text where numbers are expected"),
+        (("OFF",), "does not begin with OFF and the numbers"),
+        (("OFF", "4 0 0", *CORNERS), "holds no triangle mesh"),
+    ],
+)
+def test_files_that_cannot_be_read_are_refused(tmp_path: Path, lines: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read(tmp_path, *lines)
+
+
+def test_fourth_coordinate_divides_the_others(tmp_path: Path) -> None:
+    mesh = read(tmp_path, "4OFF", "4 2 0", "0 0 0 1", "2 0 0 2", "3 3 0 3", "0 1 0 1", *FACES)
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize("first", range(4))
+def test_concave_polygon_is_not_filled(tmp_path: Path, first: int) -> None:
+    """A dart of area 1, whose corners are listed from any first one."""
+    dart = " ".join(str(number) for number in np.roll(range(4), first))
+    mesh = read(tmp_path, "OFF", "4 1 0", "0 0 0", "2 0 0", "0.5 0.5 0", "0 2 0", f"4 {dart} 220 20 20")
+    sides = np.diff(mesh.triangles, axis=1)
+    assert np.abs(np.cross(sides[:, 0], sides[:, 1])[:, 2]).sum() / 2 == pytest.approx(1)
+    assert colors(mesh) == [RED, RED]

@@ -1,0 +1,102 @@
+"""STL files: how long binary ones are, text, and the colours of VisCAM and of Magics."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.mesh_file import parse_mesh
+from pipeline.formats.mesh_parts import GREY
+
+BOX = trimesh.creation.box((1, 2, 3))
+TEXT = BOX.export(file_type="stl_ascii")
+RED = (27 << 10) | (2 << 5) | 2
+"""A red with 222 of 255, in the order of VisCAM."""
+
+
+def binary(title: bytes = b"made by CAD", attributes: Sequence[int] = (0,) * 12, count: int = 12) -> bytes:
+    """Write the box as binary STL."""
+    rows = [struct.pack("<12fH", 0, 0, 0, *corners.ravel(), word) for corners, word in zip(BOX.triangles, attributes, strict=True)]
+    return title.ljust(80) + struct.pack("<I", count) + b"".join(rows)
+
+
+def read(folder: Path, content: bytes | str) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Read triangles, the colour of each, and what is not read."""
+    (folder / "box.stl").write_bytes(content if isinstance(content, bytes) else content.encode())
+    mesh = parse_mesh(folder / "box.stl", folder)
+    return mesh.triangles, mesh.look.base_color[mesh.look.face_material], mesh.unread
+
+
+@pytest.mark.parametrize("title", [b"", b"solid of CAD", b"solid facet normal vertex"])
+@pytest.mark.parametrize("behind", [b"", b"\0", b"1234567", bytes(50), b"x" * 120])
+def test_binary_file_is_read_as_long_as_its_header_says(tmp_path: Path, title: bytes, behind: bytes) -> None:
+    triangles, colors, unread = read(tmp_path, binary(title) + behind)
+    np.testing.assert_allclose(triangles, BOX.triangles)
+    assert (colors == GREY).all()
+    assert unread == ((f"{len(behind)} bytes after the last of 12 triangles are ignored",) if behind else ())
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (binary()[:400], "should have 684 bytes for 12 triangles; it has 400; it is cut off"),
+        (binary(b"solid of CAD")[:400], "should have 684 bytes for 12 triangles; it has 400; it is cut off"),
+        (binary(count=6), "header says 6 triangles, and 6 more follow"),
+        (binary(count=0), "header says 0 triangles, and 12 more follow"),
+        (binary(count=0)[:84], "holds no triangle mesh"),
+        (b"<html>not found</html>", "should have 84 bytes for 0 triangles; it has 22"),
+        (TEXT[: TEXT.rindex("endsolid")], "ends after 12 facets without the word endsolid"),
+        (TEXT[:800], "in 6 facets are no triangles"),
+        (TEXT.replace("endloop", "vertex 0 0 0\nendloop"), "48 vertices in 12 facets are no triangles"),
+        (TEXT.replace("vertex 0.5", "vertex x"), "other text where numbers are expected"),
+    ],
+)
+def test_cut_off_and_damaged_files_are_refused(tmp_path: Path, content: bytes | str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        read(tmp_path, content)
+
+
+@pytest.mark.parametrize("text", [TEXT, TEXT.upper(), TEXT.replace("\n", "\r\n"), TEXT.replace("\n", "\r"), f"\n{TEXT}"])
+@pytest.mark.parametrize("solids", [1, 3])
+def test_text_with_one_or_more_solids_is_read(tmp_path: Path, text: str, solids: int) -> None:
+    triangles, _, unread = read(tmp_path, text * solids)
+    np.testing.assert_allclose(triangles, np.tile(BOX.triangles, (solids, 1, 1)))
+    assert unread == ()
+
+
+SOME = [0x8000 | RED, 0] * 6
+MAGICS = b"COLOR=\x14\x15\xdc\xff,MATERIAL=" + bytes(12)
+MESHLAB = b"COLOR=\x7f\x7f\x7f MATERIAL=\x7f\x7f\x7f \x7f\x7f\x7f \x7f\x7f\x7f "
+
+
+@pytest.mark.parametrize(
+    ("title", "attributes", "first", "second"),
+    [
+        (b"", SOME, (222, 16, 16, 255), GREY),  # VisCAM: bit 15 says that there is a colour
+        (MAGICS, [(2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (20, 21, 220, 255)),  # Magics: that there is none
+        (MAGICS, [0] * 12, (20, 21, 220, 255), (20, 21, 220, 255)),  # attributes cleared by another program
+        (MESHLAB, [0x8000 | (2 << 10) | (2 << 5) | 27, 0x8000] * 6, (222, 16, 16, 255), (0, 0, 0, 255)),
+        (b"", [0x8000] * 12, (0, 0, 0, 255), (0, 0, 0, 255)),
+    ],
+)
+def test_colours_of_viscam_and_magics_are_read(
+    tmp_path: Path, title: bytes, attributes: list[int], first: tuple[int, ...], second: tuple[int, ...]
+) -> None:
+    _, colors, unread = read(tmp_path, binary(title, attributes))
+    assert colors.tolist() == [list(first), list(second)] * 6
+    assert unread == ()
+
+
+def test_attributes_that_are_no_colours_are_said(tmp_path: Path) -> None:
+    _, colors, unread = read(tmp_path, binary(b"", [0, 5] * 6))
+    assert (colors == GREY).all()
+    assert unread == ("attributes of 6 triangles are not read; they are no colours of VisCAM or Magics",)
+    _, colors, unread = read(tmp_path, binary(b"COLOR=\x14\x15\xdc\x40", [0x8000] * 12))
+    assert colors.tolist() == [[20, 21, 220, 255]] * 12
+    assert unread == ("the opacity of the STL is not read",)
