@@ -14,7 +14,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8
-"""Edges of the pyramid that stands for a friction cone."""
+"""Edges of the pyramid that approximates a friction cone."""
 
 MARGIN_DECIMALS = 3
 """Decimals of a margin: further ones are the linear program's rounding."""

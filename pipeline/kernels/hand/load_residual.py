@@ -10,7 +10,7 @@ from pipeline.kernels.compiled import compiled
 Float64Array = NDArray[np.float64]
 
 EDGES = 6
-"""Edges of the pyramid that stands for a friction cone."""
+"""Edges of the pyramid that approximates a friction cone."""
 MAX_FORCE = 10.0
 """Largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg."""
 LEVER = 0.05
