@@ -14,8 +14,7 @@ def compiled(function: F) -> F:
     The machine code is kept beside the function's file or in the user's cache; the Python function is the result's
     `.py_func`. The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
 
-    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three
-    seconds.
+    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three seconds.
 
     `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
     """

@@ -84,11 +84,10 @@ def attach_points(
 
     The result is closed too, and finer around the points.
 
-    A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are
-    not confused. First the displacement is the one that bends least (squared graph Laplacian), which takes details
-    along; then, close to the points, the mesh itself bends least and passes near them. The other side of a thin body
-    stays, since there nothing would hold it and it would shrink, unless a point is inside the body and may push it
-    away. Points that remain farther than the tolerance become vertices.
+    A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
+    the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the
+    mesh itself bends least and passes near them. The other side of a thin body stays, since there nothing would hold it and it would
+    shrink, unless a point is inside the body and may push it away. Points that remain farther than the tolerance become vertices.
     """
     if not (np.isfinite(points).all() and np.isfinite(normals).all()):
         raise InvalidInput("touched points or their normals are NaN or infinite; leave those touches out")
@@ -124,16 +123,9 @@ def _nearest_facing_points(
 
 
 def _displace_vertices(
-    vertices: Points,
-    faces: Faces,
-    points: Points,  # (N, 3)
-    face: NDArray[np.intp],  # (N,) that each point belongs to
-    places: Points,  # (N, 3) on these faces
-    spacing: float,
-    *,
-    coarse: bool,  # details keep their shape
+    vertices: Points, faces: Faces, points: Points, face: NDArray[np.intp], places: Points, spacing: float, *, coarse: bool
 ) -> Points:
-    """Displace the vertices around the places so that these come to the points or near them."""
+    """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
     offset = points - places
     distances, nearest = cKDTree(places).query(vertices)
     farthest = LARGEST_SHARE * float(np.ptp(vertices, axis=0).max())

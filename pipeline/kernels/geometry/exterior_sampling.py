@@ -70,12 +70,8 @@ class EscapeTest:
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
 
-    def _escape(
-        self,
-        points: NDArray[np.float64],  # (N, 3) frame of the scene
-        directions: NDArray[np.float64],  # (D, 3)
-    ) -> NDArray[np.bool_]:  # (N, D)
-        """Find the rays, from each point in each direction, that hit nothing."""
+    def _escape(self, points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Find the rays (N, D), from points (N, 3), frame of the scene, in directions (D, 3), that hit nothing."""
         origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
         occlusion = self._scene.run(origins, rays, query="OCCLUDED")  # 0 where something is hit
