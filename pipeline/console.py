@@ -1,7 +1,5 @@
 """Consoles, and progress: a bar on a terminal, a line every few seconds elsewhere."""
 
-from __future__ import annotations
-
 import io
 import math
 import multiprocessing
@@ -184,7 +182,7 @@ class Meter:
         self._title, self._of, self._last = title, of, time.monotonic()
         self._shown_from = self._last + after
 
-    def __enter__(self) -> Meter:
+    def __enter__(self) -> "Meter":
         self._show()
         return self
 

@@ -3,8 +3,6 @@
 Listing reads metadata alone. A package's code is imported when its stage or schema is used.
 """
 
-from __future__ import annotations
-
 import traceback
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points

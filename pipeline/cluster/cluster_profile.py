@@ -1,7 +1,5 @@
 """Cluster files: YAML descriptions of the resources of one task on a Slurm cluster."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Submit jobs to Slurm, and find their states: from `squeue`, from `sacct` if there is one, and from files that tasks leave."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

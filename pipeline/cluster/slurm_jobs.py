@@ -1,7 +1,5 @@
 """Plan a submission to Slurm: one job per output, its dependencies and its script."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Manifests: which objects a dataset is made of, where their meshes come from, and how they are split."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections import Counter, defaultdict
@@ -51,7 +49,7 @@ class Splits(BaseModel):
         return self.train + self.valid + self.test
 
     @model_validator(mode="after")
-    def _sum(self) -> Splits:
+    def _sum(self) -> "Splits":
         if not self.are_counts and abs(self._total - 1) > 1e-9:
             raise ValueError(
                 f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole numbers"
@@ -105,7 +103,7 @@ class Manifest(BaseModel):
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [replace(item, split=splits[item.object_id]) for item in objects]
 
-    def with_units(self, units: str | None, up: str | None) -> Manifest:
+    def with_units(self, units: str | None, up: str | None) -> "Manifest":
         """Return the manifest with units, of `METRES`, for sources that state none, and with another up-axis for all mesh files.
 
         An entry of one file, in a catalogue or of PyBullet's, keeps what it states.
@@ -133,7 +131,7 @@ class Manifest(BaseModel):
         )
         return self.model_copy(update={"sources": tuple(changed)})
 
-    def _with_paths_below(self, folder: Path) -> Manifest:
+    def _with_paths_below(self, folder: Path) -> "Manifest":
         """Return the manifest with its sources' relative paths counted from a folder."""
         paths = [getattr(source, "path", None) for source in self.sources]
         changed = (

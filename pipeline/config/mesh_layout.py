@@ -1,7 +1,5 @@
 """The layout of a folder of meshes: each file is an object, or each folder, which may hold several meshes of one object."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

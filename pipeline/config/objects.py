@@ -1,7 +1,5 @@
 """The objects of a dataset: the source of each, and digests of it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass

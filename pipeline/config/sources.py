@@ -1,7 +1,5 @@
 """Sources of objects: each kind lists its objects, and describes how to load each."""
 
-from __future__ import annotations
-
 import re
 from abc import abstractmethod
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The grasps of a dataset for PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

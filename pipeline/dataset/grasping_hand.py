@@ -1,7 +1,5 @@
 """The hand and sensors of stored grasps, as artifacts' attributes name them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """An artifact as an xarray dataset, with labels of objects, sensors, joints and grasps."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import partial

@@ -1,7 +1,5 @@
 """The arrays of a dataset's objects, read on demand, for training, evaluation, prediction and users."""
 
-from __future__ import annotations
-
 import shlex
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The same arrays of two data directories, object by object."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -4,8 +4,6 @@ A recipe is a YAML file of a few kilobytes and one line per object. It may come 
 folders that its user gives.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property

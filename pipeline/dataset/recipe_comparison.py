@@ -1,7 +1,5 @@
 """How the rows of a data directory, remade or published, differ from those of a recipe."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """The grasps of a dataset as a robot or a physics engine takes them: postures from pre-grasp to squeeze, and contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Tell which stored touch charts show a surface."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from schemas.charts import FITTED

@@ -1,7 +1,5 @@
 """Process units with Dask: on worker processes of this machine, or of any cluster with a scheduler's address."""
 
-from __future__ import annotations
-
 import logging
 import pickle
 import time

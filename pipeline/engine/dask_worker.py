@@ -1,7 +1,5 @@
 """Code that runs in a Dask worker: the session of one stage at a time, and one unit after the other."""
 
-from __future__ import annotations
-
 import pickle
 import signal
 import tempfile

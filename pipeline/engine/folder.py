@@ -1,7 +1,5 @@
 """Folders: a plan with one unit, which a dataset stage fills in a work folder and which is then published."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import time

@@ -1,7 +1,5 @@
 """Keys: one hash of the inputs, settings, code and seed that an output depends on."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """A Dask scheduler and workers on this machine, which its other users can neither reach nor read."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os

@@ -1,7 +1,5 @@
 """Plans: the units of one output, a shard or a folder, determined before anything is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Run a stage: reuse what is up to date, make what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path

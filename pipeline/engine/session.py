@@ -1,7 +1,5 @@
 """The session in which a process works through the units of a run."""
 
-from __future__ import annotations
-
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping

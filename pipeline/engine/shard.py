@@ -1,7 +1,5 @@
 """Shards: a plan with a unit per object, made by an executor, then published as one group."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress

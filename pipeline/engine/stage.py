@@ -1,7 +1,5 @@
 """Base classes of stages, and the types that pass between a stage and the engine."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager

@@ -1,7 +1,5 @@
 """Trade-offs between speed and accuracy, which a stage declares beside its settings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Units of work: objects' rows and folders."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

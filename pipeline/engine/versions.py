@@ -1,7 +1,5 @@
 """Versions of libraries and properties of the processor, which results depend on and every output records."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import platform
 import sys

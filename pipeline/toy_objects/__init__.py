@@ -1,7 +1,5 @@
 """Procedural objects: the paper's four classes and nine others, parametric, for manifests that need no download."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.geometry.mesh import Mesh

@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the front faces -y. A body has rows (z, half its width) from the foot to the mouth.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bowls (cereal, soup, mixing, footed, for pets), plates, cake moulds, mortars, pans and baskets. Millimetres, standing on z = 0."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -3,8 +3,6 @@
 Millimetres, along x, the bristles at +x or below.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bulbs (pear, globe, candle, reflector, tubes, spiral, halogen), lantern, desk lamp, torch. Millimetres, standing on about z = 0."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Cans and jars: drinks, food, fish, spray, paint, jar, tea caddy, battery, candle, watering can. Millimetres, standing on z = 0."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 

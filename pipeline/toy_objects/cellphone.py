@@ -1,7 +1,5 @@
 """Cellphones: smartphone, bar, brick, flip (open and closed), slider, keyboard phone, organiser. Millimetres, the front faces -y."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 

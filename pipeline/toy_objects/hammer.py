@@ -3,8 +3,6 @@
 Millimetres, the shaft along x, the head at +x.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -4,8 +4,6 @@ Millimetres, along x with the tip at +x, the edge down; blade and handle meet at
 shares of a blade's length and height, a handle rows (x, bottom z, top z, width).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 

@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the handle at +x, turned a little towards the front at -y.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 

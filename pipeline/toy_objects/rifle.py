@@ -3,8 +3,6 @@
 Millimetres; the bore lies along x at y = z = 0, the muzzle at +x. Bars have rows (x, low z, high z, width).
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

@@ -3,8 +3,6 @@
 Millimetres, along x with the tip at +x; the shank begins at x = 0.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np

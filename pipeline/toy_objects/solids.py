@@ -3,8 +3,6 @@
 Lengths are millimetres, z is up. Every solid is one closed, outward-wound manifold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -50,15 +48,15 @@ class Solid:
     layer: NDArray[np.int32]
     paints: tuple[Material, ...] = ()
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Solid":
         """Return the solid shifted."""
         return replace(self, vertices=self.vertices + [x, y, z])
 
-    def turned(self, axis: str, angle: float, about: Sequence[float] = (0.0, 0.0, 0.0)) -> Solid:
+    def turned(self, axis: str, angle: float, about: Sequence[float] = (0.0, 0.0, 0.0)) -> "Solid":
         """Return the solid rotated by `angle` (rad, right-handed) about the line along `axis` through `about`."""
         return replace(self, vertices=Rotation.from_euler(axis, angle).apply(self.vertices - about) + about)
 
-    def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> Solid:
+    def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> "Solid":
         """Return the solid with a material over some of its faces (F,), and with new texture coordinates if given."""
         layer = np.where(faces, len(self.paints) + 1, self.layer).astype(np.int32)
         return replace(self, layer=layer, paints=(*self.paints, material), uv=self.uv if uv is None else uv)

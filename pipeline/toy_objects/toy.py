@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the front faces -y; vehicles lie along x.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
