@@ -20,12 +20,8 @@ class Executor(ABC):
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Process units; yield results in the order in which they finish.
 
-        Raises
-        ------
-        StageError
-            The stage's session cannot be opened: nothing is wrong with any object.
-        StoreError
-            An input is damaged.
+        A `StageError` says that the stage's session cannot be opened (nothing is wrong with any object), a `StoreError`
+        that an input is damaged.
         """
 
     def close(self, *, at_once: bool) -> None:  # noqa: B027 some have nothing to release

@@ -109,7 +109,7 @@ class FolderOutput:
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
     def commit(self, filled: Path, record: FolderRecord) -> Place:
-        """Move a finished folder to its versioned name, unless a killed run has; publish its record and return its path.
+        """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path.
 
         In object storage, a `StoreError` says that another run has published something meanwhile.
         """

@@ -141,7 +141,7 @@ class Shard:
             raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
-        """Read an array or a part of it, by its path below the root; raise a `StoreError` if it is missing or damaged."""
+        """Read an array or a part of it, by its path below the root; raise a `StoreError` if it is lost or damaged."""
         array, position = self.array(name), index[0] if isinstance(index, tuple) and index else index
         stacked = name in self.artifact.arrays and self.artifact.arrays[name].per_object
         of_object = f" of {self.record.rows[position].object_id}" if stacked and isinstance(position, int) else ""
