@@ -25,13 +25,7 @@ def package_of(entry: EntryPoint) -> str:
 
 
 def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
-    """Import what an entry point names.
-
-    Raises
-    ------
-    PipelineError
-        Of `error_type`: it cannot be imported; the message names the package, and the line that failed.
-    """
+    """Import what an entry point names; an error of `error_type` names the package and the line that failed."""
     try:
         return entry.load()
     except Exception as error:  # whatever a module may raise

@@ -85,13 +85,10 @@ class Manifest(BaseModel):
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.
 
-        `root` is the folder of meshes for a source that names none, or instead of that of the only one.
-
-        Raises
-        ------
-        InvalidInput
-            No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters
-            or called `all`, an empty one, counts that do not match: with the place that was looked at and the way out.
+        `root` is the folder of meshes for a source that names none, or instead of that of the only one. An
+        `InvalidInput` names the place that was looked at and the way out: no objects, a folder or file that is not
+        there, an id that repeats or cannot name a file, a category with control characters or called `all`, an empty
+        one, counts that do not match.
         """
         sources = self._with_roots(root)
         try:
@@ -104,14 +101,10 @@ class Manifest(BaseModel):
         return [replace(item, split=splits[item.object_id]) for item in objects]
 
     def with_units(self, units: str | None, up: str | None) -> "Manifest":
-        """Return the manifest with units, of `METRES`, for sources that state none, and with another up-axis for all mesh files.
+        """Return the manifest with units, of `METRES`, for sources without any, and another up-axis for all mesh files.
 
-        An entry of one file, in a catalogue or of PyBullet's, keeps what it states.
-
-        Raises
-        ------
-        InvalidInput
-            No source is of mesh files, or units are given and each states its own.
+        An entry of one file, in a catalogue or of PyBullet's, keeps what it states. An `InvalidInput` says that no
+        source is of mesh files, or that units are given and each states its own.
         """
         if units is None and up is None:
             return self
@@ -185,7 +178,7 @@ class Manifest(BaseModel):
 
 
 def _sizes(shares: Sequence[float], objects: int) -> list[int]:
-    """Round shares of some objects to whole numbers; a split that this leaves empty gets one of the largest, if that has two."""
+    """Round shares of some objects to whole numbers; a split left empty gets one of the largest, if that has two."""
     ends = [0, round(shares[0] * objects), round((shares[0] + shares[1]) * objects), objects]
     sizes = [last - first for first, last in pairwise(ends)]
     for split, share in enumerate(shares):

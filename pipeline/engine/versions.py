@@ -24,7 +24,7 @@ def library_versions() -> dict[str, str]:
 
 
 def processor() -> dict[str, Any]:
-    """Describe the processor as far as results depend on it: `machine`, `model`, instruction sets of `numpy` and `torch`.
+    """Describe the processor as far as results depend on it: `machine`, `model`, instruction sets of `numpy`, `torch`.
 
     Those of torch are given where it is imported already. Surfaces, grasps, images and touches are the same on every
     processor with FMA. Training and charts are not: BLAS and torch choose their kernels by processor.

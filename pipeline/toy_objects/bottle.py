@@ -15,20 +15,18 @@ GREEN, AMBER, CLEAR, COBALT = (38, 74, 44), (112, 62, 24), (176, 200, 204), (32,
 GLASS: Palette = (GREEN, AMBER, CLEAR, COBALT)
 
 
-def body(rng: Rng, rows: Rows, low: float, high: float, angle: float, *, flat: float = 1.0, square: float = 2.0, lobes: int = 0) -> Solid:
-    """Loft a bottle's body with a label.
-
-    Parameters
-    ----------
-    rng, rows
-        Draws the label; the silhouette.
-    low, high, angle
-        The label: lowest z, highest z, and the angle about the front that it covers (rad).
-    flat, square
-        The depth over the width, and the exponent of the cross-section, see `superellipse`, at the belly; the mouth is round.
-    lobes
-        Number of flutes around the lower half.
-    """
+def body(
+    rng: Rng,  # draws the label
+    rows: Rows,  # the silhouette
+    low: float,  # of the label
+    high: float,  # of the label
+    angle: float,  # rad about the front that the label covers
+    *,
+    flat: float = 1.0,  # depth over width at the belly; the mouth is round
+    square: float = 2.0,  # exponent of the cross-section there, see `superellipse`
+    lobes: int = 0,  # flutes around the lower half
+) -> Solid:
+    """Loft a bottle's body with a label."""
     z, half = smooth(rows, at=[low, high]).T
     belly, count = np.clip((half - half[-1]) / (half.max() - half[-1]), 0.0, 1.0), 6 * lobes or 40
     table = np.column_stack([z, half, half * (1.0 + (flat - 1.0) * belly), 2.0 + (square - 2.0) * belly])

@@ -16,20 +16,15 @@ BLADES: Palette = (*STEELS, *STEELS, (76, 78, 82))
 LEATHERS: Palette = ((104, 62, 34), (60, 58, 40), (36, 34, 34), (150, 100, 58), (96, 92, 66))
 
 
-def blade(rng: Rng, size: Sequence[float], outline: Rows, *, teeth: int = 0, double: bool = False) -> Solid:
-    """Loft a blade that reaches a little into the handle and bends up or down towards its tip.
-
-    Parameters
-    ----------
-    rng
-        Draws the bend, and the share of the height that the bevel takes.
-    size
-        Length, height, and thickness at the spine.
-    outline
-        Its silhouette.
-    teeth, double
-        Number of teeth along the edge; whether the spine is an edge too.
-    """
+def blade(
+    rng: Rng,  # draws the bend, and the share of the height that the bevel takes
+    size: Sequence[float],  # length, height, and thickness at the spine
+    outline: Rows,  # the silhouette
+    *,
+    teeth: int = 0,  # along the edge
+    double: bool = False,  # whether the spine is an edge too
+) -> Solid:
+    """Loft a blade that reaches a little into the handle and bends up or down towards its tip."""
     length, height, thick = size
     table, share = smooth(outline, 8), np.linspace(-0.04, 1.0, max(50, 8 * teeth))
     bend = (0.0 if double else rng.uniform(-0.15, 0.1)) * share * share
