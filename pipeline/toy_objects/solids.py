@@ -43,7 +43,7 @@ class Solid:
         return replace(self, vertices=Rotation.from_euler(axis, angle).apply(self.vertices - about) + about)
 
     def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> "Solid":
-        """Return the solid with a material over some of its faces (F,), and with new texture coordinates (V, 2) if given."""
+        """Return the solid with a material over some faces (F,), and with new texture coordinates (V, 2) if given."""
         layer = np.where(faces, len(self.paints) + 1, self.layer).astype(np.int32)
         return replace(self, layer=layer, paints=(*self.paints, material), uv=self.uv if uv is None else uv)
 
