@@ -70,7 +70,7 @@ class Gun:
 
 
 def bolt_action(model: Model, rng: Rng) -> None:
-    """Model a hunting or service rifle: one-piece stock, short or full fore-end, round receiver, bolt, scope or sights."""
+    """Model a hunting or service rifle: one-piece stock, short or full; round receiver, bolt, scope or sights."""
     gun, fore = Gun(model, rng, 680, 11), int(rng.choice((300, 360, 570)))
     grasp = [(-165, -72, -24, 38), (-115, -52, -6, 44), (-40, -46, -3, 48), (70, -45, -4, 48), (fore - 12, -26, 0, 32)]
     gun.stock(gun.wood, *BUTT, *grasp, (fore, -18, -2, 22))
@@ -121,7 +121,7 @@ def modular(model: Model, rng: Rng) -> None:
 
 
 def sniper(model: Model, rng: Rng) -> None:
-    """Model a sniper rifle: heavy barrel, large scope, bipod, pistol grip; thumb-hole or skeleton stock, cheek piece."""
+    """Model a sniper rifle: heavy barrel, large scope, bipod, pistol grip; thumb-hole or skeleton stock."""
     gun = Gun(model, rng, 740, 15)
     gun.add(gun.metal, rod(-150, 60, 20))
     gun.add(gun.synthetic, bar([(-190, -44, -4, 40), (-150, -56, -3, 50), (60, -58, -2, 52), (320, -46, -2, 48), (350, -38, -6, 40)]))
