@@ -121,7 +121,7 @@ def modular(model: Model, rng: Rng) -> None:
 
 
 def sniper(model: Model, rng: Rng) -> None:
-    """Model a sniper rifle: heavy barrel, large scope, bipod; thumb-hole stock, or a skeleton with cheek piece; grip."""
+    """Model a sniper rifle: heavy barrel, big scope, bipod, pistol grip; thumb-hole or skeleton stock, cheek piece."""
     gun = Gun(model, rng, 740, 15)
     gun.add(gun.metal, rod(-150, 60, 20))
     gun.add(gun.synthetic, bar([(-190, -44, -4, 40), (-150, -56, -3, 50), (60, -58, -2, 52), (320, -46, -2, 48), (350, -38, -6, 40)]))
