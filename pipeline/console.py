@@ -1,7 +1,5 @@
 """Consoles, and progress: a bar on a terminal, a line every few seconds elsewhere."""
 
-from __future__ import annotations
-
 import io
 import math
 import multiprocessing
@@ -107,24 +105,12 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """A table as data, from which prints, pages and files are made; without columns, a line of text.
+    """A table as data, from which prints, pages and files are made; without columns, a line of text."""
 
-    Attributes
-    ----------
-    title
-        Printed above the table; plain text.
-    columns
-        Their names, with units.
-    rows
-        From top to bottom.
-    formats
-        Format specifications of each column's numbers, as `format` takes them; by default none.
-    """
-
-    title: str
-    columns: Sequence[str] = ()
-    rows: Sequence[Row] = ()
-    formats: Sequence[str] = ()
+    title: str  # printed above the table; plain text
+    columns: Sequence[str] = ()  # their names, with units
+    rows: Sequence[Row] = ()  # from top to bottom
+    formats: Sequence[str] = ()  # of each column's numbers, as `format` takes them; by default none
 
     def text(self, row: Row) -> list[str]:
         """Write the cells of a row."""
@@ -184,7 +170,7 @@ class Meter:
         self._title, self._of, self._last = title, of, time.monotonic()
         self._shown_from = self._last + after
 
-    def __enter__(self) -> Meter:
+    def __enter__(self) -> "Meter":
         self._show()
         return self
 

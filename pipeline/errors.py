@@ -3,8 +3,6 @@
 Any other error is a fault of the project and keeps its traceback.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from difflib import get_close_matches
 

@@ -3,8 +3,6 @@
 Listing reads metadata alone. A package's code is imported when its stage or schema is used.
 """
 
-from __future__ import annotations
-
 import traceback
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -27,13 +25,7 @@ def package_of(entry: EntryPoint) -> str:
 
 
 def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
-    """Import what an entry point names.
-
-    Raises
-    ------
-    PipelineError
-        Of `error_type`: it cannot be imported; the message names the package, and the line that failed.
-    """
+    """Import what an entry point names; an error of `error_type` names the package and the line that failed."""
     try:
         return entry.load()
     except Exception as error:  # whatever a module may raise

@@ -1,7 +1,5 @@
 """Cluster files: YAML descriptions of the resources of one task on a Slurm cluster."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,35 +45,21 @@ class GpuAllocation(Allocation):
 
 
 class ClusterProfile(BaseModel):
-    """Describe a Slurm cluster.
-
-    Attributes
-    ----------
-    cpu, gpu
-        The resources of a task; `gpu` for stages that use a GPU, if the cluster has any.
-    concurrent
-        Maximum number of tasks of one array that run at a time; None leaves it to the cluster.
-    setup
-        Shell lines that every task runs first.
-    command
-        How the nodes call vt-pipeline; None is the Python that submits, on a file system that the nodes share.
-    account
-        The account that is charged.
-    options
-        More options of `sbatch`.
-    """
+    """Describe a Slurm cluster."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Line
     summary: str = ""
-    cpu: Allocation
-    gpu: GpuAllocation | None = None
+    cpu: Allocation  # the resources of a task
+    gpu: GpuAllocation | None = None  # those of stages that use a GPU, if the cluster has any
+    # maximum number of tasks of one array that run at a time; None leaves it to the cluster
     concurrent: Number | None = None
-    setup: tuple[Line, ...] = ()
+    setup: tuple[Line, ...] = ()  # shell lines that every task runs first
+    # how the nodes call vt-pipeline; None is the Python that submits, on a file system that the nodes share
     command: Line | None = None
-    account: Word | None = None
-    options: tuple[Annotated[Line, Field(pattern=r"^--[a-z][a-z-]*(=\S+)?$")], ...] = ()
+    account: Word | None = None  # the account that is charged
+    options: tuple[Annotated[Line, Field(pattern=r"^--[a-z][a-z-]*(=\S+)?$")], ...] = ()  # more options of `sbatch`
 
 
 def load_cluster(name: str | Path) -> ClusterProfile:

@@ -1,7 +1,5 @@
 """Submit jobs to Slurm, and find their states: from `squeue`, from `sacct` if there is one, and from files that tasks leave."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -85,10 +83,8 @@ def slurm_folder(data: Place) -> Path:
 def submit(jobs: Sequence[Job], submission: Submission) -> Iterator[SubmittedJob]:
     """Write the scripts of all jobs, then submit one after the other, each to start after those that it reads from.
 
-    Raises
-    ------
-    StageError
-        There is no `sbatch` here, it refuses a job, or tasks that make the same output have not ended.
+    A `StageError` says that there is no `sbatch` here, that it refuses a job, or that tasks that make the same output
+    have not ended.
     """
     folder = submission.folder
     if not shutil.which("sbatch"):

@@ -1,7 +1,5 @@
 """Plan a submission to Slurm: one job per output, its dependencies and its script."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from collections.abc import Iterable, Mapping
@@ -23,20 +21,12 @@ SEED = "training_seed"
 
 @dataclass(frozen=True)
 class Job:
-    """A job: an array with one task per shard, or the single task of a dataset stage.
-
-    Attributes
-    ----------
-    settings
-        Settings that the stage runs with, including `assignments`, the job's own --set options.
-    waits_for
-        Outputs of other jobs that this one reads.
-    """
+    """A job: an array with one task per shard, or the single task of a dataset stage."""
 
     stage: Stage
-    settings: Settings
-    assignments: tuple[str, ...] = ()
-    waits_for: tuple[str, ...] = ()
+    settings: Settings  # what the stage runs with, assignments included
+    assignments: tuple[str, ...] = ()  # the job's own --set options
+    waits_for: tuple[str, ...] = ()  # outputs of other jobs that this one reads
 
     @property
     def output(self) -> str:
@@ -56,15 +46,12 @@ class Job:
 
 @dataclass(frozen=True)
 class Submission:
-    """The parameters that all jobs of a submission share.
-
-    `arguments` are those of `vt-pipeline run STAGE`, without shards and workers; `folder` holds scripts, logs and exit statuses.
-    """
+    """The parameters that all jobs of a submission share."""
 
     profile: ClusterProfile
-    arguments: tuple[str, ...]
+    arguments: tuple[str, ...]  # of `vt-pipeline run STAGE`, without shards and workers
     shards: int
-    folder: Path
+    folder: Path  # of scripts, logs and exit statuses
     start: Path
 
 
@@ -112,19 +99,14 @@ def _changed(stage: Stage, settings: Settings, changes: dict[str, Any]) -> Setti
         ) from error
 
 
-def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str | None:
+def dependency(
+    job: Job,
+    jobs: Mapping[str, Job],  # all, by output
+    ids: Mapping[str, str],  # Slurm's numbers of the jobs that it waits for, by output
+) -> str | None:
     """Return a job's `--dependency` option of `sbatch`; None if it waits for no other job.
 
     A task of an array waits for the task of the same shard; whatever involves a dataset stage waits for whole jobs.
-
-    Parameters
-    ----------
-    job
-        The job.
-    jobs
-        All jobs, by output.
-    ids
-        Slurm's numbers of the jobs that it waits for, by output.
     """
     shardwise = [ids[name] for name in job.waits_for if job.is_array and jobs[name].is_array]
     whole_jobs = [ids[name] for name in job.waits_for if not (job.is_array and jobs[name].is_array)]
@@ -133,13 +115,7 @@ def dependency(job: Job, jobs: Mapping[str, Job], ids: Mapping[str, str]) -> str
 
 
 def script_of(job: Job, submission: Submission) -> str:
-    """Write the script of a job.
-
-    Raises
-    ------
-    InvalidInput
-        A folder has a name that no script can hold.
-    """
+    """Write the script of a job; refuse a folder with a name that no script can hold."""
     profile, folder = submission.profile, submission.folder
     for path in (folder, submission.start):
         if not str(path).isprintable():

@@ -1,7 +1,5 @@
 """Folders of mesh files as sources: any folder, one with a catalogue, one laid out as ShapeNetCore is."""
 
-from __future__ import annotations
-
 import csv
 import io
 from collections.abc import Iterator
@@ -156,7 +154,7 @@ class ShapeNet(MeshSource):
     """How many models each category must have; by default, any number."""
 
     @model_validator(mode="after")
-    def _counts_are_of_the_synsets(self) -> ShapeNet:
+    def _counts_are_of_the_synsets(self) -> "ShapeNet":
         if self.counts is not None and self.counts.keys() != self.synsets.keys():
             raise ValueError(f"counts are of {sorted(self.counts)}, synsets of {sorted(self.synsets)}; they must be the same")
         return self

@@ -1,7 +1,5 @@
 """Manifests: which objects a dataset is made of, where their meshes come from, and how they are split."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 from collections import Counter, defaultdict
@@ -51,7 +49,7 @@ class Splits(BaseModel):
         return self.train + self.valid + self.test
 
     @model_validator(mode="after")
-    def _sum(self) -> Splits:
+    def _sum(self) -> "Splits":
         if not self.are_counts and abs(self._total - 1) > 1e-9:
             raise ValueError(
                 f"{self.train:g} + {self.valid:g} + {self.test:g} = {self._total:g}; shares must sum to 1, counts be whole numbers"
@@ -87,13 +85,10 @@ class Manifest(BaseModel):
     def objects(self, root: Path | None = None) -> list[Object]:
         """List every object in id order, with its category, source and split.
 
-        `root` is the folder of meshes for a source that names none, or instead of that of the only one.
-
-        Raises
-        ------
-        InvalidInput
-            No objects, a folder or file that is not there, an id that repeats or cannot name a file, a category with control characters
-            or called `all`, an empty one, counts that do not match: with the place that was looked at and the way out.
+        `root` is the folder of meshes for a source that names none, or instead of that of the only one. An
+        `InvalidInput` names the place that was looked at and the way out: no objects, a folder or file that is not
+        there, an id that repeats or cannot name a file, a category with control characters or called `all`, an empty
+        one, counts that do not match.
         """
         sources = self._with_roots(root)
         try:
@@ -105,15 +100,11 @@ class Manifest(BaseModel):
             raise InvalidInput(f"manifest {self.name}: {error}") from error
         return [replace(item, split=splits[item.object_id]) for item in objects]
 
-    def with_units(self, units: str | None, up: str | None) -> Manifest:
-        """Return the manifest with units, of `METRES`, for sources that state none, and with another up-axis for all mesh files.
+    def with_units(self, units: str | None, up: str | None) -> "Manifest":
+        """Return the manifest with units, of `METRES`, for sources without any, and another up-axis for all mesh files.
 
-        An entry of one file, in a catalogue or of PyBullet's, keeps what it states.
-
-        Raises
-        ------
-        InvalidInput
-            No source is of mesh files, or units are given and each states its own.
+        An entry of one file, in a catalogue or of PyBullet's, keeps what it states. An `InvalidInput` says that no
+        source is of mesh files, or that units are given and each states its own.
         """
         if units is None and up is None:
             return self
@@ -133,7 +124,7 @@ class Manifest(BaseModel):
         )
         return self.model_copy(update={"sources": tuple(changed)})
 
-    def _with_paths_below(self, folder: Path) -> Manifest:
+    def _with_paths_below(self, folder: Path) -> "Manifest":
         """Return the manifest with its sources' relative paths counted from a folder."""
         paths = [getattr(source, "path", None) for source in self.sources]
         changed = (
@@ -187,7 +178,7 @@ class Manifest(BaseModel):
 
 
 def _sizes(shares: Sequence[float], objects: int) -> list[int]:
-    """Round shares of some objects to whole numbers; a split that this leaves empty gets one of the largest, if that has two."""
+    """Round shares of some objects to whole numbers; a split left empty gets one of the largest, if that has two."""
     ends = [0, round(shares[0] * objects), round((shares[0] + shares[1]) * objects), objects]
     sizes = [last - first for first, last in pairwise(ends)]
     for split, share in enumerate(shares):

@@ -1,7 +1,5 @@
 """The layout of a folder of meshes: each file is an object, or each folder, which may hold several meshes of one object."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
@@ -58,20 +56,14 @@ class FoundObjects:
 
 
 def find_objects(files: Sequence[Path], layout: Layout | None = None) -> FoundObjects:
-    """Find the objects among mesh files.
+    """Find the objects among mesh files, given by sorted paths below the folder of meshes.
 
-    Parameters
-    ----------
-    files
-        Paths below the folder of meshes, sorted.
-    layout
-        "files": each is an object, whose category is the top folder. "folders": each folder is an object, whose category is the top folder
-        if there is one above it. By default "folders" where most folders hold meshes of one object, else "files".
+    With layout "files", each is an object, whose category is the top folder. With "folders", each folder is an object,
+    whose category is the top folder if there is one above it. The default is "folders" where most folders hold meshes
+    of one object, else "files".
 
-    Notes
-    -----
-    An object's folder is the nearest folder above a mesh that has no name of `INNER`. It holds meshes of one object if all of them but
-    those for collisions have one name, apart from `GENERIC` ones.
+    An object's folder is the nearest folder above a mesh that has no name of `INNER`. It holds meshes of one object if
+    all of them but those for collisions have one name, apart from `GENERIC` ones.
     """
     homes = defaultdict[tuple[str, ...], list[Path]](list)
     for file in files:

@@ -1,7 +1,5 @@
 """The objects of a dataset: the source of each, and digests of it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,12 +13,12 @@ from pipeline.formats.mesh_companions import Companions
 
 @dataclass(frozen=True)
 class Object:
-    """An object: its id, its category, how to load it (JSON values; `file` is a path), and the split that the manifest draws."""
+    """An object of a dataset."""
 
     object_id: str
     category: str
-    source: dict[str, Any]
-    split: str = ""
+    source: dict[str, Any]  # how to load it: JSON values; `file` is a path
+    split: str = ""  # that the manifest draws
 
 
 def identity(source: Mapping[str, Any]) -> str:
@@ -33,12 +31,8 @@ def identity(source: Mapping[str, Any]) -> str:
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source independently of where its files lie: a file is replaced by the hash of its content.
 
-    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence do not.
-
-    Raises
-    ------
-    InvalidInput, OSError
-        A file is missing, no regular file or too large, or cannot be read.
+    The materials and textures that it names count too; renderings, which belong to another stage's key, and the licence
+    do not.
     """
     description = {name: value for name, value in source.items() if name not in ("root", "renderings", "licence")}
     if "file" not in source:

@@ -1,7 +1,5 @@
 """Presets: named values of settings, by stage."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib import resources
 from typing import Any

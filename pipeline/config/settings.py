@@ -4,8 +4,6 @@ A setting defines the task (which hand, how many grasps), or changes results (ho
 error), or changes speed alone.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from importlib import import_module

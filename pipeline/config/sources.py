@@ -1,7 +1,5 @@
 """Sources of objects: each kind lists its objects, and describes how to load each."""
 
-from __future__ import annotations
-
 import re
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -68,12 +66,10 @@ class MeshSource(Source):
     """Keeps real sizes: 0.001 for mm; by default what a file or its format states, else objects are scaled to one size. Or `--units`."""
 
     def placed(self, file: Path, root: Path, up: str | None = None, metres_per_unit: float | None = None) -> dict[str, Any]:
-        """Describe how to load a file of this source, which may name files below `root` and state its own up-axis and unit.
+        """Describe how to load a file of this source; it may name files below `root`, and state its up-axis and unit.
 
-        Raises
-        ------
-        InvalidInput
-            Its path has control characters, or bytes that are not UTF-8, in which records are written.
+        An `InvalidInput` says that its path has control characters, or bytes that are not UTF-8, in which records are
+        written.
         """
         if CONTROLS.search(str(file)) or NOT_UTF8.search(str(file)):
             raise InvalidInput(f"{str(file)!r} has bytes that are not UTF-8, or control characters, in its name; rename it")

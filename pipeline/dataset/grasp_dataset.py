@@ -1,7 +1,5 @@
 """The grasps of a dataset for PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,13 +16,11 @@ Item = dict[str, Any]
 class GraspDataset(Dataset[Item]):
     """The grasps of a dataset's split, each a dict of tensors and the object's name.
 
-    Arrays with a grasp dimension give that grasp's part. Arrays of the object, also those of its presses or viewpoints, come whole and are
-    read once per object. Constants (`untouched`) come as they are. Shapes, units and frames are the schemas'. `local_points` and
-    `local_count` are computed from depth and pose where they are not stored: the same to the bit. Parameters and errors are those of
-    `ObjectRows`.
+    Arrays with a grasp dimension give that grasp's part. Arrays of the object, also those of its presses or viewpoints,
+    come whole and are read once per object. Constants (`untouched`) come as they are. Shapes, units and frames are the
+    schemas'. `local_points` and `local_count` are computed from depth and pose where they are not stored: the same to
+    the bit. Parameters and errors are those of `ObjectRows`.
 
-    Examples
-    --------
     >>> train = GraspDataset("data/toy/draft", ["tactile_image", "sensor_pose", "points"], split="train")  # doctest: +SKIP
     >>> train[0]["tactile_image"].shape  # doctest: +SKIP
     torch.Size([4, 100, 100, 3])

@@ -1,7 +1,5 @@
 """An artifact as an xarray dataset, with labels of objects, sensors, joints and grasps."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import partial
@@ -22,27 +20,14 @@ from schemas.catalogue import ARTIFACTS
 def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     """Open all shards of an artifact as one labelled dataset; values are read when they are used.
 
-    Parameters
-    ----------
-    data
-        A data directory.
-    artifact
-        The name of any artifact, such as touch.
+    Arrays have the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and
+    `joint` where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them, the
+    attribute `failures` says why. Where objects have not been made yet, the attribute `missing` names them. Attributes
+    other than text and numbers are JSON text, which netCDF can hold.
 
-    Returns
-    -------
-    Arrays with the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and `joint`
-    where they apply; ragged meshes are left out. Rows of objects that failed are zeros: `ok` marks them, the attribute `failures` says why.
-    Where objects have not been made yet, the attribute `missing` names them. Attributes other than text and numbers are JSON text, which
-    netCDF can hold.
+    A `StoreError` says that the artifact is unknown or has not been made; later, on access to values, that one of its
+    files is missing or damaged.
 
-    Raises
-    ------
-    StoreError
-        The artifact is unknown or has not been made; later, on access to values, one of its files is missing or damaged.
-
-    Examples
-    --------
     >>> touch = open_artifact("data/toy/draft", "touch")  # doctest: +SKIP
     >>> touch.depth.sel(object="duck", sensor="thumb").min(("row", "col"))  # doctest: +SKIP
     """

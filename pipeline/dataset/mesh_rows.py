@@ -1,7 +1,5 @@
 """A mesh as the arrays of a row of `surfaces`, and back."""
 
-from __future__ import annotations
-
 import fnmatch
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The arrays of a dataset's objects, read on demand, for training, evaluation, prediction and users."""
 
-from __future__ import annotations
-
 import shlex
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -44,34 +42,18 @@ Described = TypeVar("Described")
 class ObjectRows:
     """The objects of a split that failed in none of the artifacts that are read, in id order.
 
-    Only artifacts that hold one of the arrays are opened. Memory does not grow with the dataset.
-
-    Parameters
-    ----------
-    data
-        A data directory.
-    arrays
-        Names of arrays; shapes, units and frames are the schemas'.
-    split
-        train, valid or test; None for all objects.
-    cache_megabytes
-        Limit of the cache of arrays.
-
-    Attributes
-    ----------
-    object_ids, categories
-        Of the objects, in id order.
-    left_out
-        Objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks.
-
-    Raises
-    ------
-    StoreError
-        No such array; an artifact has not been made, or not from the current inputs; no usable object.
+    Only artifacts that hold one of the arrays are opened. Memory does not grow with the dataset. A `StoreError` says
+    that there is no such array, that an artifact has not been made, or not from the current inputs, or that there is no
+    usable object.
     """
 
     def __init__(
-        self, data: str | Place, arrays: Sequence[str], split: str | None = "train", *, cache_megabytes: float = CACHE_MEGABYTES
+        self,
+        data: str | Place,  # a data directory
+        arrays: Sequence[str],  # names; shapes, units and frames are the schemas'
+        split: str | None = "train",  # train, valid or test; None for all objects
+        *,
+        cache_megabytes: float = CACHE_MEGABYTES,  # limit of the cache of arrays
     ) -> None:
         self.data, self.arrays, self.split = place(data), tuple(arrays), split
         if (folder := on_disk(self.data)) and not folder.is_dir():
@@ -89,6 +71,7 @@ class ObjectRows:
         members = [*(name for name in first if split in (None, first.row(name).split)), *first.missing]
         artifacts = self._collections.values()
         failures = {name: failure for name in members for artifact in artifacts if (failure := artifact.failure(name))}
+        # objects that failed in an artifact that is read, with stage and reason, or that an incomplete one lacks
         self.left_out = {name: f"{failure.stage}: {failure.reason}" for name, failure in failures.items()}
         self.object_ids = [name for name in members if name not in failures]
         self.categories = [first.row(name).category for name in self.object_ids]
@@ -155,24 +138,18 @@ class ObjectRows:
             self._diagonals[object_id] = bounding_diagonal(self._surfaces.view(object_id)["meshes/vertices"])
         return self._diagonals[object_id]
 
-    def read(self, array: str, object_id: str, grasp: int | None = None, camera: int | None = None) -> np.ndarray:
+    def read(
+        self,
+        array: str,
+        object_id: str,
+        grasp: int | None = None,  # or viewpoint; None for all
+        camera: int | None = None,  # None for all
+    ) -> np.ndarray:  # the remaining dimensions of the schema
         """Read an object's part of an array; the array itself if it has no object dimension.
 
-        Parameters
-        ----------
-        array, object_id
-            Names of the array and of the object.
-        grasp, camera
-            Numbers of a grasp (or viewpoint) and of a camera, whose part alone is read; None for all. Arrays without them ignore them.
-
-        Returns
-        -------
-        The remaining dimensions of the schema. Other readers share the array: copy it before changing it.
-
-        Raises
-        ------
-        StoreError
-            The array was not opened, there is no such grasp or camera, or a part of the array is missing or damaged.
+        Arrays without grasps or cameras ignore these numbers. Other readers share the array: copy it before changing
+        it. A `StoreError` says that the array was not opened, that there is no such grasp or camera, or that a part of
+        the array is missing or damaged.
         """
         if array == DIFFERENCE:
             return self._difference(object_id, grasp)

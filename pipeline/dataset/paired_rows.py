@@ -1,7 +1,5 @@
 """The same arrays of two data directories, object by object."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,12 +11,7 @@ Arrays = list[np.ndarray]
 
 
 def paired_rows(first: Path, second: Path, *arrays: str) -> Iterator[tuple[str, Arrays, Arrays]]:
-    """Read arrays, given by name, of the objects that failed in neither of two data directories.
-
-    Yields
-    ------
-    An object's id, and its arrays from the first and from the second directory.
-    """
+    """Yield the id of each object that failed in neither of two data directories, and its named arrays from each."""
     ours, theirs = (ObjectRows(data, arrays, split=None) for data in (first, second))
     for object_id in ours.object_ids:
         if object_id not in theirs.left_out:

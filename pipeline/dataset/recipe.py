@@ -4,8 +4,6 @@ A recipe is a YAML file of a few kilobytes and one line per object. It may come 
 folders that its user gives.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
@@ -45,39 +43,24 @@ _LINE = re.compile(rf"({OBJECT_ID.pattern}) ([0-9a-f]{{64}}(?:\+[0-9a-f]{{16}})?
 
 
 class StageRecipe(BaseModel):
-    """The output of a stage, and the settings, code and files that made it.
-
-    Attributes
-    ----------
-    settings
-        Those that results depend on. A hand, sensor or scene that does not come with a package is the name of a file.
-    schema_version
-        Of the artifact.
-    code
-        The hash of the stage's code.
-    files
-        The hash of the contents of its hand, sensor and scene files.
-    constants
-        The digest of the arrays without an object dimension.
-    roots
-        One digest per shard, of the digests and splits of its rows and of the constants.
-    """
+    """The output of a stage, and the settings, code and files that made it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    # those that results depend on; a hand, sensor or scene that does not come with a package is the name of a file
     settings: dict[Name, JsonValue]
-    schema_version: int
-    code: Sha256
-    files: Sha256
-    constants: Sha256
-    roots: tuple[Sha256, ...]
+    schema_version: int  # of the artifact
+    code: Sha256  # hash of the stage's code
+    files: Sha256  # hash of the contents of its hand, sensor and scene files
+    constants: Sha256  # digest of the arrays without an object dimension
+    roots: tuple[Sha256, ...]  # one digest per shard, of the digests and splits of its rows and of the constants
 
 
 class RecipeRow(NamedTuple):
-    """An object of a recipe: the hash of its source, and the digest, or its beginning, of its row in the artifact of each stage."""
+    """An object of a recipe."""
 
-    source: str
-    digests: tuple[str, ...]
+    source: str  # hash of its source
+    digests: tuple[str, ...]  # of its row in the artifact of each stage, or their beginnings
 
 
 def _with_safe_paths(manifest: Manifest) -> Manifest:
@@ -129,57 +112,32 @@ _Dumper.add_representer(
 
 
 class Recipe(BaseModel):
-    """Everything that is needed to make a dataset again.
-
-    Attributes
-    ----------
-    recipe
-        The format's version.
-    manifest
-        The objects. A folder of meshes has no path here, or the name of its folder where there are several.
-    preset
-        The preset that the settings began with: a name for readers.
-    seed
-        The root seed.
-    shards
-        Number of shards that the objects were split into; a remade dataset may have another number.
-    stages
-        By name, in their order.
-    versions
-        Versions of the libraries that results may depend on; several are separated by commas.
-    processors
-        The kinds of processors that computed rows.
-    texts
-        Hand, sensor and scene files that come with no package, and small files that these name, by their paths in one folder.
-    files
-        The SHA-256 of the others that these name: meshes, pictures.
-    files_url
-        Where these can be downloaded.
-    checksums
-        The hash of every other entry; each stage counts as one.
-    objects
-        A line per object, in order of their ids: its id, source and rows (`rows`).
-    """
+    """Everything that is needed to make a dataset again."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    recipe: Literal[1] = 1
+    recipe: Literal[1] = 1  # the format's version
+    # the objects; a folder of meshes has no path here, or the name of its folder where there are several
     manifest: Annotated[Manifest, AfterValidator(_with_safe_paths)]
-    preset: Text
-    seed: int = Field(ge=0)
-    shards: int = Field(ge=1, le=9999)
-    stages: dict[Name, StageRecipe] = Field(min_length=1, max_length=20)
+    preset: Text  # the preset that the settings began with: a name for readers
+    seed: int = Field(ge=0)  # the root seed
+    shards: int = Field(ge=1, le=9999)  # number that the objects were split into; a remade dataset may have another
+    stages: dict[Name, StageRecipe] = Field(min_length=1, max_length=20)  # by name, in their order
+    # of the libraries that results may depend on; several are separated by commas
     versions: dict[Name, Annotated[str, Field(pattern=r"^[A-Za-z0-9.+!_-]{1,60}(, [A-Za-z0-9.+!_-]{1,60})*$")]]
-    processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()
+    processors: tuple[Annotated[Text, Field(max_length=2000)], ...] = ()  # the kinds that computed rows
+    # hand, sensor and scene files that come with no package, and small files that they name, by paths in one folder
     texts: Annotated[
         dict[Annotated[str, AfterValidator(_check_text_name)], str], Field(max_length=MAX_TEXTS, exclude_if=lambda value: not value)
     ] = {}
+    # SHA-256 of the others that these name: meshes, pictures
     files: Annotated[
         dict[Annotated[str, AfterValidator(check_file_name)], Sha256], Field(max_length=10_000, exclude_if=lambda value: not value)
     ] = {}
+    # where these can be downloaded
     files_url: Annotated[str | None, Field(pattern="^https?://[!-~]{1,1000}$", exclude_if=lambda value: value is None)] = None
-    checksums: dict[Name, Sha256] = {}
-    objects: str
+    checksums: dict[Name, Sha256] = {}  # hash of every other entry; each stage counts as one
+    objects: str  # a line per object, in order of their ids: its id, source and rows (`rows`)
 
     @cached_property
     def rows(self) -> Mapping[str, RecipeRow]:
@@ -219,14 +177,7 @@ class Recipe(BaseModel):
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Read a recipe.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is no recipe, has an entry that cannot be used, or was changed since it was written; the message names
-        the file and every such entry.
-    """
+    """Read a recipe; an `InvalidInput` names the file and every entry that cannot be used, or was changed since."""
     try:
         head, _, lines = read_text(path, MAX_BYTES).replace("\r\n", "\n").partition(OBJECTS)  # as git may write it on Windows
         content = parse_yaml(head)
@@ -261,18 +212,12 @@ def object_lines(rows: Iterable[tuple[str, RecipeRow]]) -> str:
     return "".join(f"{name} {row.source} {' '.join(row.digests)}\n" for name, row in sorted(rows))
 
 
-def roots_of(rows: Mapping[str, tuple[str, str]], constants: str, shards: int) -> tuple[str, ...]:
-    """Compute the root of each shard.
-
-    Parameters
-    ----------
-    rows
-        The digest of each object's row, and its split.
-    constants
-        The digest of the arrays without an object dimension.
-    shards
-        Number of shards to compute with, whatever number they are stored in.
-    """
+def roots_of(
+    rows: Mapping[str, tuple[str, str]],  # the digest of each object's row, and its split
+    constants: str,  # digest of the arrays without an object dimension
+    shards: int,  # to compute with, whatever number they are stored in
+) -> tuple[str, ...]:
+    """Compute the root of each shard."""
     members: list[list[tuple[str, str]]] = [[] for _ in range(shards)]
     for name, (row_digest, split) in rows.items():
         members[shard_of(name, shards)].append((name, f"{row_digest} {split}"))

@@ -1,7 +1,5 @@
 """How the rows of a data directory, remade or published, differ from those of a recipe."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
@@ -15,27 +13,14 @@ from schemas.catalogue import ARTIFACTS
 
 @dataclass
 class Comparison:
-    """How a data directory differs from a recipe.
+    """How a data directory differs from a recipe."""
 
-    Attributes
-    ----------
-    compared
-        Number of rows compared.
-    differing
-        Objects by the first stage in which their row differs.
-    following
-        Number of rows of later stages that differ too.
-    absent
-        Objects without a row, by stage.
-    remarks
-        Other differences, as sentences.
-    """
-
-    compared: int = 0
+    compared: int = 0  # number of rows compared
+    # objects by the first stage in which their row differs
     differing: dict[str, list[str]] = field(default_factory=dict)
-    following: int = 0
-    absent: dict[str, list[str]] = field(default_factory=dict)
-    remarks: list[str] = field(default_factory=list)
+    following: int = 0  # number of rows of later stages that differ too
+    absent: dict[str, list[str]] = field(default_factory=dict)  # objects without a row, by stage
+    remarks: list[str] = field(default_factory=list)  # other differences, as sentences
 
     @property
     def equal(self) -> bool:
@@ -43,25 +28,12 @@ class Comparison:
         return not (self.differing or self.absent or self.remarks)
 
 
-def compare(recipe: Recipe, directory: DataDirectory, names: Collection[str] | None = None) -> Comparison:
-    """Compare the digests of a data directory's records with those of a recipe.
-
-    Parameters
-    ----------
-    recipe
-        The recipe.
-    directory
-        Remade or published data. Only its records are read: `validate` compares arrays with these.
-    names
-        The rows of these objects alone, without the roots; by default all.
-
-    Raises
-    ------
-    StoreError
-        A record cannot be read.
-    InvalidInput
-        The recipe has a stage that makes no artifact here.
-    """
+def compare(
+    recipe: Recipe,
+    directory: DataDirectory,  # remade or published; only records are read: `validate` compares arrays with these
+    names: Collection[str] | None = None,  # only the rows of these objects, without the roots; by default all
+) -> Comparison:
+    """Compare the digests of a data directory's records with those of a recipe."""
     comparison, differing_before = Comparison(), set[str]()
     selected = recipe.rows.keys() if names is None else names
     made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}

@@ -1,7 +1,5 @@
 """The grasps of a dataset as a robot or a physics engine takes them: postures from pre-grasp to squeeze, and contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,36 +14,21 @@ from pipeline.kernels.touch.sensor import Sensor
 
 @dataclass(frozen=True, eq=False)
 class StoredGrasp:
-    """A grasp.
+    """A grasp; if only the grasp is stored, all three postures are equal."""
 
-    Attributes
-    ----------
-    hand_pose
-        (4, 4) root link's frame in the world, m.
-    pregrasp, joint_angles, squeeze
-        (J,) rad (m of a joint that slides): before the fingers close, as they rest, and what motors drive to. If only the grasp is
-        stored, all three are equal.
-    contacts
-        One per sensor, None where it does not touch.
-    """
-
-    hand_pose: NDArray[np.float64]
-    pregrasp: NDArray[np.float64]
-    joint_angles: NDArray[np.float64]
-    squeeze: NDArray[np.float64]
-    contacts: Sequence[Contact | None]
+    hand_pose: NDArray[np.float64]  # (4, 4) root link's frame to world, m
+    pregrasp: NDArray[np.float64]  # (J,) rad (m of a joint that slides), before the fingers close
+    joint_angles: NDArray[np.float64]  # (J,) rad or m, as the fingers rest
+    squeeze: NDArray[np.float64]  # (J,) rad or m, what motors drive to
+    contacts: Sequence[Contact | None]  # one per sensor, None where it does not touch
 
 
-def read_grasps(grasps: Mapping[str, np.ndarray], surface: Mapping[str, np.ndarray], sensors: Sequence[Sensor]) -> list[StoredGrasp]:
-    """Read an object's grasps from its rows of `grasps` and `surfaces`; contacts are measured again.
-
-    Parameters
-    ----------
-    grasps, surface
-        The object's rows.
-    sensors
-        Those that the hand wears.
-    """
+def read_grasps(
+    grasps: Mapping[str, np.ndarray],  # the object's row
+    surface: Mapping[str, np.ndarray],  # the object's row
+    sensors: Sequence[Sensor],  # those that the hand wears
+) -> list[StoredGrasp]:
+    """Read an object's grasps from its rows of `grasps` and `surfaces`; contacts are measured again."""
     faces, stored = box_faces(read_mesh(surface).triangles), set(grasps)
     angles = grasps["joint_angles"]
     pregrasp, squeeze = (grasps[name] if name in stored else angles for name in ("pregrasp_angles", "squeeze_angles"))

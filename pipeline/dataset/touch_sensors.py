@@ -1,7 +1,5 @@
 """The sensors of a dataset's touches, as the root of its touch artifact describes them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any
 

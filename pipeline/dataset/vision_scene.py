@@ -3,8 +3,6 @@
 A separate module, so that what reads touches, and its keys, do not depend on cameras.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Process units with Dask: on worker processes of this machine, or of any cluster with a scheduler's address."""
 
-from __future__ import annotations
-
 import logging
 import pickle
 import time
@@ -37,17 +35,16 @@ BUNDLE_SECONDS = 2.0
 
 
 class Dask(Executor):
-    """Worker processes that each process one object after the other; they may come and go. None is started before the first unit.
+    """Worker processes that each process one object after the other; they may come and go.
 
-    Parameters
-    ----------
-    processes
-        Workers to start on this machine.
-    scheduler
-        The address of a running scheduler whose workers see the same files, instead.
+    None is started before the first unit.
     """
 
-    def __init__(self, processes: int = 1, scheduler: str | None = None) -> None:
+    def __init__(
+        self,
+        processes: int = 1,  # workers to start on this machine
+        scheduler: str | None = None,  # instead: the address of a running one, whose workers see the same files
+    ) -> None:
         self._count, self._scheduler = processes, scheduler
         self._tries = 1 if scheduler else TRIES  # a scheduler that is not ours has tried more than once itself
         self._client: Client | None = None
@@ -175,9 +172,10 @@ def _client_of(scheduler: str) -> Client:
 
 
 def _bundle_size(rate: float, share: float) -> int:
-    """Compute how many units a worker is sent at once, from its rate, units per second, and its share of the remaining units.
+    """Compute how many units a worker is sent at once, from its units per second and its share of those remaining.
 
-    They take some seconds, so that waiting for the next ones does not matter; fewer towards the end, so that all workers end together.
+    They take some seconds, so that waiting for the next ones does not matter; fewer towards the end, so that all
+    workers end together.
     """
     return max(1, int(min(BUNDLE_SECONDS * rate, share / 2)))
 

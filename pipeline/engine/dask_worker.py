@@ -1,7 +1,5 @@
 """Code that runs in a Dask worker: the session of one stage at a time, and one unit after the other."""
 
-from __future__ import annotations
-
 import pickle
 import signal
 import tempfile
@@ -33,10 +31,7 @@ class LocalWorker(WorkerPlugin):  # type: ignore[misc]  # which has no types
 def open_session(packed: bytes) -> Callable[[Unit], Result]:
     """Open the session of a run's pickled work, unless it is open; close that of another run.
 
-    Raises
-    ------
-    StageError
-        It cannot be opened, or this worker has other code than the sender of the work.
+    A `StageError` says that it cannot be opened, or that this worker has other code than the sender of the work.
     """
     global _opened
     if _opened is None or _opened[0] != packed:

@@ -1,7 +1,5 @@
 """Executors process the units of a plan. Their output depends neither on the executor nor on the order."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 
@@ -22,18 +20,14 @@ class Executor(ABC):
     def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
         """Process units; yield results in the order in which they finish.
 
-        Raises
-        ------
-        StageError
-            The stage's session cannot be opened: nothing is wrong with any object.
-        StoreError
-            An input is damaged.
+        A `StageError` says that the stage's session cannot be opened (nothing is wrong with any object), a `StoreError`
+        that an input is damaged.
         """
 
     def close(self, *, at_once: bool) -> None:  # noqa: B027 some have nothing to release
         """Release resources; `at_once` does not wait for units in progress."""
 
-    def __enter__(self) -> Executor:
+    def __enter__(self) -> "Executor":
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

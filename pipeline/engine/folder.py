@@ -1,7 +1,5 @@
 """Folders: a plan with one unit, which a dataset stage fills in a work folder and which is then published."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import time
@@ -32,10 +30,8 @@ _WORK = re.compile("[0-9a-f]{16}")
 def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
     """Plan a folder that a dataset stage fills.
 
-    Raises
-    ------
-    StoreError
-        No object is in the stage's splits, or all of them failed; an input has not been made, or not from the current inputs.
+    A `StoreError` says that no object is in the stage's splits, that all of them failed, or that an input has not been
+    made, or not from the current inputs.
     """
     stage: DatasetStage = request.stage
     name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
@@ -67,7 +63,7 @@ def _objects(plan: Plan[FolderOutput]) -> list[str]:
 
 
 def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
-    """Refuse a manifest whose splits have changed since the objects were made: training selects objects by the stored splits."""
+    """Refuse a manifest whose splits changed since the objects were made: training selects by the stored splits."""
     splits, manifest_splits = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
     for collection in plan.inputs:
         for object_id in collection:

@@ -1,7 +1,5 @@
 """Keys: one hash of the inputs, settings, code and seed that an output depends on."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 from collections.abc import Iterable
@@ -33,12 +31,9 @@ def code_hash(stage: object) -> str:
 
 @cache
 def sources_hash(module: str) -> str:
-    """Hash a module, ours or a plugin's, and its direct and indirect imports of ours and of its own package; `RANDOM_STREAMS` too.
+    """Hash a module, ours or a plugin's, with its direct and indirect imports of ours and of its own package.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        There is no module of this name.
+    `RANDOM_STREAMS` is hashed too.
     """
     spec = util.find_spec(module)
     if spec is None or spec.origin is None:
@@ -114,13 +109,7 @@ def assets_digest(paths: Iterable[Path]) -> str:
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe an object's source for its key: by the content of its files, or the code that makes it.
-
-    Raises
-    ------
-    InvalidInput, OSError
-        A file cannot be read or used.
-    """
+    """Describe an object's source for its key: by the content of its files, or the code that makes it."""
     maker = {"maker": sources_hash(f"{TOY_OBJECTS}.{source['procedural']}")} if "procedural" in source else {}
     return {**fingerprint(source), **maker}
 

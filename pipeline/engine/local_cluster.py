@@ -1,7 +1,5 @@
 """A Dask scheduler and workers on this machine, which its other users can neither reach nor read."""
 
-from __future__ import annotations
-
 import logging
 import multiprocessing
 import os
@@ -61,13 +59,7 @@ def _at_any_time(arguments: dict[str, Any]) -> dict[str, Any]:
 
 
 def start_workers(processes: int) -> Client:
-    """Start a scheduler in this process, and workers, and connect to them; try once more if one is killed while it starts.
-
-    Raises
-    ------
-    StageError
-        They cannot be started.
-    """
+    """Start a scheduler in this process, and workers, and connect to them; try again if one is killed as it starts."""
     try:
         with suppress(RuntimeError):
             return _start(processes)

@@ -1,7 +1,5 @@
 """Plans: the units of one output, a shard or a folder, determined before anything is computed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -28,27 +26,7 @@ Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
 
 @dataclass(frozen=True)
 class Request(Generic[S]):
-    """The parameters of a run.
-
-    Attributes
-    ----------
-    shards
-        Number of shards that the objects are split into; None takes the dataset's number, or 1.
-    executor
-        What processes objects.
-    strict
-        Stop at the first object that fails in this stage.
-    retry
-        Try objects again that failed in this stage.
-    check
-        Read the published output, and make damaged rows again.
-    only
-        Process this object alone.
-    folder
-        The folder to fill, instead of a dataset stage's default.
-    options
-        Options that named the objects, for the record.
-    """
+    """The parameters of a run."""
 
     stage: S
     settings: Settings
@@ -57,71 +35,55 @@ class Request(Generic[S]):
     preset: str
     seed: int
     data: Place
-    shards: int | None = None
-    executor: Executor = field(default_factory=Serial)
-    strict: bool = False
-    retry: bool = False
-    check: bool = False
-    only: str | None = None
-    folder: str | None = None
-    options: Mapping[str, str] = field(default_factory=dict)
+    shards: int | None = None  # number of shards that the objects are split into; None takes the dataset's number, or 1
+    executor: Executor = field(default_factory=Serial)  # what processes objects
+    strict: bool = False  # stop at the first object that fails in this stage
+    retry: bool = False  # try objects again that failed in this stage
+    check: bool = False  # read the published output, and make damaged rows again
+    only: str | None = None  # process this object alone
+    folder: str | None = None  # the folder to fill, instead of a dataset stage's default
+    options: Mapping[str, str] = field(default_factory=dict)  # options that named the objects, for the record
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """An estimate of a run: `missing` of `total` objects to process, the seconds it takes, and the kilobytes that it writes.
+    """An estimate of a run.
 
-    If it is not `up_to_date` and no object is missing, a run publishes finished rows, or removes a shard without objects.
-    `failed` and `failed_before` count the objects of an output that is up to date that failed, here and in earlier stages.
+    If it is not `up_to_date` and no object is missing, a run publishes finished rows, or removes a shard without
+    objects.
     """
 
-    missing: int
+    missing: int  # objects to process
     total: int
-    seconds: float
-    kilobytes: float
+    seconds: float  # that it takes
+    kilobytes: float  # that it writes
     up_to_date: bool = False
-    failed: int = 0
-    failed_before: int = 0
+    failed: int = 0  # objects that failed in this stage, if the output is up to date
+    failed_before: int = 0  # those that failed in earlier stages
 
 
 @dataclass(frozen=True)
 class Summary:
-    """A summary of a run: the objects that were made, without those that failed, and the seconds for all.
+    """A summary of a run."""
 
-    The new rows are `held_back` if published rows of the shard must be made again first.
-    """
-
-    made: int = 0
-    seconds: float = 0.0
-    held_back: bool = False
+    made: int = 0  # objects, without those that failed
+    seconds: float = 0.0  # for all objects
+    held_back: bool = False  # whether published rows of the shard must be made again before the new ones are published
 
 
 class Plan(Generic[Output]):
-    """The plan of one output, from the current state of the data directory.
-
-    Attributes
-    ----------
-    output
-        The shard or folder, with what is published of it.
-    path
-        The path of the output, as messages name it.
-    units
-        The objects' rows that a shard will consist of, or one folder.
-    total
-        Number of objects that the output is made from; of a folder, those that have not failed.
-    missing
-        The objects of the manifest that a shard will lack, because `only` asks for another one and they have not been made yet.
-    """
+    """The plan of one output, from the current state of the data directory."""
 
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
-        self.path: Place = output.path
+        self.path: Place = output.path  # as messages name the output
         self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
         self.schema = list(schema)
-        self.units: list[Unit] = []
-        self.key, self.total = "", 0
+        self.units: list[Unit] = []  # the objects' rows that a shard will consist of, or one folder
+        self.key, self.total = "", 0  # total: objects that the output is made from; of a folder, without failed ones
+        # objects of the manifest that a shard will lack: `only` asks for another one, and they have not been made yet
         self.missing: tuple[str, ...] = ()
 
     def up_to_date(self) -> bool:

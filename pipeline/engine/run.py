@@ -1,7 +1,5 @@
 """Run a stage: reuse what is up to date, make what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -23,13 +21,10 @@ from pipeline.store.storage import NO_ROOM, Place, is_machine_fault
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
-    """Plan a stage: one plan per shard, or only that of `shard` or of the requested object; a dataset stage has one plan.
+    """Plan a stage: one plan per shard, or only `shard`'s or the requested object's; a dataset stage has one plan.
 
-    Raises
-    ------
-    StoreError
-        The dataset is split into another number of shards, an input is missing or was made from other inputs, or the requested object is
-        in another shard than `shard`.
+    A `StoreError` says that the dataset is split into another number of shards, that an input is missing or was made
+    from other inputs, or that the requested object is in another shard than `shard`.
     """
     if isinstance(request.stage, DatasetStage):
         yield plan_folder(request)
@@ -55,13 +50,7 @@ def _selected_shards(request: Request[Any], directory: DataDirectory, shard: int
 
 
 def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
-    """Estimate a run, output by output; if an input has not been made yet, by the stage's own estimate.
-
-    Raises
-    ------
-    StoreError
-        The dataset is split into another number of shards, or the requested object is in another shard than `shard`.
-    """
+    """Estimate a run, output by output; if an input has not been made yet, by the stage's own estimate."""
     if isinstance(request.stage, DatasetStage):
         yield _forecast_output(request, request.objects, lambda: plan_folder(request))
         return
@@ -85,17 +74,10 @@ def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan
 def run(plan: Plan[Any], console: Console) -> Summary:
     """Make what a plan lacks. A run that is killed at any moment continues where it stopped when it is run again.
 
-    Raises
-    ------
-    InvalidInput
-        With `strict`, at the first object that fails in this stage, or failed in it before.
-    StageError
-        The stage cannot work here, or a hand, sensor or scene file cannot be used.
-    StoreError
-        Another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full disk,
-        a directory that may not be written to).
-    BugFound
-        Processing an object raised an unexpected exception.
+    An `InvalidInput` ends it at the first object that fails in this stage, or failed in it before, if `strict`; a
+    `StageError`, if the stage cannot work here, or a hand, sensor or scene file cannot be used; a `StoreError`, if
+    another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full
+    disk, a directory that may not be written to); a `BugFound`, if processing an object raised an unexpected exception.
     """
     try:
         with exclusive_lock(plan.output.lock, plan.path):

@@ -1,7 +1,5 @@
 """The session in which a process works through the units of a run."""
 
-from __future__ import annotations
-
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
@@ -28,13 +26,13 @@ MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retr
 
 @dataclass(frozen=True)
 class Work:
-    """Hold what the processes of a run share; `models` are digests by name, `assets` that of the data files when the run was planned."""
+    """What the processes of a run share."""
 
     stage: ObjectStage
     settings: ObjectSettings
     data: Place
-    models: Mapping[str, str]
-    assets: str
+    models: Mapping[str, str]  # digests by name
+    assets: str  # digest of the data files when the run was planned
 
     def rows(self) -> RowFiles:
         """Return the row files that wait to be published."""
@@ -45,12 +43,8 @@ class Work:
 def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
     """Open what a stage keeps between objects; yield a function that processes a unit and saves its row or failure.
 
-    Raises
-    ------
-    StageError
-        It cannot be opened, or its data files are not those of the plan: nothing is wrong with any object.
-    StoreError
-        An input is damaged.
+    A `StageError` says that it cannot be opened, or that its data files are not those of the plan (nothing is wrong
+    with any object); a `StoreError`, that an input is damaged.
     """
     directory, rows, kind = DataDirectory(work.data), work.rows(), processor_kind(processor())
     with ExitStack() as stack:
@@ -87,7 +81,10 @@ def session(work: Work) -> Iterator[Callable[[Unit], Result]]:
 
 
 def check_assets(stage: ObjectStage, settings: Settings, planned: str) -> None:
-    """Raise a `StageError` if a hand, sensor or scene file is no longer the planned one: keys would name a file that made nothing."""
+    """Raise a `StageError` if a hand, sensor or scene file is no longer the planned one.
+
+    Otherwise keys would name a file that made nothing.
+    """
     with suppress(InvalidInput, OSError):  # it was removed, or cannot be used any more
         if keys.assets_digest(stage.assets(settings)) == planned:
             return
@@ -111,13 +108,7 @@ def _cannot_start(stage: ObjectStage, error: Exception) -> StageError:
 
 
 def verified_inputs(unit: Unit, collections: list[Collection]) -> dict[str, RowView]:
-    """Read a unit's rows of the inputs, by artifact, and verify that they are those that the plan was made with.
-
-    Raises
-    ------
-    StoreError
-        An input is damaged, or was replaced since.
-    """
+    """Read a unit's rows of the inputs, by artifact; a `StoreError` says that one is damaged, or was replaced since."""
     views: dict[str, RowView] = {}
     for collection in collections:
         name = collection.artifact.name

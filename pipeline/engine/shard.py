@@ -1,7 +1,5 @@
 """Shards: a plan with a unit per object, made by an executor, then published as one group."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -35,14 +33,9 @@ from pipeline.store.storage import exists
 def plan_shard(request: Request[Any], directory: DataDirectory, number: int, shards: int) -> Plan[ShardOutput]:
     """Plan a shard of an object stage; with `only`, of this object and those that are already published.
 
-    All plans of a run share a directory: the records of inputs are read once.
-
-    Raises
-    ------
-    StoreError
-        An input has not been made, or was not made from the current inputs.
-    InvalidInput
-        The shard is of another manifest, with objects that this one lacks.
+    All plans of a run share a directory: the records of inputs are read once. A `StoreError` says that an input has not
+    been made, or not from the current inputs; an `InvalidInput`, that the shard is of another manifest, with objects
+    that this one lacks.
     """
     stage: ObjectStage = request.stage
     output = ShardOutput(directory, stage.output, number, shards)
@@ -121,8 +114,8 @@ def forecast_shard(plan: Plan[ShardOutput]) -> Forecast:
 def make_shard(plan: Plan[ShardOutput], console: Console) -> Summary:
     """Process pending units, then publish.
 
-    With `only`, nothing is published if readers would lose a row that must be made again first, or that cannot be read. A shard without
-    objects is withdrawn.
+    With `only`, nothing is published if readers would lose a row that must be made again first, or that cannot be read.
+    A shard without objects is withdrawn.
     """
     plan.directory.set_shard_count(plan.output.shards)
     _check_shared_objects(plan)

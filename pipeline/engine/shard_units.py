@@ -1,7 +1,5 @@
 """The state of a shard's units: which are finished, published, pending or failed."""
 
-from __future__ import annotations
-
 from pipeline.engine.plan import Plan
 from pipeline.engine.unit import Unit
 from pipeline.store.publish import ShardOutput

@@ -1,7 +1,5 @@
 """Base classes of stages, and the types that pass between a stage and the engine."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -124,10 +122,11 @@ class ObjectStage(Stage):
 
 @dataclass(frozen=True)
 class DatasetJob:
-    """Hold the job of a dataset stage: what to read, and the folder to fill.
+    """The job of a dataset stage: what to read, and the folder to fill.
 
-    Once published, the folder is `name` below `data`. It may hold files of a killed run, which the stage may continue. Hidden files in it
-    are kept until it is finished, then removed. Random numbers are keyed by `seed` and names, as `numpy_rng` takes them.
+    Once published, the folder is `name` below `data`. It may hold files of a killed run, which the stage may continue.
+    Hidden files in it are kept until it is finished, then removed. Random numbers are keyed by `seed` and names, as
+    `numpy_rng` takes them.
     """
 
     data: Place
@@ -140,11 +139,9 @@ class DatasetJob:
 
 
 class DatasetStage(Stage):
-    """A stage that reads the whole dataset and fills one folder: a trained model, an evaluation.
-    `trains` says whether it is a training.
-    """
+    """A stage that reads the whole dataset and fills one folder: a trained model, an evaluation."""
 
-    trains: ClassVar[bool] = False
+    trains: ClassVar[bool] = False  # whether it is a training
 
     @abstractmethod
     def splits(self, settings: Any) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """Trade-offs between speed and accuracy, which a stage declares beside its settings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,29 +11,17 @@ Changes = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Trade:
-    """The settings of a stage that are worth varying, and how their error is measured.
+    """The settings of a stage that are worth varying, and how their error is measured."""
 
-    Attributes
-    ----------
-    metric, unit
-        What the error is, and its unit: "mm", "um" (micrometres), "%" or another.
-    candidates
-        Settings to measure, beside the user's own and those of the presets. Each takes time: choose few.
-    errors
-        (data, reference) -> error by object, `unit`: compares the output of a candidate with that of the reference; both are data
-        directories, the same one where there is no reference.
-    reference
-        The finest settings, which the others are compared with; None where the truth is known or nothing is compared.
-    trials
-        data -> the number of trials per object of which the error is a share; None if it is no share.
-    evaluated_by
-        A stage to run on the output before errors can be read.
-    """
-
-    metric: str
-    unit: str
+    metric: str  # what the error is
+    unit: str  # its unit: "mm", "um" (micrometres), "%" or another
+    # measured beside the user's own settings and those of the presets; each takes time: choose few
     candidates: tuple[Changes, ...]
+    # (data, reference) -> error by object, `unit`: compares the output of a candidate with that of the reference; both are
+    # data directories, the same one where there is no reference
     errors: Callable[[Path, Path], Mapping[str, float]]
+    # the finest settings, which others are compared with; None where the truth is known or nothing is compared
     reference: Changes | None = None
+    # data -> number of trials per object of which the error is a share; None if it is no share
     trials: Callable[[Path], int] | None = None
-    evaluated_by: str | None = None
+    evaluated_by: str | None = None  # a stage to run on the output before errors can be read

@@ -1,7 +1,5 @@
 """Units of work: objects' rows and folders."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,32 +12,16 @@ from pipeline.store.record import Failure
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit of work: an object's row, or a folder.
+    """A unit of work: an object's row, or a folder."""
 
-    Attributes
-    ----------
-    name
-        The object's id, or the folder's name.
-    key
-        The hash of everything that it depends on.
-    inputs
-        The digests of its inputs, by artifact.
-    seed
-        The root seed.
-    category, split, source
-        Of an object, as in the manifest.
-    failure
-        The reason why it cannot be processed: an input failed, or its file cannot be read.
-    """
-
-    name: str
-    key: str = ""
-    inputs: dict[str, str] = field(default_factory=dict)
-    seed: int = 0
-    category: str = ""
+    name: str  # the object's id, or the folder's name
+    key: str = ""  # hash of everything that it depends on
+    inputs: dict[str, str] = field(default_factory=dict)  # digests of its inputs, by artifact
+    seed: int = 0  # the root seed
+    category: str = ""  # of an object, as in the manifest; so are `split` and `source`
     split: str = ""
     source: Mapping[str, Any] = field(default_factory=dict)
-    failure: Failure | None = None
+    failure: Failure | None = None  # why it cannot be processed: an input failed, or its file cannot be read
 
     def rng(self, *identity: str | int) -> np.random.Generator:
         """Make a random generator for this object and the given names (stage, attempt, …)."""

@@ -1,7 +1,5 @@
 """Versions of libraries and properties of the processor, which results depend on and every output records."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import platform
 import sys
@@ -26,16 +24,10 @@ def library_versions() -> dict[str, str]:
 
 
 def processor() -> dict[str, Any]:
-    """Describe the processor as far as results depend on it.
+    """Describe the processor as far as results depend on it: `machine`, `model`, instruction sets of `numpy`, `torch`.
 
-    Returns
-    -------
-    `machine`, `model`, and the instruction sets that are used by `numpy` (a list) and, where it is imported already, by `torch`.
-
-    Notes
-    -----
-    Surfaces, grasps, images and touches are the same on every processor with FMA. Training and charts are not: BLAS and torch choose their
-    kernels by processor.
+    Those of torch are given where it is imported already. Surfaces, grasps, images and touches are the same on every
+    processor with FMA. Training and charts are not: BLAS and torch choose their kernels by processor.
     """
     config: Any = np.show_config(mode="dicts")
     simd = config["SIMD Extensions"]

@@ -1,7 +1,5 @@
 """Publish files and folders atomically: by renaming on a disk, by conditional puts in object storage."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -63,12 +61,8 @@ def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> No
 def atomic_writes(folder: Place) -> Iterator[Path]:
     """Yield an empty local folder to write files in; at the end each file is moved into `folder` atomically.
 
-    `folder` may be a symbolic link; links below it are refused. Files of a killed writer are removed. A failed one leaves no empty folder.
-
-    Raises
-    ------
-    StoreError
-        A path below the folder is a symbolic link, or another run is writing into the folder.
+    `folder` may be a symbolic link; links below it are refused. Files of a killed writer are removed. A failed one
+    leaves no empty folder.
     """
     if not isinstance(folder, Path):
         with local_copy(folder, begin=False) as local, name_in_errors(local):
@@ -127,28 +121,15 @@ def version_of(path: Place) -> str | None:
         return None
 
 
-def replace_version(path: Place, content: bytes, version: str | None) -> bool:
-    """Replace a file atomically; in object storage, only if no other process has written it.
+def replace_version(
+    path: Place,
+    content: bytes,
+    version: str | None,  # the current one, of `version_of`; ignored on a disk
+) -> bool:
+    """Replace a file atomically, in object storage only if nobody else has written it; say whether it has the content.
 
-    The response to a put may be lost, and its retry refused because the first one succeeded: the content is compared afterwards.
-
-    Parameters
-    ----------
-    path
-        The file.
-    content
-        Its new content.
-    version
-        Its current version (`version_of`); ignored on a disk.
-
-    Returns
-    -------
-    Whether the file has that content now.
-
-    Raises
-    ------
-    StoreError
-        No put succeeds, though no other process has written the file.
+    The response to a put may be lost, and its retry refused because the first one succeeded: the content is compared
+    afterwards.
     """
     if isinstance(path, Path):
         write_atomically(path, content)
@@ -204,10 +185,9 @@ def flush_folder(folder: Path) -> None:
 
 
 def move_folder(source: Path, target: Place) -> None:
-    """Move a local folder to its published path, and replace what is there.
+    """Move a local folder to its published path, and replace what is there; on a disk, the source is gone afterwards.
 
-    That may be what a killed run left, or the same rows, computed before: readers see it until it is replaced. On a disk, the source is
-    gone afterwards.
+    The target may be what a killed run left, or the same rows, computed before: readers see it until it is replaced.
     """
     if not isinstance(target, Path):
         names = files_below(source).keys()
@@ -242,15 +222,10 @@ def _move_to_other_disk(source: Path, target: Path) -> None:
 
 @contextmanager
 def exclusive_lock(lock: Place, what: Place) -> Iterator[None]:
-    """Hold a lock; the system releases it however its holder ends.
+    """Hold a lock, or raise a `StoreError` if another run holds it; the system releases it however its holder ends.
 
-    Object storage has no locks: there, only runs on the same machine exclude each other. Of two others that compute the same output, one
-    publishes first, and both have written the same.
-
-    Raises
-    ------
-    StoreError
-        Another run holds it.
+    Object storage has no locks: there, only runs on the same machine exclude each other. Of two others that compute the
+    same output, one publishes first, and both have written the same.
     """
     lock_file = lock if isinstance(lock, Path) else cache_of(lock)
     lock_file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,5 @@
 """All shards of an artifact as one collection of objects, however many shards there are."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -34,13 +32,7 @@ class Collection:
         return len(self._shard_of)
 
     def shard(self, object_id: str) -> Shard:
-        """Find the shard that holds an object.
-
-        Raises
-        ------
-        StoreError
-            No shard holds it.
-        """
+        """Find the shard that holds an object; raise a `StoreError` if none does."""
         try:
             return self._shard_of[object_id]
         except KeyError:
@@ -76,12 +68,10 @@ class Collection:
 
     @cached_property
     def first(self) -> Shard:
-        """Return the first shard with a row: others lack sizes. Settings, attributes and constants are the same in all shards.
+        """Return the first shard with a row: others lack sizes.
 
-        Raises
-        ------
-        StoreError
-            No shard is published, or settings, seed, models or constants differ between shards.
+        Settings, attributes and constants are the same in all shards: a `StoreError` says that they differ, or that
+        none is published.
         """
         if not self.shards:
             raise StoreError(self._not_made)

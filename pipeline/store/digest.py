@@ -1,7 +1,5 @@
 """Digests: hashes of computed content, which timings, versions, shards and workers do not change."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Data directories: the paths of shards, folders and records, and whether each was made from the current inputs."""
 
-from __future__ import annotations
-
 import fnmatch
 import re
 import shlex
@@ -102,10 +100,7 @@ class DataDirectory:
     def check_shard_count(self, count: int | None) -> int:
         """Return the dataset's number of shards; before the first run the requested one, or 1.
 
-        Raises
-        ------
-        StoreError
-            The dataset has another number of shards than requested.
+        Raise a `StoreError` if the dataset has another number than requested.
         """
         current = self.shards()
         if current is not None and count not in (None, current):
@@ -188,12 +183,9 @@ class DataDirectory:
         return _differences(name, self.folder(name), folder, folder)
 
     def verified_folder(self, name: str) -> Path:
-        """Return the folder that a record names, or a local copy if it is in object storage, after checking its files.
+        """Return the folder that a record names, or a local copy if it is in object storage.
 
-        Raises
-        ------
-        StoreError
-            A file of it is missing or was changed.
+        Raise a `StoreError` if one of its files is missing or was changed.
         """
         record, folder = self.folder(name), self.folder_path(name)
         local = folder if isinstance(folder, Path) else cache_of(folder)

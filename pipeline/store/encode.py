@@ -4,8 +4,6 @@ The codecs are those that `spec.py` declares: Blosc (zstd of shuffled bytes), cr
 the process that computed it; publishing concatenates chunks.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Find and remove what no record names: groups and folders that were replaced, and what killed runs left."""
 
-from __future__ import annotations
-
 import fnmatch
 import math
 import os
@@ -32,10 +30,10 @@ _UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")
 
 
 def unreferenced(directory: DataDirectory, folder: Place, older_than: float = -math.inf) -> Iterator[Place]:
-    """Find the groups and folders directly in a folder that no record names, and unfinished files; all other names are the user's.
+    """Find the groups and folders directly in a folder that no record names, and unfinished files.
 
-    Only those are found that were replaced or written more than `older_than` seconds ago; the records of others are not read, so that a
-    publication among thousands of shards reads few of them.
+    All other names are the user's. Only those are found that were replaced or written more than `older_than` seconds
+    ago; the records of others are not read, so that a publication among thousands of shards reads few of them.
     """
     versions: dict[str, list[str]] = {}  # by the name of their record
     for name, is_folder in sorted(list_folder(folder).items()):
@@ -72,13 +70,9 @@ def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:
 
 
 def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
-    """Remove what no record of a folder names, if it was replaced or written more than `older_than` seconds ago.
+    """Remove and return what no record of a folder names and was replaced or written more than `older_than` s ago.
 
     If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
-
-    Returns
-    -------
-    What was removed.
     """
     if _link_to(directory, folder):
         return []

@@ -1,7 +1,5 @@
 """Copies of folders in object storage on this machine's disk."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,15 +18,9 @@ SECONDS = 30.0
 def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
     """Yield a local folder to work in: `folder` itself if it is on a disk, else a copy.
 
-    Parameters
-    ----------
-    folder
-        On a disk, or in object storage.
-    begin
-        Start with the files of `folder`, and keep the copy for the next run; else the copy starts empty and is removed at the end.
-    send
-        Send files to `folder` as they change, so that a killed run can continue, on another machine too. A run that ends without an
-        error has published its files: they are not sent again.
+    If `begin`, the copy starts with the files of `folder`, and is kept for the next run; else it starts empty and is
+    removed at the end. If `send`, files are sent to `folder` as they change, so that a killed run can continue, on
+    another machine too. A run that ends without an error has published its files: they are not sent again.
     """
     if isinstance(folder, Path):
         folder.mkdir(parents=True, exist_ok=True)

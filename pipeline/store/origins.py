@@ -1,7 +1,5 @@
 """Check that artifacts and folders of a data directory were made from the current inputs."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 
 from pipeline.errors import StoreError
@@ -12,20 +10,9 @@ from schemas.catalogue import ARTIFACTS
 def check_origins(directory: DataDirectory, names: Iterable[str], objects: Container[str] | None = None) -> None:
     """Check that artifacts and folders, and all that they were made from, were made from the current inputs.
 
-    Parameters
-    ----------
-    directory
-        The data directory.
-    names
-        Of artifacts and folders.
-    objects
-        Check the rows of these objects alone: their shards may be remade before others. By default, of all, which must belong together.
-
-    Raises
-    ------
-    StoreError
-        One was made from something else, has other splits, or shards that were made with different settings; the message names both, and
-        what to run again.
+    With `objects`, check the rows of these alone: their shards may be remade before others. By default check all, which
+    must belong together. A `StoreError` names what was made from something else, has other splits, or has shards that
+    were made with different settings, and what to run again.
     """
     checked: set[str] = set()
     waiting = list(names)

@@ -1,7 +1,5 @@
 """Publish outputs: each version of a shard or folder is written under a new name, then named by its record."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -25,16 +23,8 @@ from schemas.base import Artifact
 class ShardOutput:
     """A shard of an artifact: its paths, its published version, and the rows that wait to be published.
 
-    Attributes
-    ----------
-    path
-        The record's path without its suffix, as messages name the shard.
-    lock
-        The lock file of the run that makes the shard.
-    shard
-        The published shard; None if there is none, or it cannot be used.
-    record
-        Its record.
+    `path` is the record's without its suffix, as messages name the shard; a run holds `lock` while it makes the shard.
+    `shard` and its `record` are None if none is published, or it cannot be used.
     """
 
     def __init__(self, directory: DataDirectory, artifact: Artifact, number: int, shards: int) -> None:
@@ -69,14 +59,10 @@ class ShardOutput:
         constants: Row,
         attributes: Mapping[str, Any],
     ) -> Place:
-        """Write the group of the record's rows, then publish the record with the group's name; return the group's path.
+        """Write the group of the record's rows, and publish the record with the group's name; return the group's path.
 
-        Parameters are those of `write_group`, except `record`, whose location is filled in.
-
-        Raises
-        ------
-        StoreError
-            A row is damaged, the group cannot be written as its schema says, or, in object storage, another run has published meanwhile.
+        Parameters are those of `write_group`, except `record`, whose location is filled in. In object storage, a
+        `StoreError` says that another run has published meanwhile.
         """
         location = versioned(self.name, [record.key, [row.digest for row in record.rows]]) + ".zarr"
         path, version = self.path.with_name(location), version_of(self.record_path)
@@ -94,14 +80,8 @@ class ShardOutput:
 class FolderOutput:
     """A folder that a dataset stage fills: its paths and its published version.
 
-    Attributes
-    ----------
-    path
-        The folder's name without its version.
-    lock
-        The lock file of the run that fills the folder.
-    record
-        Of the published folder; None if there is none.
+    `path` has no version in its name; a run holds `lock` while it fills the folder; `record` is None if none is
+    published.
     """
 
     def __init__(self, directory: DataDirectory, name: str) -> None:
@@ -129,12 +109,9 @@ class FolderOutput:
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
     def commit(self, filled: Path, record: FolderRecord) -> Place:
-        """Move a finished folder to its versioned name, unless a killed run has, and publish its record; return the folder's path.
+        """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path.
 
-        Raises
-        ------
-        StoreError
-            In object storage: another run has published something meanwhile.
+        In object storage, a `StoreError` says that another run has published something meanwhile.
         """
         path, version = self.target(record), version_of(self.record_path)
         unmoved = filled if record.files.keys() <= files_below(filled).keys() else None

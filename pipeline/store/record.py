@@ -3,8 +3,6 @@
 A record is replaced atomically. What no record names is garbage.
 """
 
-from __future__ import annotations
-
 import json
 import operator
 from collections.abc import Mapping
@@ -48,62 +46,35 @@ class Failure(Stored):
 
 
 class Provenance(Stored):
-    """What was made, by which stage, from what.
-
-    Attributes
-    ----------
-    format
-        Of the record.
-    location
-        The Zarr group or folder beside the record.
-    key
-        The hash of everything that the content depends on.
-    settings, speed_settings
-        The settings that results depend on, and those that they do not depend on.
-    models
-        The digest of every trained model that was read, by name.
-    options
-        Command-line options that selected the objects, as given, where the manifest's name is not enough. Left out of the file if there
-        are none.
-    processor
-        Properties of the processor: training and charts may differ in their last bits between processors.
-    """
+    """What was made, by which stage, from what."""
 
     format: Literal[2] = FORMAT
-    location: Name
+    location: Name  # the Zarr group or folder beside the record
     stage: Text
-    key: Sha256
-    settings: dict[str, Any]
-    speed_settings: dict[str, Any]
+    key: Sha256  # hash of everything that the content depends on
+    settings: dict[str, Any]  # those that results depend on
+    speed_settings: dict[str, Any]  # those that they do not depend on
     preset: Text
     seed: int
     manifest: Text
+    # command-line options that selected the objects, as given, if the manifest's name does not; not in the file if empty
     options: dict[ObjectOption, Text] = Field({}, exclude_if=operator.not_)
-    models: dict[RelativePath, Sha256]
+    models: dict[RelativePath, Sha256]  # digest of each trained model that was read, by name
     versions: dict[str, str]
-    processor: dict[str, Any]
+    processor: dict[str, Any]  # its properties: training and charts may differ in their last bits between processors
 
 
 class RowRecord(Stored):
-    """One object of a shard.
-
-    Attributes
-    ----------
-    inputs
-        The digests of the rows it was made from, by artifact.
-    seconds
-        Time that it took.
-    processor
-        The kind of processor that computed it (`processor_kind`): workers of one run may differ. Empty where nothing was computed.
-    """
+    """One object of a shard."""
 
     object_id: Name
     category: Text
     split: Text
     key: Sha256
     digest: Sha256
-    inputs: dict[str, Sha256]
-    seconds: float
+    inputs: dict[str, Sha256]  # digests of the rows it was made from, by artifact
+    seconds: float  # time that it took
+    # the kind that computed it (`processor_kind`): workers of one run may differ; empty where nothing was computed
     processor: str = ""
     failure: Failure | None = None
 
@@ -114,25 +85,15 @@ class RowRecord(Stored):
 
 
 class ShardRecord(Provenance):
-    """The record of a shard.
-
-    Attributes
-    ----------
-    rows
-        In order.
-    missing
-        Objects of the manifest that belong to the shard and have not been made yet: runs with `--object` named others. Left out of the
-        file if there are none, so that versions without it read records of complete shards.
-    constants_digest
-        The digest of the arrays without an object dimension.
-    metadata
-        The SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root.
-    """
+    """The record of a shard."""
 
     schema_version: int
-    rows: tuple[RowRecord, ...]
+    rows: tuple[RowRecord, ...]  # in order
+    # objects of the manifest that belong to the shard and have not been made yet: runs with `--object` named others;
+    # not in the file if empty, so that versions without it read records of complete shards
     missing: tuple[Name, ...] = Field((), exclude_if=operator.not_)
-    constants_digest: Sha256
+    constants_digest: Sha256  # of the arrays without an object dimension
+    # SHA-256 of the `zarr.json` of the group itself, under the empty name, and of each array at its root
     metadata: dict[str, Sha256]
 
     def processor_of(self, row: RowRecord) -> str:
@@ -141,17 +102,13 @@ class ShardRecord(Provenance):
 
 
 class FolderRecord(Provenance):
-    """The record of a folder that a dataset stage filled.
-
-    `inputs` are digests of the artifacts' rows of these `splits`, `facts` the figures that the stage reports, `files` the SHA-256 of
-    every file that counts.
-    """
+    """The record of a folder that a dataset stage filled."""
 
     splits: tuple[str, ...]
-    inputs: dict[Name, Sha256]
-    facts: dict[str, Any]
+    inputs: dict[Name, Sha256]  # digests of the artifacts' rows of these splits
+    facts: dict[str, Any]  # figures that the stage reports
     seconds: float
-    files: dict[RelativePath, Sha256]
+    files: dict[RelativePath, Sha256]  # SHA-256 of every file that counts
 
     def digest(self) -> str:
         """Compute the digest of the files: equal wherever the same was computed."""
@@ -179,10 +136,7 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
     """Read a record of a type; `maker` is what the error message says to run if there is none.
 
-    Raises
-    ------
-    StoreError
-        There is none, it is damaged, or another version of this project wrote it.
+    Raise a `StoreError` if there is none, it is damaged, or another version of this project wrote it.
     """
     content = read_content(path, maker)
     try:

@@ -1,7 +1,5 @@
 """Split the objects of a data directory into another number of shards."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -35,16 +33,11 @@ def shard_key(
 
 
 def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
-    """Write every artifact's rows into another number of shards, then publish all of them at once; yield the path of each group.
+    """Write every artifact's rows into another number of shards, then publish all at once; yield each group's path.
 
-    Nothing is computed. If it is killed before its end, readers see no change. No shard is locked: a stage that publishes meanwhile is
-    detected at the end, and one that publishes later finds another number of shards, and keeps its rows for the next run.
-
-    Raises
-    ------
-    StoreError
-        There is nothing to split, a run is at work or has published meanwhile, shards were made with different settings, or nothing can
-        be written.
+    Nothing is computed. If it is killed before its end, readers see no change. No shard is locked: a stage that
+    publishes meanwhile is detected at the end (a `StoreError`), and one that publishes later finds another number of
+    shards, and keeps its rows for the next run.
     """
     if directory.shards() is None:
         raise StoreError(f"{directory.root} holds no shards; `vt-pipeline run` makes some")

@@ -4,8 +4,6 @@ A file holds the row's chunks, one after the other, then a footer: the `Result` 
 truncated file has no footer.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,28 +35,16 @@ class EncodedArray(Stored):
 
 
 class Result(Stored):
-    """The result of a unit: a row in a file, a `failure`, or a `bug` (its traceback).
+    """The result of a unit: a row in a file, a `failure`, or a `bug` (its traceback)."""
 
-    Attributes
-    ----------
-    name, key
-        Of the unit.
-    digest
-        Of the row and the object's category, or of the failure.
-    seconds, processor
-        Time that it took, and the kind of processor that computed it.
-    arrays
-        The row's arrays, in the order of their chunks in the file.
-    """
-
-    name: str
+    name: str  # of the unit, as `key`
     key: str
-    digest: str = ""
-    seconds: float = 0.0
-    processor: str = ""
+    digest: str = ""  # of the row and the object's category, or of the failure
+    seconds: float = 0.0  # time that it took
+    processor: str = ""  # the kind that computed it
     failure: Failure | None = None
     bug: str | None = None
-    arrays: dict[str, EncodedArray] = Field(default={})
+    arrays: dict[str, EncodedArray] = Field(default={})  # the row's, in the order of their chunks in the file
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -80,20 +66,10 @@ class RowFiles:
         return self.folder / name / f"{key}.row"
 
     def save(self, result: Result, row: Row, category: str = "") -> Result:
-        """Write a unit's row or failure, without flushing: a row lost in a power cut is computed again.
+        """Write a unit's row or failure, and return its result with digest and arrays.
 
-        Parameters
-        ----------
-        result
-            Of the unit, without digest and arrays.
-        row
-            Its arrays; none for a failure.
-        category
-            Of the object, which belongs to the digest.
-
-        Returns
-        -------
-        The result with digest and arrays.
+        Nothing is flushed: a row lost in a power cut is computed again. A failure has no arrays; an object's category
+        belongs to the digest.
         """
         chunks = encode_row(self.artifact, row)
         arrays = {
@@ -116,13 +92,7 @@ class RowFiles:
         return result if (result.name, result.key) == (name, key) else None
 
     def chunks(self, result: Result) -> Chunks:
-        """Read the encoded row of a result.
-
-        Raises
-        ------
-        StoreError
-            The file is gone or damaged; it is removed.
-        """
+        """Read the encoded row of a result; if its file is gone or damaged, remove it and raise a `StoreError`."""
         path, offset = self.path(result.name, result.key), 0
         chunks: dict[str, list[bytes]] = {}
         try:

@@ -1,7 +1,5 @@
 """Rows, one object's part of an artifact: digests, and checks against the schema."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -29,10 +27,8 @@ def are_valid(array: Array, values: np.ndarray) -> bool:
 def conform(artifact: Artifact, row: Mapping[str, np.ndarray], *, constants: bool = False) -> Row:
     """Check a row, or the constants, against the schema, and convert it to the schema's dtypes.
 
-    Raises
-    ------
-    StoreError
-        An array is missing, unknown, has the wrong number of dimensions or kind, or holds a value that is not finite (+inf may be allowed).
+    A `StoreError` names an array that is missing, unknown, has the wrong number of dimensions or kind, or holds a value
+    that is not finite (+inf may be allowed).
     """
     declared = {name: array for name, array in artifact.arrays.items() if name not in COMMON and array.per_object != constants}
     optional = {name for name, array in declared.items() if array.optional}

@@ -1,7 +1,5 @@
 """Read a published shard, object by object."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import re
@@ -113,10 +111,8 @@ class Shard:
     def array(self, name: str) -> Any:
         """Open a stored array, by its path below the root.
 
-        Raises
-        ------
-        StoreError
-            There is none, its metadata changed, or one of its files is missing or empty: Zarr would read zeros in its place.
+        Raise a `StoreError` if there is none, its metadata changed, or a file is missing or empty: Zarr would read
+        zeros in its place.
         """
         if name in self._opened:
             return self._opened[name]
@@ -145,13 +141,7 @@ class Shard:
             raise StoreError(f"{self.path}: {violations[0]}; {self.remedy}")
 
     def read(self, name: str, index: Any = ...) -> np.ndarray:
-        """Read an array, or a part of it, by its path below the root.
-
-        Raises
-        ------
-        StoreError
-            A part of it is missing or damaged.
-        """
+        """Read an array or a part of it, by its path below the root; raise a `StoreError` if it is lost or damaged."""
         array, position = self.array(name), index[0] if isinstance(index, tuple) and index else index
         stacked = name in self.artifact.arrays and self.artifact.arrays[name].per_object
         of_object = f" of {self.record.rows[position].object_id}" if stacked and isinstance(position, int) else ""
@@ -176,7 +166,7 @@ class Shard:
             return False
         return all(file.bytes for file in self._files.values()) and all(f"{name}/zarr.json" in self._files for name in ragged)
 
-    def view(self, object_id: str) -> RowView:
+    def view(self, object_id: str) -> "RowView":
         """Open an object's row; its arrays are read on demand."""
         return RowView(self, object_id)
 
@@ -184,8 +174,8 @@ class Shard:
 class RowView(Mapping[str, np.ndarray]):
     """One object's row as a mapping from array names to arrays; ragged ones as `meshes/vertices`.
 
-    Arrays are read when first used, and kept; after `verify` they are the verified ones. Constants of the shard can be read, and are `in`
-    the row, but are not listed with its arrays.
+    Arrays are read when first used, and kept; after `verify` they are the verified ones. Constants of the shard can be
+    read, and are `in` the row, but are not listed with its arrays.
     """
 
     def __init__(self, shard: Shard, object_id: str) -> None:
@@ -258,13 +248,7 @@ class RowView(Mapping[str, np.ndarray]):
         return {} if self.record.failure else {name: self[name] for name in self if name not in COMMON}
 
     def verify(self) -> Row:
-        """Read the row, compare it with its digest, and keep it.
-
-        Raises
-        ------
-        StoreError
-            It cannot be read, or differs from what its stage wrote.
-        """
+        """Read and keep the row; raise a `StoreError` if it cannot be read, or differs from what its stage wrote."""
         recorded = self.record
         self._held = {}
         row = self.row()

@@ -1,7 +1,5 @@
 """From a schema to Zarr: the `pydantic_zarr` specification of a shard, with chunks and codecs, and violations of it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -35,8 +33,8 @@ def numpy_dtype(array: Array) -> np.dtype[Any]:
 def array_spec(array: Array, shape: tuple[int, ...]) -> AnyArray:
     """Specify how an array of this declaration and shape is laid out on disk.
 
-    zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to `OBJECTS_PER_FILE`
-    objects per file, so that one of them is read without the others and a dataset is few files.
+    zstd over shuffled bytes with a checksum, an object (or one grasp, viewpoint or camera of it) per chunk, up to
+    `OBJECTS_PER_FILE` objects per file, so that one of them is read without the others and a dataset is few files.
     """
     file_shape, chunk = chunking(array, shape)
     little_endian = {"configuration": {"endian": "little"}}
@@ -91,13 +89,7 @@ def shuffle_stride(array: Array) -> int:
 
 
 def group_spec(artifact: Artifact, shapes: Mapping[str, tuple[int, ...]], attributes: Mapping[str, Any]) -> AnyGroup:
-    """Specify a shard from the shape of every array, by its path below the root, and the root's attributes.
-
-    Raises
-    ------
-    ValueError
-        The schema has no array of a path.
-    """
+    """Specify a shard from the shape of every array, by its path below the root, and the root's attributes."""
     tree: dict[str, Any] = {}
     for path, shape in shapes.items():
         *parents, leaf = path.split("/")

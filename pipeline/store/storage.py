@@ -3,8 +3,6 @@
 Credentials, region and endpoint of object storage come from the environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
 """
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os
@@ -70,13 +68,7 @@ class File:
 
 
 def place(text: str | Place) -> Place:
-    """Convert a path or URL to a place.
-
-    Raises
-    ------
-    InvalidInput
-        It is empty, or the URL names no object storage that can be written to.
-    """
+    """Convert a path or URL to a place; refuse an empty one, and a URL of no object storage that can be written to."""
     if not str(text):
         raise InvalidInput("the name of a data directory is empty; name a folder, or object storage")
     protocol, separator, rest = str(text).partition("://")

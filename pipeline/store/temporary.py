@@ -1,7 +1,5 @@
 """Temporary folders that other users cannot read; those of a killed process are removed by the next one."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Check shards and folders against their schemas, records and digests; each problem is one line."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -28,13 +26,10 @@ CHECKS = 5
 
 
 def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
-    """Check a data directory; a `strict` check also objects to artifacts that several kinds of processors computed.
+    """Check a data directory; return the problems by path of record, an empty list for a record without problems.
 
-    Where a problem is found and records were replaced meanwhile, by a run or by `reshard`, everything is checked again.
-
-    Returns
-    -------
-    The problems by path of record; an empty list for a record without problems.
+    A `strict` check also objects to artifacts that several kinds of processors computed. Where a problem is found and
+    records were replaced meanwhile, by a run or by `reshard`, everything is checked again.
     """
     for _ in range(CHECKS):
         before = _records(root)

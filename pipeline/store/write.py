@@ -1,7 +1,5 @@
 """Write the Zarr group of a shard."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import shutil
@@ -29,39 +27,21 @@ Shapes = Mapping[str, tuple[int, ...]]
 
 
 def write_group(
-    path: Path,
+    path: Path,  # an existing group is removed
     artifact: Artifact,
-    rows: Sequence[RowRecord],
-    shapes: Sequence[Shapes],
-    chunks: Callable[[int], Chunks],
-    constants: Row,
+    rows: Sequence[RowRecord],  # in order
+    shapes: Sequence[Shapes],  # of each row's arrays, without the object dimension
+    chunks: Callable[[int], Chunks],  # reads the encoded row with this number; called once per row
+    constants: Row,  # arrays without an object dimension
     attributes: Mapping[str, Any],
 ) -> None:
     """Write a shard's group and check its structure.
 
-    At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is missing later was lost.
+    At most `OBJECTS_PER_FILE` encoded rows are held at a time. Files without chunks are written too: one that is
+    missing later was lost.
 
-    Parameters
-    ----------
-    path
-        Of the group; an existing one is removed.
-    artifact
-        The schema.
-    rows
-        The records of the objects, in order.
-    shapes
-        The shapes of each row's arrays, without the object dimension.
-    chunks
-        Reads the encoded row with this number; called once per row.
-    constants
-        Arrays without an object dimension.
-    attributes
-        Of the group.
-
-    Raises
-    ------
-    StoreError
-        Two objects disagree in the shape of an array, only some have it, or the group departs from its schema.
+    A `StoreError` says that two objects disagree in the shape of an array, only some have it, or the group departs from
+    its schema.
     """
     shutil.rmtree(path, ignore_errors=True)
     group_shapes = _group_shapes(artifact, rows, shapes, constants)

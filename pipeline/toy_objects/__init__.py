@@ -1,7 +1,5 @@
 """Procedural objects: the paper's four classes and nine others, parametric, for manifests that need no download."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.geometry.mesh import Mesh
@@ -21,41 +19,21 @@ KINDS = {category: maker.KINDS for category, maker in MAKERS.items()}
 
 
 def maker_module(category: str) -> str:
-    """Name the module that models a class; it imports no other class's module.
-
-    Raises
-    ------
-    ValueError
-        If the category is unknown.
-    """
+    """Name the module that models a class; it imports no other class's module."""
     if category not in MAKERS:
         raise ValueError(f"no procedural objects of category {category!r}; known: {', '.join(CATEGORIES)}")
     return MAKERS[category].__name__
 
 
-def generate(category: str, rng: np.random.Generator, kind: int | None = None) -> Mesh:
-    """Make a new object of a class, all of it drawn from `rng`.
+def generate(
+    category: str,  # one of `CATEGORIES`
+    rng: np.random.Generator,  # the same state gives the same mesh, bit for bit, on every x86-64 processor
+    kind: int | None = None,  # which of the class's kinds, counted round; drawn if None
+) -> Mesh:  # m, z up, of roughly real size
+    """Make a new object of a class, all of it drawn from `rng`: closed, outward-wound parts that may overlap.
 
-    Parameters
-    ----------
-    category
-        One of `CATEGORIES`.
-    rng
-        The same state gives the same mesh, bit for bit, on every x86-64 processor.
-    kind
-        Which of the class's kinds, counted round; drawn if None.
-
-    Returns
-    -------
-    Mesh
-        Metres, z up, of roughly real size. Knives, rifles, hammers, screwdrivers and brushes lie along y, what works at +y; the others
-        stand along z: the front of each faces +x, where the supplement's camera stands. A union of closed, outward-wound parts that may
-        overlap.
-
-    Raises
-    ------
-    ValueError
-        If the category is unknown.
+    Knives, rifles, hammers, screwdrivers and brushes lie along y, what works at +y; the others stand along z: the front
+    of each faces +x, where the supplement's camera stands.
     """
     maker_module(category)
     kinds = KINDS[category]

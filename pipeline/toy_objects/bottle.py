@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the front faces -y. A body has rows (z, half its width) from the foot to the mouth.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -17,20 +15,18 @@ GREEN, AMBER, CLEAR, COBALT = (38, 74, 44), (112, 62, 24), (176, 200, 204), (32,
 GLASS: Palette = (GREEN, AMBER, CLEAR, COBALT)
 
 
-def body(rng: Rng, rows: Rows, low: float, high: float, angle: float, *, flat: float = 1.0, square: float = 2.0, lobes: int = 0) -> Solid:
-    """Loft a bottle's body with a label.
-
-    Parameters
-    ----------
-    rng, rows
-        Draws the label; the silhouette.
-    low, high, angle
-        The label: lowest z, highest z, and the angle about the front that it covers (rad).
-    flat, square
-        The depth over the width, and the exponent of the cross-section, see `superellipse`, at the belly; the mouth is round.
-    lobes
-        Number of flutes around the lower half.
-    """
+def body(
+    rng: Rng,  # draws the label
+    rows: Rows,  # the silhouette
+    low: float,  # of the label
+    high: float,  # of the label
+    angle: float,  # rad about the front that the label covers
+    *,
+    flat: float = 1.0,  # depth over width at the belly; the mouth is round
+    square: float = 2.0,  # exponent of the cross-section there, see `superellipse`
+    lobes: int = 0,  # flutes around the lower half
+) -> Solid:
+    """Loft a bottle's body with a label."""
     z, half = smooth(rows, at=[low, high]).T
     belly, count = np.clip((half - half[-1]) / (half.max() - half[-1]), 0.0, 1.0), 6 * lobes or 40
     table = np.column_stack([z, half, half * (1.0 + (flat - 1.0) * belly), 2.0 + (square - 2.0) * belly])
@@ -50,7 +46,7 @@ def cap(z: float, radius: float, height: float, top: float = 0.9, ridges: int = 
 
 
 def wine(model: Model, rng: Rng) -> None:
-    """Bordeaux, Burgundy or flute, by its shoulders; foil or cork."""
+    """Model a Bordeaux, Burgundy or flute, by its shoulders; foil or cork."""
     shoulder, throat = ((195, 230), (152, 242), (127, 260))[rng.integers(3)]
     rows = [(0, 36), (6, 40), (shoulder, 40), (throat, 15), (294, 14), (296, 16), (310, 16)]
     model.add(pick(rng, GREEN, *GLASS), body(rng, rows, rng.uniform(18, 40), shoulder - 8, rng.uniform(2.0, 3.6)))
@@ -61,7 +57,7 @@ def wine(model: Model, rng: Rng) -> None:
 
 
 def beer(model: Model, rng: Rng) -> None:
-    """Longneck or stubby with a crown cap, a label, and a coloured band around the neck of some."""
+    """Model a longneck or stubby with a crown cap and a label; a coloured band around its neck in some."""
     h, r, shoulder = (178, 36, rng.uniform(96, 107)) if chance(rng, 0.4) else (242, 32, rng.uniform(131, 145))
     rows = [(0, r - 3), (6, r), (shoulder, r), (0.5 * shoulder + 0.38 * h, 0.68 * r), (0.77 * h, 16.5), (h - 16, 14), (h, 13)]
     model.add(pick(rng, *GLASS[:3]), body(rng, rows, 0.15 * h, shoulder - 5, rng.uniform(2.2, 5.9)))
@@ -71,7 +67,7 @@ def beer(model: Model, rng: Rng) -> None:
 
 
 def spirit(model: Model, rng: Rng) -> None:
-    """Square or flat bottle with a short neck and a stopper: ball, block or screw cap."""
+    """Model a square or flat bottle with a short neck and a stopper: ball, block or screw cap."""
     shoulder, w, waist, flat, square = rng.uniform((130, 38, 0.9, 0.45, 3.5), (160, 50, 1.0, 1.0, 9))
     rows = [(0, w - 3), (4, w), (0.5 * shoulder, w * waist), (shoulder, w), (shoulder + 12, 0.8 * w), (shoulder + 24, 15), (215, 16)]
     model.add(pick(rng, *GLASS[1:]), body(rng, rows, 28, 0.85 * shoulder, rng.uniform(1.4, 1.9), flat=flat, square=square))
@@ -80,7 +76,7 @@ def spirit(model: Model, rng: Rng) -> None:
 
 
 def water(model: Model, rng: Rng) -> None:
-    """Plastic bottle: grip rings below the label, waist, screw cap on a collar."""
+    """Model a plastic bottle: grip rings below the label, waist, screw cap on a collar."""
     r, waist, rings, shoulder = rng.uniform(30, 42), rng.uniform(0.72, 0.95), int(rng.integers(3, 8)), rng.uniform(170, 195)
     grip = np.column_stack([np.linspace(20, 100, 2 * rings), r - r * (1 - waist) * np.tile([0.4, 1.0], rings)])
     rows = [(0, 0.85 * r), (4, 0.97 * r), *grip, (110, r), (shoulder, r), (224, 14), (230, 17), (232, 13), (250, 13)]
@@ -89,7 +85,7 @@ def water(model: Model, rng: Rng) -> None:
 
 
 def soda(model: Model, rng: Rng) -> None:
-    """Contour bottle: fluted below, pinched waist, label on the bulge; crown or screw cap."""
+    """Model a contour bottle: fluted below, pinched waist, label on the bulge; crown or screw cap."""
     waist, bulge = rng.uniform((23, 108), (28, 126))
     rows = [(0, 26), (4, 29), (26, 31), (66, waist), (bulge - 16, 32), (bulge + 16, 32), (170, 18), (200, 14), (218, 13)]
     solid = body(rng, rows, bulge - 17, bulge + 17, rng.uniform(3.4, 5.9), lobes=int(rng.integers(8, 13)))
@@ -98,7 +94,7 @@ def soda(model: Model, rng: Rng) -> None:
 
 
 def detergent(model: Model, rng: Rng) -> None:
-    """Jug with a side handle and a large measuring cap on an off-centre neck."""
+    """Model a jug with a side handle and a large measuring cap on an off-centre neck."""
     plastic, offset, waist = pick(rng, *PLASTICS), rng.uniform(-38, -19), rng.uniform(64, 75)
     rows = [(0, 69), (6, 75), (80, waist), (142, 69), (180, 50), (198, 24), (214, 22)]
     jug = body(rng, rows, 28, 127, 1.6, flat=rng.uniform(0.42, 0.6), square=rng.uniform(2.6, 4.2))
@@ -108,7 +104,7 @@ def detergent(model: Model, rng: Rng) -> None:
 
 
 def spray(model: Model, rng: Rng) -> None:
-    """Trigger sprayer: oval body, collar, pistol head with nozzle and lever."""
+    """Model a trigger sprayer: oval body, collar, pistol head with nozzle and lever."""
     w, waist, reach, flat, square = rng.uniform((37, 28, 40, 0.6, 2.0), (48, 40, 56, 0.95, 3.6))
     rows = [(0, w - 4), (5, w), (90, w), (130, waist), (151, 0.72 * w), (175, 14), (180, 13)]
     model.add(pick(rng, *PLASTICS, CLEAR), body(rng, rows, 18, 88, rng.uniform(1.7, 2.4), flat=flat, square=square))
@@ -119,7 +115,7 @@ def spray(model: Model, rng: Rng) -> None:
 
 
 def pump(model: Model, rng: Rng) -> None:
-    """Soap dispenser: round or square body, collar, stem and beak."""
+    """Model a soap dispenser: round or square body, collar, stem and beak."""
     taper, top, reach, turn, flat = rng.uniform((27, 182, 34, -0.6, 0.6), (36, 204, 52, 0.6, 1.0))
     flat, square, angle = (1.0, 2.0, rng.uniform(2.0, 3.4)) if chance(rng, 0.6) else (flat, 5.0, 1.5)
     rows = [(0, 33), (4, 36), (122, taper), (140, 22), (157, 14)]
@@ -129,7 +125,7 @@ def pump(model: Model, rng: Rng) -> None:
 
 
 def squeeze(model: Model, rng: Rng) -> None:
-    """Sauce bottle: soft waisted body under a long nozzle, or standing on a broad cap."""
+    """Model a sauce bottle: soft waisted body under a long nozzle, or standing on a broad cap."""
     waist, flat, tall = rng.uniform((24, 0.62, 200), (31, 1.0, 224))
     upright = chance(rng, 0.55)
     rows = [(0, 29), (6, 33), (64, waist), (122, 33), *([(146, 20), (160, 16)] if upright else [(154, 30), (160, 23)])]
@@ -141,7 +137,7 @@ def squeeze(model: Model, rng: Rng) -> None:
 
 
 def medicine(model: Model, rng: Rng) -> None:
-    """Pill jar or syrup bottle: short neck, wide ridged cap, label around it."""
+    """Model a pill jar or syrup bottle: short neck, wide ridged cap, label around it."""
     h, shoulder, neck = (115, 80, rng.uniform(12, 15)) if chance(rng, 0.5) else (76, 62, rng.uniform(19, 24))
     rows = [(0, 25.5), (2.5, 28), (shoulder, 28), (shoulder + 0.12 * h, neck), (h, neck)]
     model.add(pick(rng, AMBER, (214, 122, 40), WHITE), body(rng, rows, 0.12 * h, shoulder - 4, rng.uniform(3.0, 5.9)))
@@ -149,7 +145,7 @@ def medicine(model: Model, rng: Rng) -> None:
 
 
 def sport(model: Model, rng: Rng) -> None:
-    """Drinking flask: finger grip, coloured band, broad lid with a pull spout or a carrying loop."""
+    """Model a drinking flask: finger grip, coloured band, broad lid with a pull spout or a carrying loop."""
     grip, pinch = rng.uniform((115, 28), (145, 33))
     rows = [(0, 34), (4, 37), (grip - 26, 37), (grip - 12, pinch), (grip + 12, pinch), (grip + 26, 37), (205, 35)]
     model.add(pick(rng, *PLASTICS, (60, 66, 74)), body(rng, rows, 37, grip - 28, rng.uniform(1.6, 3.0)))
@@ -159,7 +155,7 @@ def sport(model: Model, rng: Rng) -> None:
 
 
 def swing_top(model: Model, rng: Rng) -> None:
-    """Flip-top bottle: porcelain stopper held by a wire bail."""
+    """Model a flip-top bottle: porcelain stopper held by a wire bail."""
     rows = [(0, 35), (4, 39), (rng.uniform(130, 168), 39), (200, 20), (236, 15), (262, 17), (270, 17)]
     model.add(pick(rng, *GLASS), body(rng, rows, 32, 113, rng.uniform(2.0, 5.5)))
     model.add(pick(rng, (240, 238, 230)), column(smooth([(269, 17), (276, 15), (286, 10), (288, 5)])))

@@ -1,7 +1,5 @@
 """Bowls (cereal, soup, mixing, footed, for pets), plates, cake moulds, mortars, pans and baskets. Millimetres, standing on z = 0."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -18,7 +16,7 @@ def dish(model: Model, rng: Rng, rows: Rows, *, wall: float = 4.0, floor: float 
 
 
 def cereal(model: Model, rng: Rng) -> None:
-    """Round bowl on a small ring; a spoon in some."""
+    """Model a round bowl on a small ring; a spoon in some."""
     rim, high, belly = rng.uniform((62, 45, 0.75), (82, 72, 0.95))
     dish(model, rng, [(0, 0.45 * rim), (5, 0.48 * rim), (0.4 * high, belly * rim), (high, rim)], edge=rng.choice((0.0, 0.8)))
     if chance(rng, 0.35):
@@ -28,7 +26,7 @@ def cereal(model: Model, rng: Rng) -> None:
 
 
 def soup(model: Model, rng: Rng) -> None:
-    """Soup plate: shallow, with a broad flat rim."""
+    """Model a soup plate: shallow, with a broad flat rim."""
     rim, well = rng.uniform((100, 0.55), (125, 0.72))
     dish(
         model, rng, [(0, 0.4 * rim), (3, 0.45 * rim), (28, well * rim), (33, 0.8 * rim), (38, rim)], floor=6.0, edge=rng.choice((0.0, 0.88))
@@ -36,7 +34,7 @@ def soup(model: Model, rng: Rng) -> None:
 
 
 def mixing(model: Model, rng: Rng) -> None:
-    """Deep bowl with a thick rim and a grip or a spout at its side."""
+    """Model a deep bowl with a thick rim and a grip or a spout at its side."""
     rim, high, slope = rng.uniform((85, 80, 0.6), (125, 130, 0.8))
     rows = [
         (0, 0.55 * rim),
@@ -53,7 +51,7 @@ def mixing(model: Model, rng: Rng) -> None:
 
 
 def fluted(model: Model, rng: Rng) -> None:
-    """Solid jelly or cake mould, ripples around it, upside down."""
+    """Model a solid jelly or cake mould, ripples around it, upside down."""
     rim, high, lobes = *rng.uniform((60, 45), (95, 95)), int(rng.integers(6, 15))
     depth = [0.09, 0.09, 0.08, 0.06, 0.03]
     rows = [(0, rim), (6, rim), (0.55 * high, 0.85 * rim), (0.9 * high, 0.6 * rim), (high, 0.4 * rim)]
@@ -62,7 +60,7 @@ def fluted(model: Model, rng: Rng) -> None:
 
 
 def footed(model: Model, rng: Rng) -> None:
-    """Fruit bowl or ice cup on a stem; fruit in some."""
+    """Model a fruit bowl or ice cup on a stem; fruit in some."""
     rim, stem, deep = rng.uniform((50, 24, 35), (110, 90, 60))
     high = stem + 20 + deep
     rows = [(0, 0.55 * rim), (5, 0.5 * rim), (12, 9), (stem, 8), (stem + 8, 0.4 * rim), (stem + 20 + 0.4 * deep, 0.85 * rim), (high, rim)]
@@ -74,7 +72,7 @@ def footed(model: Model, rng: Rng) -> None:
 
 
 def pet(model: Model, rng: Rng) -> None:
-    """Dog's bowl: wider at its foot, on a rubber ring."""
+    """Model a dog's bowl: wider at its foot, on a rubber ring."""
     foot, high, rim = rng.uniform((80, 45, 0.7), (115, 75, 0.85))
     dish(
         model,
@@ -87,7 +85,7 @@ def pet(model: Model, rng: Rng) -> None:
 
 
 def plate(model: Model, rng: Rng) -> None:
-    """Stack of dinner plates, or a single one."""
+    """Model a stack of dinner plates, or a single one."""
     rim, count = rng.uniform(85, 135), int(rng.integers(1, 5))
     for level in range(count):
         z = 11 * level
@@ -96,7 +94,7 @@ def plate(model: Model, rng: Rng) -> None:
 
 
 def mortar(model: Model, rng: Rng) -> None:
-    """Heavy bowl of stone or wood with its pestle leaning in it."""
+    """Model a heavy bowl of stone or wood with its pestle leaning in it."""
     rim, high, lean, turn = rng.uniform((48, 70, 0.3, -1.5), (62, 100, 0.6, 1.5))
     stone = pick(rng, (150, 150, 146), (90, 92, 96), *WOODS)
     model.add(stone, vessel([(0, 0.7 * rim), (10, 0.66 * rim), (22, 0.72 * rim), (0.6 * high, rim), (high, rim)], 11.0, 24.0))
@@ -105,7 +103,7 @@ def mortar(model: Model, rng: Rng) -> None:
 
 
 def pan(model: Model, rng: Rng) -> None:
-    """Frying pan, wok or saucepan with one long handle."""
+    """Model a frying pan, wok or saucepan with one long handle."""
     rim, high, slope, long = rng.uniform((80, 38, 0.72, 120), (120, 95, 0.97, 190))
     metal, z = pick(rng, BLACK, *STEELS, (160, 82, 50)), 0.85 * high
     model.add(metal, vessel([(0, slope * rim - 3), (4, slope * rim), (high, rim)], 3.5, 6.0, pick(rng, BLACK, *STEELS)))
@@ -122,7 +120,7 @@ def pan(model: Model, rng: Rng) -> None:
 
 
 def basket(model: Model, rng: Rng) -> None:
-    """Square or oval tray or basket; with a bail over it in some."""
+    """Model a square or oval tray or basket; with a bail over it in some."""
     u, v, high, square = rng.uniform((70, 50, 35, 2.0), (115, 85, 90, 7.0))
     flare = rng.uniform(1.02, 1.25)
     rows = [(0, u - 3, v - 3, square), (4, u, v, square), (high, flare * u, flare * v, square)]

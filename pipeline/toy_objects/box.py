@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the front faces -y.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 
@@ -28,7 +26,7 @@ def standing(rng: Rng, size: Sequence[float] | Array, exponent: float = 14.0, be
 
 
 def carton(model: Model, rng: Rng) -> None:
-    """Upright packet of cereals, tea or medicine; a flap open in some."""
+    """Model an upright packet of cereals, tea or medicine; a flap open in some."""
     size = rng.uniform((60, 25, 90), (190, 75, 280))
     model.add(pick(rng, *CARDBOARD), standing(rng, size))
     flap = box((0.9 * size[0], 2.4, rng.uniform(0.3, 0.7) * size[1]), 9, 0.6).moved(z=0.2 * size[1])
@@ -39,7 +37,7 @@ def carton(model: Model, rng: Rng) -> None:
 
 
 def milk(model: Model, rng: Rng) -> None:
-    """Drink carton with a screw cap: a gable with a fold on top, or flat."""
+    """Model a drink carton with a screw cap: a gable with a fold on top, or flat."""
     side, high, deep = rng.uniform((32, 95, 0.7), (48, 200, 1.0))
     model.add(pick(rng, WHITE, *PLASTICS), standing(rng, (2 * side, 2 * deep * side, high)))
     if chance(rng, 0.6):
@@ -50,7 +48,7 @@ def milk(model: Model, rng: Rng) -> None:
 
 
 def shoe_box(model: Model, rng: Rng) -> None:
-    """Box with a lid over it, which is askew in some."""
+    """Model a box with a lid over it, which is askew in some."""
     size = rng.uniform((140, 90, 60), (320, 200, 130))
     lid = box((size[0] + 6, size[1] + 6, 0.28 * size[2]), 16, 1.5, "z", 40).moved(z=size[2])
     model.add(pick(rng, *CARDBOARD), standing(rng, size))
@@ -58,7 +56,7 @@ def shoe_box(model: Model, rng: Rng) -> None:
 
 
 def toolbox(model: Model, rng: Rng) -> None:
-    """Case with a handle and two latches in front."""
+    """Model a case with a handle and two latches in front."""
     size, metal = rng.uniform((160, 80, 80), (300, 150, 160)), pick(rng, *STEELS, BLACK, GOLD)
     top, reach = size[2], 0.28 * size[0]
     model.add(pick(rng, *PLASTICS, *WOODS, BLACK), standing(rng, size, rng.uniform(5, 12), 5.0, printed=False))
@@ -71,7 +69,7 @@ def toolbox(model: Model, rng: Rng) -> None:
 
 
 def matches(model: Model, rng: Rng) -> None:
-    """Match or pill box lying flat, its drawer pulled out."""
+    """Model a match or pill box lying flat, its drawer pulled out."""
     x, y, z = rng.uniform((40, 60, 14), (70, 110, 32))
     pulled = rng.uniform(0.1, 0.7) * y
     model.add(pick(rng, *CARDBOARD), standing(rng, (x, y, z)))
@@ -83,7 +81,7 @@ def matches(model: Model, rng: Rng) -> None:
 
 
 def book(model: Model, rng: Rng) -> None:
-    """Books, one or a stack: covers, pages, a rounded spine."""
+    """Model books, one or a stack: covers, pages, a rounded spine."""
     z = 0.0
     for _ in range(int(rng.integers(1, 4))):
         wide, long, thick = rng.uniform((100, 140, 14), (170, 240, 42))
@@ -101,7 +99,7 @@ def book(model: Model, rng: Rng) -> None:
 
 
 def brick(model: Model, rng: Rng) -> None:
-    """Toy brick with round studs, or a stack of two or three."""
+    """Model a toy brick with round studs, or a stack of two or three."""
     across, deep, levels = (int(rng.integers(low, high)) for low, high in ((2, 6), (1, 4), (1, 4)))
     for level in range(levels):
         shade, shift = pick(rng, *PLASTICS, RED), 16 * int(rng.integers(-1, 2)) * (level > 0)
@@ -112,7 +110,7 @@ def brick(model: Model, rng: Rng) -> None:
 
 
 def present(model: Model, rng: Rng) -> None:
-    """Gift box with a ribbon both ways and a bow."""
+    """Model a gift box with a ribbon both ways and a bow."""
     size, ribbon = rng.uniform((70, 60, 40), (160, 150, 150)), pick(rng, *PLASTICS, RED, GOLD)
     x, y, z = size
     model.add(pick(rng, *CARDBOARD), standing(rng, size, printed=False))
@@ -124,7 +122,7 @@ def present(model: Model, rng: Rng) -> None:
 
 
 def tissues(model: Model, rng: Rng) -> None:
-    """Box of tissues, cubic or flat, one sticking out."""
+    """Model a box of tissues, cubic or flat, a tissue sticking out."""
     size = rng.uniform((100, 90, 50), (240, 125, 130))
     model.add(pick(rng, *CARDBOARD), standing(rng, size))
     low, peak = size[2] - 2, size[2] + rng.uniform(40, 75)
@@ -134,7 +132,7 @@ def tissues(model: Model, rng: Rng) -> None:
 
 
 def crate(model: Model, rng: Rng) -> None:
-    """Open crate of slats, or a plastic basket; something in it."""
+    """Model an open crate of slats, or a plastic basket; something in it."""
     x, y, z = rng.uniform((110, 90, 60), (220, 150, 130))
     shade, rows = pick(rng, *WOODS, *PLASTICS), int(rng.integers(2, 4))
     model.add(shade, box((x, y, 8), 14, 1.0, "z").moved(z=4))
@@ -152,7 +150,7 @@ def crate(model: Model, rng: Rng) -> None:
 
 
 def camera(model: Model, rng: Rng) -> None:
-    """Camera or radio: body, lens, knobs on top."""
+    """Model a camera or radio: body, lens, knobs on top."""
     x, y, z = rng.uniform((95, 34, 58), (150, 60, 95))
     body, lens = pick(rng, BLACK, *STEELS, *PLASTICS), rng.uniform(0.3, 0.42) * z
     model.add(body, standing(rng, (x, y, z), rng.uniform(5, 10), 3.0), block((-0.2 * x, 0.2 * x), (z - 4, z + rng.uniform(8, 22)), 0.6 * y))

@@ -3,8 +3,6 @@
 Millimetres, along x, the bristles at +x or below.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -33,7 +31,7 @@ def tufts(model: Model, rng: Rng, x: tuple[float, float], y: float, z: tuple[flo
 
 
 def paint(model: Model, rng: Rng) -> None:
-    """Painter's brush: beavertail handle, ferrule, flat bristles cut straight or slanting."""
+    """Model a painter's brush: beavertail handle, ferrule, flat bristles cut straight or slanting."""
     wide, long, hair = rng.uniform((14, 110, 35), (42, 170, 70))
     neck = 0.55 * wide
     stick(
@@ -54,7 +52,7 @@ def paint(model: Model, rng: Rng) -> None:
 
 
 def artist(model: Model, rng: Rng) -> None:
-    """Artist's or make-up brush: thin handle, round or fan-shaped hair."""
+    """Model an artist's or make-up brush: thin handle, round or fan-shaped hair."""
     long, r, hair, full = rng.uniform((120, 3.5, 18, 1.0), (190, 6.0, 48, 2.6))
     model.add(pick(rng, *WOODS, *PLASTICS, BLACK), column(smooth([(-long, 1.6), (4 - long, 2.4), (-0.4 * long, r), (0, 0.8 * r)]), "x", 26))
     model.add(pick(rng, *STEELS, GOLD), column([(-6, 0.95 * r), (20, 0.85 * r), (28, r)], "x", 26))
@@ -66,7 +64,7 @@ def artist(model: Model, rng: Rng) -> None:
 
 
 def hair(model: Model, rng: Rng) -> None:
-    """Hairbrush: oval or square cushion with pins, handle behind."""
+    """Model a hairbrush: oval or square cushion with pins, handle behind."""
     wide, long, square = rng.uniform((24, 85, 2.2), (38, 120, 5.0))
     stick(model, rng, [(-125, -7, 7, 12), (-115, -9, 9, 22), (-60, -9, 9, 24), (-10, -7, 7, 16), (12, -7, 7, 24)], -rng.uniform(100, 118))
     plate = column(
@@ -90,7 +88,7 @@ def hair(model: Model, rng: Rng) -> None:
 
 
 def tooth(model: Model, rng: Rng) -> None:
-    """Toothbrush: a bent handle with a soft grip, a small head."""
+    """Model a toothbrush: a bent handle with a soft grip, a small head."""
     bend, head = rng.uniform((-8, 24), (8, 36))
     z = np.array([0, bend, 0.4 * bend, 0])
     path = [
@@ -107,7 +105,7 @@ def tooth(model: Model, rng: Rng) -> None:
 
 
 def scrubbing(model: Model, rng: Rng) -> None:
-    """Block with stiff bristles below, waisted; a bow to hold it on some."""
+    """Model a scrubbing brush: a waisted block with stiff bristles below; a bow to hold it on some."""
     half, wide, deep, square = rng.uniform((55, 22, 10, 2.4), (95, 36, 18, 6.0))
     rows = [
         (-half, 0.5 * wide, deep, square),
@@ -134,7 +132,7 @@ def scrubbing(model: Model, rng: Rng) -> None:
 
 
 def dish(model: Model, rng: Rng) -> None:
-    """Dish brush: long bent handle, round head."""
+    """Model a dish brush: long bent handle, round head."""
     long, r, rise = rng.uniform((150, 22, 10), (200, 32, 40))
     model.add(
         pick(rng, *WOODS, *PLASTICS, WHITE), sweep([(-long, 0, rise), (-0.5 * long, 0, 0.7 * rise), (0, 0, 4), (2 * r, 0, 0)], 16, 10)
@@ -145,7 +143,7 @@ def dish(model: Model, rng: Rng) -> None:
 
 
 def bottle(model: Model, rng: Rng) -> None:
-    """Bottle or toilet brush: wire or plastic stem, bristles all around in rings."""
+    """Model a bottle or toilet brush: wire or plastic stem, bristles all around in rings."""
     long, r, rings = *rng.uniform((70, 16), (150, 34)), int(rng.integers(6, 13))
     along = np.linspace(0, long, 2 * rings + 1)
     shape = np.interp(along / long, [0, 0.12, 0.8, 1], [0.7, 1, 1, rng.uniform(0.3, 0.9)])
@@ -158,7 +156,7 @@ def bottle(model: Model, rng: Rng) -> None:
 
 
 def roller(model: Model, rng: Rng) -> None:
-    """Paint roller: sleeve across, a cranked wire, a grip."""
+    """Model a paint roller: sleeve across, a cranked wire, a grip."""
     half, r, reach = rng.uniform((30, 13, 60), (62, 24, 110))
     wire = sweep([(-10, 0, 0), (0.4 * reach, 0, 0), (0.55 * reach, half + 16, 0), (reach, half + 16, 0)], 7, 7)
     model.add(pick(rng, *STEELS), wire, rod(-half - 4, half + 18, 4, "y").moved(reach))
@@ -167,7 +165,7 @@ def roller(model: Model, rng: Rng) -> None:
 
 
 def broom(model: Model, rng: Rng) -> None:
-    """Hand broom, or a besom of twigs that spread."""
+    """Model a hand broom, or a besom of twigs that spread."""
     stick(model, rng, [(-150, -7, 7, 14), (-140, -9, 9, 20), (-60, -8, 8, 18), (0, -9, 9, 22)], -rng.uniform(118, 140))
     spread, long, flat = rng.uniform((36, 80, 0.25), (70, 140, 0.9))
     twigs = [
@@ -187,7 +185,7 @@ def broom(model: Model, rng: Rng) -> None:
 
 
 def shaving(model: Model, rng: Rng) -> None:
-    """Shaving or powder brush lying down: stout turned handle, full round hair."""
+    """Model a shaving or powder brush lying down: stout turned handle, full round hair."""
     r, hair_, full = rng.uniform((13, 40, 1.3), (20, 62, 2.0))
     rows = [(-62, 0.8 * r), (-56, r), (-40, 0.75 * r), (-24, rng.uniform(0.5, 0.8) * r), (-8, r), (0, 0.8 * r)]
     model.add(pick(rng, *WOODS, *PLASTICS, WHITE, BLACK), column(smooth(rows), "x", 36))
@@ -199,7 +197,7 @@ def shaving(model: Model, rng: Rng) -> None:
 
 
 def wire(model: Model, rng: Rng) -> None:
-    """Wire brush: a straight or curved wooden back, a few rows of steel tufts at its front."""
+    """Model a wire brush: a straight or curved wooden back, a few rows of steel tufts at its front."""
     rise, long = rng.uniform((0, 90), (26, 130))
     rows = [
         (-140, -8 + rise, 8 + rise, 18),

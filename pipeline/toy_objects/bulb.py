@@ -1,7 +1,5 @@
 """Bulbs (pear, globe, candle, reflector, tubes, spiral, halogen), lantern, desk lamp, torch. Millimetres, standing on about z = 0."""
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -25,7 +23,7 @@ def cap(model: Model, rng: Rng, high: float = 26.0) -> None:
 
 
 def pear(model: Model, rng: Rng) -> None:
-    """Bulb of the common shape: neck and round head; half of it a shell with fins in some."""
+    """Model a bulb of the common shape: neck and round head; half of it a shell with fins in some."""
     r, top, neck = rng.uniform((27, 95, 13), (36, 125, 17))
     cap(model, rng)
     z = top - r
@@ -37,7 +35,7 @@ def pear(model: Model, rng: Rng) -> None:
 
 
 def globe(model: Model, rng: Rng) -> None:
-    """Large ball on a short neck."""
+    """Model a large ball on a short neck."""
     r = rng.uniform(40, 64)
     cap(model, rng)
     model.add(pick(rng, *GLASS), ball((r, r, r)).moved(z=34 + 0.93 * r))
@@ -45,7 +43,7 @@ def globe(model: Model, rng: Rng) -> None:
 
 
 def candle(model: Model, rng: Rng) -> None:
-    """Slim candle bulb, smooth, twisted or with a bent tip."""
+    """Model a slim candle bulb, smooth, twisted or with a bent tip."""
     r, top, twist = *rng.uniform((16, 98), (21, 130)), rng.uniform(0.0, 0.02) * int(rng.integers(0, 2))
     cap(model, rng)
     rows = smooth([(24, 11), (34, 0.8 * r), (52, r), (0.75 * top, 0.62 * r), (top - 4, 3), (top, 1.6)])
@@ -58,7 +56,7 @@ def candle(model: Model, rng: Rng) -> None:
 
 
 def reflector(model: Model, rng: Rng) -> None:
-    """Spot bulb: a cone with a flat or domed lens on top."""
+    """Model a spot bulb: a cone with a flat or domed lens on top."""
     r, top, dome = rng.uniform((30, 75, 2), (60, 130, 16))
     cap(model, rng)
     model.add(pick(rng, *SHELL), column(smooth([(22, 12), (32, 14), (0.6 * top, 0.72 * r), (top - 4, r), (top, r)]), count=40))
@@ -67,7 +65,7 @@ def reflector(model: Model, rng: Rng) -> None:
 
 
 def tubes(model: Model, rng: Rng) -> None:
-    """Energy-saving lamp of two to four bent tubes on a ballast."""
+    """Model an energy-saving lamp of two to four bent tubes on a ballast."""
     count, r, top = int(rng.integers(2, 5)), *rng.uniform((5.5, 100), (8.0, 160))
     cap(model, rng, 22)
     model.add(pick(rng, WHITE, *SHELL), column(smooth([(18, 13), (26, 24), (44, 25), (52, 21)]), count=36))
@@ -79,7 +77,7 @@ def tubes(model: Model, rng: Rng) -> None:
 
 
 def spiral(model: Model, rng: Rng) -> None:
-    """Energy-saving lamp with a coiled tube."""
+    """Model an energy-saving lamp with a coiled tube."""
     turns, r, pitch, thick = rng.uniform((2.2, 17, 15, 5.0), (4.2, 24, 19, 6.6))
     cap(model, rng, 22)
     model.add(pick(rng, WHITE, *SHELL), column(smooth([(18, 13), (26, 23), (44, r + 5), (50, r)]), count=36))
@@ -94,7 +92,7 @@ def spiral(model: Model, rng: Rng) -> None:
 
 
 def halogen(model: Model, rng: Rng) -> None:
-    """Small spot on two pins: a faceted cup and its lens."""
+    """Model a small spot on two pins: a faceted cup and its lens."""
     r, high, lobes = *rng.uniform((22, 38), (30, 52)), int(rng.integers(9, 15))
     model.add(pick(rng, *STEELS), *(rod(-12, 6, 1.8, "z").moved(x) for x in (-3.5, 3.5)))
     base = column([(-2, 9, 5, 5), (14, 9, 6, 5)], count=28)
@@ -104,7 +102,7 @@ def halogen(model: Model, rng: Rng) -> None:
 
 
 def lantern(model: Model, rng: Rng) -> None:
-    """Camping lantern: base, glass between posts, roof, a ring to carry it."""
+    """Model a camping lantern: base, glass between posts, roof, a ring to carry it."""
     r, high, roof = rng.uniform((32, 70, 14), (46, 115, 34))
     metal = pick(rng, BLACK, *PLASTICS, GOLD)
     model.add(metal, column(smooth([(0, r), (4, 1.05 * r), (18, r), (24, 0.85 * r)]), count=36))
@@ -123,7 +121,7 @@ def lantern(model: Model, rng: Rng) -> None:
 
 
 def desk_lamp(model: Model, rng: Rng) -> None:
-    """Table lamp: foot, bent arm or straight stem, a shade over its bulb."""
+    """Model a table lamp: foot, bent arm or straight stem, a shade over its bulb."""
     foot, high, shade = rng.uniform((48, 150, 34), (75, 240, 60))
     metal = pick(rng, *PLASTICS, *STEELS, BLACK, GOLD)
     model.add(metal, column(smooth([(0, foot), (6, foot), (12, 0.8 * foot), (18, 0.2 * foot)]), count=36))
@@ -138,7 +136,7 @@ def desk_lamp(model: Model, rng: Rng) -> None:
 
 
 def torch(model: Model, rng: Rng) -> None:
-    """Flashlight standing on its end: knurled body, wider head, switch."""
+    """Model a flashlight standing on its end: knurled body, wider head, switch."""
     r, high, head = rng.uniform((11, 80, 1.2), (18, 150, 2.2))
     body, waves = pick(rng, BLACK, *STEELS, *PLASTICS), np.linspace(8, 0.8 * high, 2 * int(rng.integers(4, 12)))
     rows = [(0, 0.9 * r), (3, r), *zip(waves, np.resize([r, 0.93 * r], len(waves)), strict=True), (high, r)]

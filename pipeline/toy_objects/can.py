@@ -1,7 +1,5 @@
 """Cans and jars: drinks, food, fish, spray, paint, jar, tea caddy, battery, candle, watering can. Millimetres, standing on z = 0."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 
@@ -28,7 +26,7 @@ def labelled(rng: Rng, rows: Rows, low: float, high: float, size: Sequence[float
 
 
 def drink(model: Model, rng: Rng) -> None:
-    """Drinks can: necks at both ends, a tab on its lid; a straw in some."""
+    """Model a drinks can: necks at both ends, a tab on its lid; a straw in some."""
     r, high = rng.uniform((26, 115), (34, 170))
     rows = [(0, 0.78), (3, 0.82), (9, 1), (12, 1), (high - 20, 1), (high - 10, 0.93), (high - 3, 0.83), (high, 0.83), (high, 0.78)]
     rows[-1] = (high + 0.8, 0.78)
@@ -39,7 +37,7 @@ def drink(model: Model, rng: Rng) -> None:
 
 
 def food(model: Model, rng: Rng) -> None:
-    """Food tin: rims, ribs or a label; half open in some."""
+    """Model a food tin: rims, ribs or a label; half open in some."""
     r, high, ribs = *rng.uniform((32, 48), (54, 125)), int(rng.integers(0, 7))
     waves = np.linspace(0.2, 0.8, 2 * ribs + 2) * high
     depth = np.resize([1.0, 0.97], len(waves)) if ribs else np.ones(2)
@@ -54,7 +52,7 @@ def food(model: Model, rng: Rng) -> None:
 
 
 def fish(model: Model, rng: Rng) -> None:
-    """Flat tin of sardines or shoe polish, oval, square or round, with a ring to pull."""
+    """Model a flat tin of sardines or shoe polish, oval, square or round, with a ring to pull."""
     u, v, high, square = rng.uniform((42, 30, 20, 2.0), (58, 44, 34, 6.0))
     rows = [(0, 1.02), (2.5, 1.02), (3.5, 1), (high - 4, 1), (high - 3, 1.02), (high, 1.02)]
     model.add(pick(rng, *TINS), labelled(rng, rows, 3.5, high - 4, (u, v, square)))
@@ -63,7 +61,7 @@ def fish(model: Model, rng: Rng) -> None:
 
 
 def spray(model: Model, rng: Rng) -> None:
-    """Aerosol: domed shoulder under a cap or a nozzle."""
+    """Model an aerosol: domed shoulder under a cap or a nozzle."""
     r, high = rng.uniform((20, 120), (33, 190))
     rows = [(0, 0.95), (3, 1.03), (6, 1), (high - 6, 1), (high, 0.97), (high + 6, 0.8), (high + 12, 0.45)]
     model.add(pick(rng, *TINS), labelled(rng, rows, 6, high - 6, (r, r, 2.0)))
@@ -73,7 +71,7 @@ def spray(model: Model, rng: Rng) -> None:
 
 
 def paint(model: Model, rng: Rng) -> None:
-    """Paint pot or bucket: lid with a rim, a wire bail."""
+    """Model a paint pot or bucket: lid with a rim, a wire bail."""
     r, high, drop = rng.uniform((48, 90, -0.8), (80, 170, 0.8))
     rows = [(0, 0.98), (4, 1), (0.1 * high, 1), (0.9 * high, 1), (high - 6, 1.03), (high, 1.03)]
     model.add(pick(rng, *TINS, WHITE), labelled(rng, rows, 0.1 * high, 0.9 * high, (r, r, 2.0)))
@@ -90,7 +88,7 @@ def paint(model: Model, rng: Rng) -> None:
 
 
 def jar(model: Model, rng: Rng) -> None:
-    """Preserving jar: shoulder, wide lid; round or square."""
+    """Model a preserving jar: shoulder, wide lid; round or square."""
     r, high, neck, square = rng.uniform((28, 62, 0.72, 2.0), (48, 130, 0.92, 6.0))
     rows = [(0, 0.92), (5, 1), (0.15 * high, 1), (0.75 * high, 1), (0.88 * high, neck), (high, neck)]
     glass = pick(rng, (150, 60, 40), (196, 206, 206), (214, 160, 70), (90, 60, 40), (120, 150, 90))
@@ -100,7 +98,7 @@ def jar(model: Model, rng: Rng) -> None:
 
 
 def caddy(model: Model, rng: Rng) -> None:
-    """Tea or biscuit tin, square or round, its lid slipped over; a knob on some."""
+    """Model a tea or biscuit tin, square or round, its lid slipped over; a knob on some."""
     u, v, high, square = rng.uniform((35, 30, 60, 2.0), (75, 65, 150, 9.0))
     rows = [(0, 0.97), (3, 1), (0.08 * high, 1), (0.85 * high, 1), (high, 1)]
     model.add(pick(rng, *TINS, *PLASTICS), labelled(rng, rows, 0.08 * high, 0.85 * high, (u, v, square)))
@@ -116,7 +114,7 @@ def caddy(model: Model, rng: Rng) -> None:
 
 
 def battery(model: Model, rng: Rng) -> None:
-    """Round cell with its pole, alone or up to four in a row."""
+    """Model a round cell with its pole, alone or up to four in a row."""
     r, high, count = *rng.uniform((13, 62), (24, 110)), int(rng.integers(1, 5))
     for number in range(count):
         rows = [(0, 0.94), (2, 1), (0.06 * high, 1), (0.94 * high, 1), (high - 2, 1), (high, 0.94)]
@@ -126,7 +124,7 @@ def battery(model: Model, rng: Rng) -> None:
 
 
 def candle(model: Model, rng: Rng) -> None:
-    """Candle in a glass, or one to three pillars of wax on a dish."""
+    """Model a candle in a glass, or one to three pillars of wax on a dish."""
     r, high, level = rng.uniform((26, 50, 0.6), (48, 130, 0.9))
     wax, wick = pick(rng, *PLASTICS, (238, 226, 196), WHITE), rod(-2, 12, 1.6, "z").turned("x", 0.2)
     if chance(rng, 0.4):
@@ -142,7 +140,7 @@ def candle(model: Model, rng: Rng) -> None:
 
 
 def watering(model: Model, rng: Rng) -> None:
-    """Watering or oil can: round body, long spout, handle behind and above."""
+    """Model a watering or oil can: round body, long spout, handle behind and above."""
     r, high, out, rise = rng.uniform((50, 90, 60, 0.9), (75, 140, 130, 1.5))
     shade = pick(rng, *PLASTICS, *STEELS)
     rows = [(0, r), (4, r), (0.85 * high, 0.96 * r), (high, rng.uniform(0.5, 0.9) * r)]

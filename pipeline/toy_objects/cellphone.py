@@ -1,7 +1,5 @@
 """Cellphones: smartphone, bar, brick, flip (open and closed), slider, keyboard phone, organiser. Millimetres, the front faces -y."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 
@@ -90,7 +88,7 @@ class Leaf:
 
 
 def smartphone(model: Model, rng: Rng) -> None:
-    """Slab of glass with icons; a home key, or a notch or punch hole; camera bump behind."""
+    """Model a slab of glass with icons; a home key, or a notch or punch hole; a camera bump behind."""
     h, old = rng.uniform(122, 155), chance(rng, 0.5)
     leaf = Leaf(rng, (68, 9, h), pick(rng, *SHELLS))
     leaf.rectangle(0, h / 2, 66, h - 2, pick(rng, BLACK, WHITE).color, 6)
@@ -103,7 +101,7 @@ def smartphone(model: Model, rng: Rng) -> None:
 
 
 def bar_phone(model: Model, rng: Rng) -> None:
-    """Candy bar: display, pad, twelve keys; a stub antenna on some."""
+    """Model a candy bar: display, pad, twelve keys; a stub antenna on some."""
     leaf, tall = Leaf(rng, (47, 18, 117), pick(rng, *SHELLS), plate=0.6), rng.uniform(23, 31)
     leaf.screen(103 - 0.5 * tall, 31, tall)
     leaf.navigation(64)
@@ -113,7 +111,7 @@ def bar_phone(model: Model, rng: Rng) -> None:
 
 
 def brick(model: Model, rng: Rng) -> None:
-    """Early phone: deep body, battery behind, narrow display, big keys, long antenna."""
+    """Model an early phone: deep body, battery behind, narrow display, big keys, long antenna."""
     leaf, high = Leaf(rng, (55, 39, 185), pick(rng, (60, 60, 62), (206, 200, 184), (90, 92, 88), BLACK)), rng.uniform(92, 111)
     leaf.screen(high + 24, 35, 17, lit=0)
     leaf.keypad(22, high)
@@ -124,7 +122,7 @@ def brick(model: Model, rng: Rng) -> None:
 
 
 def flip(model: Model, rng: Rng) -> None:
-    """Clamshell open at an angle: keys below, hinge, leaf with the screen leaning forward."""
+    """Model a clamshell open at an angle: keys below, hinge, leaf with the screen leaning forward."""
     shade, tall = pick(rng, *SHELLS), rng.uniform(80, 91)
     lower, upper = Leaf(rng, (48, 13, 87), shade, plate=0.7), Leaf(rng, (48, 10, tall), shade, plate=0.7)
     lower.navigation(64)
@@ -137,7 +135,7 @@ def flip(model: Model, rng: Rng) -> None:
 
 
 def folded(model: Model, rng: Rng) -> None:
-    """Clamshell closed: two leaves, hinge on top, small outer display on a disc, camera."""
+    """Model a clamshell closed: two leaves, hinge on top, small outer display on a disc, camera."""
     shade, disc = pick(rng, *SHELLS), rng.uniform(15, 40)
     front, rear = Leaf(rng, (49, 12, 93), shade), Leaf(rng, (49, 12, 93), pick(rng, *SHELLS) if chance(rng, 0.3) else shade)
     for z, size, color in ((50, disc, pick(rng, *STEELS).color), (82, 13, pick(rng, *STEELS).color), (82, 7, BLACK)):
@@ -151,7 +149,7 @@ def folded(model: Model, rng: Rng) -> None:
 
 
 def slider(model: Model, rng: Rng) -> None:
-    """Two leaves pushed apart: screen and pad on the front one, keys on the rear one."""
+    """Model two leaves pushed apart: screen and pad on the front one, keys on the rear one."""
     rear, front = Leaf(rng, (48, 8.5, 97), pick(rng, *SHELLS)), Leaf(rng, (48, 8.5, 97), pick(rng, *SHELLS), plate=0.3)
     travel, tall = rng.uniform((37, 45), (50, 54))
     rear.keypad(5, 0.97 * travel)
@@ -162,7 +160,7 @@ def slider(model: Model, rng: Rng) -> None:
 
 
 def keyboard_phone(model: Model, rng: Rng) -> None:
-    """Broad phone with a small letter keyboard under a landscape screen."""
+    """Model a broad phone with a small letter keyboard under a landscape screen."""
     leaf, split = Leaf(rng, (66, 13.5, 114), pick(rng, *SHELLS), plate=0.9), rng.uniform(44, 53)
     leaf.screen(86, 49, 30, lit=0.9)
     leaf.navigation(split + 7)
@@ -171,7 +169,7 @@ def keyboard_phone(model: Model, rng: Rng) -> None:
 
 
 def organiser(model: Model, rng: Rng) -> None:
-    """Pocket computer with a phone in it: large pane, row of hard keys, pen in a slot, thick antenna on some."""
+    """Model a pocket computer with a phone: large pane, row of hard keys, pen in a slot, thick antenna on some."""
     leaf, color = Leaf(rng, (74, 18, 125), pick(rng, *SHELLS), plate=0.7), pick(rng, *SHELLS).color
     leaf.screen(72, 52, rng.uniform(65, 75), lit=0.6)
     for x in (-25, -15, 0, 15, 25):

@@ -3,8 +3,6 @@
 Millimetres, the shaft along x, the head at +x.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -47,7 +45,7 @@ def face(low: float, high: float, radius: float, waist: float) -> Solid:
 
 
 def claw(model: Model, rng: Rng) -> None:
-    """Carpenter's hammer: round face, two curved claws."""
+    """Model a carpenter's hammer: round face, two curved claws."""
     shaft(model, rng, rng.uniform(220, 300))
     metal, out, droop = pick(rng, *IRON), rng.uniform(62, 85), rng.uniform(5, 38)
     claws = [sweep([(0, 4 * s, 12), (2, 6 * s, 0.6 * out), (-droop, 12 * s, out + 8)], 9, 11, 2.6) for s in (-1, 1)]
@@ -55,14 +53,14 @@ def claw(model: Model, rng: Rng) -> None:
 
 
 def ball_peen(model: Model, rng: Rng) -> None:
-    """Engineer's hammer: a face, and a ball at the other end."""
+    """Model an engineer's hammer: a face, and a ball at the other end."""
     shaft(model, rng, rng.uniform(200, 300))
     metal, r, out = pick(rng, *IRON), rng.uniform(13, 19), rng.uniform(36, 52)
     model.add(metal, box((30, 28, 36), 4, 3.0, "z"), face(-10, -out - 8, r, 0.8), rod(10, out, 0.62 * r, "z"), ball((r, r, r)).moved(z=out))
 
 
 def sledge(model: Model, rng: Rng) -> None:
-    """Heavy hammer: one thick bar for a head, its edges cut off."""
+    """Model a heavy hammer: one thick bar for a head, its edges cut off."""
     shaft(model, rng, rng.uniform(240, 420), 31)
     half, side, square = rng.uniform((52, 24, 4.0), (78, 33, 9.0))
     rows = [(-half, 0.8 * side), (10 - half, side), (half - 10, side), (half, 0.8 * side)]
@@ -71,7 +69,7 @@ def sledge(model: Model, rng: Rng) -> None:
 
 
 def mallet(model: Model, rng: Rng) -> None:
-    """Rubber or wooden mallet: a barrel or a block."""
+    """Model a rubber or wooden mallet: a barrel or a block."""
     shaft(model, rng, rng.uniform(190, 290))
     half, r, belly = rng.uniform((42, 30, 0.9), (66, 44, 1.1))
     ends = rng.uniform(0.75, 0.92)
@@ -83,7 +81,7 @@ def mallet(model: Model, rng: Rng) -> None:
 
 
 def gavel(model: Model, rng: Rng) -> None:
-    """Judge's hammer, turned from wood with rings; or a croquet mallet."""
+    """Model a judge's hammer, turned from wood with rings; or a croquet mallet."""
     wood, half, r = pick(rng, *WOODS), *rng.uniform((38, 24), (58, 34))
     waves = np.linspace(-half, half, 2 * int(rng.integers(3, 6)) + 1)
     profile = np.column_stack([waves, r * np.where(np.arange(len(waves)) % 2, 0.82, 1.0)])
@@ -94,7 +92,7 @@ def gavel(model: Model, rng: Rng) -> None:
 
 
 def tenderiser(model: Model, rng: Rng) -> None:
-    """Kitchen hammer: a square head with rows of teeth on one face."""
+    """Model a kitchen hammer: a square head with rows of teeth on one face."""
     shaft(model, rng, rng.uniform(170, 240), 22)
     side, half, teeth = *rng.uniform((24, 26), (32, 40)), int(rng.integers(2, 5))
     metal, pitch = pick(rng, *STEELS, *WOODS), 2 * side / teeth
@@ -105,7 +103,7 @@ def tenderiser(model: Model, rng: Rng) -> None:
 
 
 def hatchet(model: Model, rng: Rng) -> None:
-    """Axe: a wedge with a broad curved edge, a poll behind."""
+    """Model an axe: a wedge with a broad curved edge, a poll behind."""
     shaft(model, rng, rng.uniform(230, 420))
     out, broad, beard, poll = rng.uniform((70, 32, 0, 12), (110, 52, 34, 34))
     rows = [(-poll, 17, 13), (14, 19, 14), (0.4 * out, 15, 9), (0.8 * out, 0.7 * broad, 5), (out - 6, broad, 2.4), (out, 0.9 * broad, 0.8)]
@@ -117,7 +115,7 @@ def hatchet(model: Model, rng: Rng) -> None:
 
 
 def pickaxe(model: Model, rng: Rng) -> None:
-    """Pick or ice axe: a curved spike, at the other side a spike, a blade or a hammer face."""
+    """Model a pick or ice axe: a curved spike; opposite it a spike, a blade or a hammer face."""
     shaft(model, rng, rng.uniform(260, 420))
     metal, out, droop = pick(rng, *IRON), rng.uniform(90, 140), rng.uniform(10, 50)
     spikes = [[(2, 0, 8 * s), (4, 0, 0.5 * out * s), (-droop, 0, out * s)] for s in (-1, 1)]
@@ -128,7 +126,7 @@ def pickaxe(model: Model, rng: Rng) -> None:
 
 
 def tack(model: Model, rng: Rng) -> None:
-    """Slim hammer: square face, flat peen."""
+    """Model a slim hammer: square face, flat peen."""
     shaft(model, rng, rng.uniform(200, 290), 20)
     metal, low, out = pick(rng, *IRON), rng.uniform(34, 58), rng.uniform(45, 75)
     peen = column([(-6, 9, 10, 4), (0.4 * out, 8, 9, 4), (out - 3, 3, 14, 5), (out, 1.6, 14, 5)], "z", 28)

@@ -4,8 +4,6 @@ Millimetres, along x with the tip at +x, the edge down; blade and handle meet at
 shares of a blade's length and height, a handle rows (x, bottom z, top z, width).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 
@@ -18,20 +16,15 @@ BLADES: Palette = (*STEELS, *STEELS, (76, 78, 82))
 LEATHERS: Palette = ((104, 62, 34), (60, 58, 40), (36, 34, 34), (150, 100, 58), (96, 92, 66))
 
 
-def blade(rng: Rng, size: Sequence[float], outline: Rows, *, teeth: int = 0, double: bool = False) -> Solid:
-    """Loft a blade that reaches a little into the handle and bends up or down towards its tip.
-
-    Parameters
-    ----------
-    rng
-        Draws the bend, and the share of the height that the bevel takes.
-    size
-        Length, height, and thickness at the spine.
-    outline
-        Its silhouette.
-    teeth, double
-        Number of teeth along the edge; whether the spine is an edge too.
-    """
+def blade(
+    rng: Rng,  # draws the bend, and the share of the height that the bevel takes
+    size: Sequence[float],  # length, height, and thickness at the spine
+    outline: Rows,  # the silhouette
+    *,
+    teeth: int = 0,  # along the edge
+    double: bool = False,  # whether the spine is an edge too
+) -> Solid:
+    """Loft a blade that reaches a little into the handle and bends up or down towards its tip."""
     length, height, thick = size
     table, share = smooth(outline, 8), np.linspace(-0.04, 1.0, max(50, 8 * teeth))
     bend = (0.0 if double else rng.uniform(-0.15, 0.1)) * share * share
@@ -46,7 +39,7 @@ def blade(rng: Rng, size: Sequence[float], outline: Rows, *, teeth: int = 0, dou
 
 
 def riveted(model: Model, rng: Rng, z: float) -> None:
-    """Slabs of wood or plastic held by rivets, a steel bolster in front; the butt drops in some."""
+    """Add slabs of wood or plastic held by rivets, a steel bolster in front; the butt drops in some."""
     trim, (drop, belly) = pick(rng, *STEELS, GOLD), rng.uniform(0.0, (8, 4))
     rows = [(-115, -drop, 23 - drop, 15), (-98, -drop - belly, 24 - 0.8 * drop, 17), (-57, belly, 23, 17), (0, 1, 23, 15)]
     model.add(pick(rng, *WOODS, *PLASTICS, BLACK), bar(rows, 3.0, trim, [(-rng.uniform(9, 16), 0)]).moved(z=z))
@@ -54,7 +47,7 @@ def riveted(model: Model, rng: Rng, z: float) -> None:
 
 
 def moulded(model: Model, rng: Rng, z: float) -> None:
-    """Plastic with waves for the fingers and a rounded butt, a ring of another colour around it."""
+    """Add a plastic handle with waves for the fingers and a rounded butt, a ring of another colour around it."""
     x, butt = np.linspace(-115, 0, 12), rng.uniform(-109, -92)
     wave, swell = rng.uniform(0, 2) * np.cos(rng.uniform(0.1, 0.17) * x), 3 * np.sin(np.pi * x / 115) ** 2
     rows = np.column_stack([x, wave + swell - 1.5, 23 + swell, 15 + swell])
@@ -64,21 +57,21 @@ def moulded(model: Model, rng: Rng, z: float) -> None:
 
 
 def octagonal(model: Model, rng: Rng, z: float) -> None:
-    """Japanese handle: long, slightly swelling, nearly square, with a ferrule of another colour."""
+    """Add a Japanese handle: long, slightly swelling, nearly square, with a ferrule of another colour."""
     swell, collar = rng.uniform((0, -32), (2, -18))
     rows, trim = [(-115, -swell, 24 + swell, 18 + swell), (collar, 2, 22, 16), (0, 2, 22, 15)], pick(rng, BLACK, (220, 206, 176), WOODS[2])
     model.add(pick(rng, *WOODS), bar(rows, 4.5, trim, [(collar, 0)]).moved(z=z))
 
 
 def hollow_steel(model: Model, rng: Rng, z: float) -> None:
-    """All of steel, with a waist and dark rings."""
+    """Add a handle all of steel, with a waist and dark rings."""
     waist, rings = rng.uniform(0.5, 3), np.linspace(-98, -23, int(rng.integers(4, 9)))
     rows = [(-115, 2, 19, 10), (-109, -1, 24, 17), (-57, waist, 24 - waist, 17 - waist), (0, 0.5, 23, 15)]
     model.add(pick(rng, *STEELS), bar(rows, 2.3, pick(rng, BLACK), [(x, x + 3) for x in rings]).moved(z=z))
 
 
 def stacked(model: Model, rng: Rng, z: float) -> None:
-    """Discs of leather or cord one behind the other, with grooves between them."""
+    """Add a handle of leather or cord discs one behind the other, with grooves between them."""
     edges = np.linspace(-110, 0, 2 * int(rng.integers(5, 12)) + 1)
     half = (10.5 - 1.8 * np.sin(np.pi * edges / 110)) * np.where(np.arange(len(edges)) % 2, 1.0, 0.9)
     rows, discs = np.column_stack([edges, 12 - half, 12 + half, 1.8 * half]), [*zip(edges[:-2:4], edges[2::4], strict=False)]
@@ -92,18 +85,18 @@ def kitchen(model: Model, rng: Rng, size: Sequence[float], outline: Rows, *, tee
 
 
 def chef(model: Model, rng: Rng) -> None:
-    """Broad triangle with a curved belly, the heel below the handle."""
+    """Model a chef's knife: a broad triangle with a curved belly, the heel below the handle."""
     outline = [(0, 1, 0), (0.25, 1, -0.02), (0.6, 0.97, 0.04), (0.85, 0.92, 0.3), (0.97, 0.85, 0.56), (1, 0.82, 0.68)]
     kitchen(model, rng, (215, 48, 5.5), outline)
 
 
 def santoku(model: Model, rng: Rng) -> None:
-    """Straight edge, the spine falling to the tip."""
+    """Model a santoku: a straight edge, the spine falling to the tip."""
     kitchen(model, rng, (165, 46, 5), [(0, 1, 0), (0.55, 1, 0), (0.78, 0.96, 0.03), (0.92, 0.72, 0.09), (0.985, 0.42, 0.16), (1, 0.3, 0.2)])
 
 
 def cleaver(model: Model, rng: Rng) -> None:
-    """Tall slab of a blade, square or rounded at the end, with a hole to hang it by."""
+    """Model a cleaver: a tall blade, square or rounded at the end, with a hole to hang it by."""
     nose = rng.uniform(0.0, 0.35)
     kitchen(model, rng, (180, 94, 6), [(0, 1, 0), (0.5, 1.03, -0.03), (0.93, 1 - 0.2 * nose, 0.02), (1, 1 - nose, 0.1 * nose + 0.02)])
     if chance(rng, 0.7):
@@ -111,27 +104,27 @@ def cleaver(model: Model, rng: Rng) -> None:
 
 
 def bread(model: Model, rng: Rng) -> None:
-    """Long, even blade with scalloped teeth and a blunt end."""
+    """Model a bread knife: long and even, with scalloped teeth and a blunt end."""
     outline = [(0, 1, 0), (0.5, 1, rng.uniform(-0.15, 0)), (0.9, 0.98, 0.02), (0.97, 0.9, 0.16), (1, 0.7, 0.4)]
     kitchen(model, rng, (225, 30, 5), outline, teeth=int(rng.integers(14, 28)))
 
 
 def paring(model: Model, rng: Rng) -> None:
-    """Short pointed blade, shorter than its handle; straight, or curved like a beak."""
+    """Model a paring knife: a short pointed blade, shorter than its handle; straight, or curved like a beak."""
     straight = [(0, 1, 0), (0.4, 1, -0.02), (0.75, 0.94, 0.12), (0.95, 0.82, 0.5), (1, 0.76, 0.64)]
     beak = [(0, 1, 0.02), (0.4, 0.98, 0.06), (0.75, 0.72, -0.02), (0.95, 0.22, -0.22), (1, -0.06, -0.28)]
     kitchen(model, rng, (84, 24, 4.5), beak if chance(rng, 0.35) else straight)
 
 
 def fillet(model: Model, rng: Rng) -> None:
-    """Slim flexible blade that sweeps up to the tip."""
+    """Model a fillet knife: slim and flexible, sweeping up to the tip."""
     up = rng.uniform(0.2, 0.9)
     outline = [(0, 1, 0), (0.15, 0.96, 0.1), (0.55, 0.92, 0.1), (0.85, 0.95 + 0.4 * up, 0.3 + 0.4 * up), (1, 1.05 + up, 0.86 + up)]
     kitchen(model, rng, (200, 26, 5), outline)
 
 
 def hunting(model: Model, rng: Rng) -> None:
-    """Bowie: clip or drop point, guard; a riveted handle or stacked leather."""
+    """Model a Bowie knife: clip or drop point, guard; a riveted handle or stacked leather."""
     clip = [(0, 1, 0), (0.55, 1, 0), (0.64, 0.97, 0.0), (0.8, 0.74, 0.1), (0.94, 0.66, 0.4), (1, 0.66, 0.6)]
     drop = [(0, 1, 0), (0.4, 1.04, -0.04), (0.75, 0.9, 0.06), (0.95, 0.56, 0.34), (1, 0.48, 0.42)]
     model.add(pick(rng, *BLADES), blade(rng, (rng.uniform(120, 190), 34, 7), clip if chance(rng, 0.6) else drop))
@@ -141,7 +134,7 @@ def hunting(model: Model, rng: Rng) -> None:
 
 
 def dagger(model: Model, rng: Rng) -> None:
-    """Symmetric, double-edged, with a cross-guard, a grip of rings and a pommel."""
+    """Model a dagger: symmetric, double-edged, with a cross-guard, a grip of rings and a pommel."""
     leaf, reach, lean = rng.uniform((0.0, 26, -16), (0.12, 52, 22))
     outline = [(0, 0.5 - leaf, leaf - 0.5), (0.35, 0.5, -0.5), (0.75, 0.4, -0.4), (0.95, 0.16, -0.16), (1, 0.06, -0.06)]
     model.add(pick(rng, *BLADES), blade(rng, (215, 34, 8), outline, double=True).moved(z=12))
@@ -152,7 +145,7 @@ def dagger(model: Model, rng: Rng) -> None:
 
 
 def folding(model: Model, rng: Rng) -> None:
-    """Pocket knife opened, straight or at an angle: bolster, pivot, clip."""
+    """Model a pocket knife opened, straight or at an angle: bolster, pivot, clip."""
     spear = [(0, 0.9, 0.1), (0.45, 0.98, 0), (0.8, 0.8, 0.12), (0.96, 0.56, 0.4), (1, 0.52, 0.46)]
     tanto = [(0, 0.9, 0.1), (0.1, 1, 0), (0.7, 0.98, 0), (0.76, 0.96, 0.06), (0.96, 0.88, 0.72), (1, 0.88, 0.8)]
     sheep = [(0, 0.9, 0.1), (0.5, 1, 0), (0.8, 0.94, 0), (0.95, 0.5, 0.02), (1, 0.2, 0.06)]
@@ -167,7 +160,7 @@ def folding(model: Model, rng: Rng) -> None:
 
 
 def table_knife(model: Model, rng: Rng) -> None:
-    """Dinner or butter knife: round tip, handle swelling to the butt, a ring or two; steak teeth in some."""
+    """Model a dinner or butter knife: round tip, handle swelling to the butt, a ring or two; steak teeth in some."""
     metal, broad, teeth = pick(rng, *BLADES), rng.uniform(0.0, 0.15), int(rng.integers(18, 34)) if chance(rng, 0.4) else 0
     outline = [(0, 0.78, 0.2), (0.12, 0.86, 0.04), (0.6, 0.9 + broad, -broad), (0.85, 0.92 + broad, -broad), (1, 0.64, 0.36)]
     model.add(metal, blade(rng, (110, 20, 4.5), outline, teeth=teeth))

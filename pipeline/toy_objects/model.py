@@ -1,7 +1,5 @@
 """The model of a toy object: parts and their materials, joined to one mesh; colours."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the handle at +x, turned a little towards the front at -y.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import inf
 
@@ -41,14 +39,14 @@ def cup(model: Model, rng: Rng, rows: Rows, reach: float, bands: Bands = (), *, 
 
 
 def plain(model: Model, rng: Rng) -> None:
-    """Straight office mug, perhaps with a stripe."""
+    """Model a straight office mug, perhaps with a stripe."""
     high, low, wide = rng.uniform((88, 16, 6), (112, 40, 40))
     stripe = [(low, low + wide, pick(rng, *GLAZES, BLACK))] if chance(rng, 0.5) else []
     cup(model, rng, [(0, 37), (3, 40), (high - 2, 40), (high, 39)], rng.uniform(22, 32), stripe)
 
 
 def tapered(model: Model, rng: Rng) -> None:
-    """Latte mug, wider at the top, or at the foot; on a rubber ring in some."""
+    """Model a latte mug, wider at the top, or at the foot; on a rubber ring in some."""
     foot, top, high = rng.uniform((26, 40, 95), (34, 52, 135))
     if chance(rng, 0.25):
         foot, top = top, foot + 4
@@ -58,7 +56,7 @@ def tapered(model: Model, rng: Rng) -> None:
 
 
 def barrel(model: Model, rng: Rng) -> None:
-    """Pottery mug with a belly, a foot ring, and a rim dipped in another glaze."""
+    """Model a pottery mug with a belly, a foot ring, and a rim dipped in another glaze."""
     belly, rim, high = rng.uniform((41, 33, 80), (52, 41, 105))
     rows = [(0, 0.72 * belly), (4, 0.78 * belly), (0.42 * high, belly), (0.85 * high, rim), (high, rim + rng.uniform(0, 5))]
     dip = (rng.uniform(0.6, 0.85) * high, high + 1, pick(rng, *GLAZES))
@@ -66,7 +64,7 @@ def barrel(model: Model, rng: Rng) -> None:
 
 
 def tea(model: Model, rng: Rng) -> None:
-    """Low, wide cup with a fine handle; on a saucer in some."""
+    """Model a low, wide cup with a fine handle; on a saucer in some."""
     rim, high, wide = rng.uniform((44, 50, 1.35), (54, 66, 1.6))
     cup(model, rng, [(0, 22), (4, 24), (0.35 * high, 0.78 * rim), (0.85 * high, 0.96 * rim), (high, rim)], rng.uniform(14, 22), low=0.35)
     if chance(rng, 0.6):
@@ -76,14 +74,14 @@ def tea(model: Model, rng: Rng) -> None:
 
 
 def espresso(model: Model, rng: Rng) -> None:
-    """Small thick cup with a looped handle and a rim of gold or another colour."""
+    """Model a small thick cup with a looped handle and a rim of gold or another colour."""
     rim, high = rng.uniform((27, 52), (33, 64))
     edge = (high - rng.uniform(3, 9), high + 1, pick(rng, GOLD, BLACK, *GLAZES))
     cup(model, rng, [(0, 19), (3, 21), (0.5 * high, 0.94 * rim), (high, rim)], rng.uniform(14, 22), [edge], low=0.35, high=0.85)
 
 
 def enamel(model: Model, rng: Rng) -> None:
-    """Camping mug of thin metal: straight wall, rolled rim of another colour."""
+    """Model a camping mug of thin metal: straight wall, rolled rim of another colour."""
     (radius, high), coat = rng.uniform((38, 70), (47, 92)), pick(rng, WHITE, *PLASTICS, (36, 62, 110))
     rows = [(0, radius - 4), (4, radius), (high - 4, radius), (high - 2, radius + 2), (high, radius + 2)]
     rim = (high - 4, high + 1, pick(rng, BLACK, (36, 62, 110), *STEELS))
@@ -91,7 +89,7 @@ def enamel(model: Model, rng: Rng) -> None:
 
 
 def travel(model: Model, rng: Rng) -> None:
-    """Insulated beaker with a grip and a lid; with a handle in some."""
+    """Model an insulated beaker with a grip and a lid; with a handle in some."""
     foot, top, high = rng.uniform((28, 38, 150), (34, 44, 205))
     rows, z = [(0, foot - 2), (4, foot), (0.45 * high, rng.uniform(foot, top)), (0.6 * high, top), (high, top)], 0.6 * high
     model.add(pick(rng, *STEELS, *PLASTICS, BLACK), column(smooth(rows), count=36))
@@ -103,7 +101,7 @@ def travel(model: Model, rng: Rng) -> None:
 
 
 def stein(model: Model, rng: Rng) -> None:
-    """Tall beer mug with a heavy handle and rings around it; a lid on some."""
+    """Model a tall beer mug with a heavy handle and rings around it; a lid on some."""
     (radius, high), rings = rng.uniform((42, 130), (52, 190)), int(rng.integers(2, 6))
     glass, waves = pick(rng, (226, 190, 96), (190, 206, 208), (176, 170, 156)), np.linspace(0.1, 0.85, 2 * rings + 1) * high
     rows = [(0, radius + 3), (6, radius + 3), *zip(waves, radius + np.resize([0, 4], len(waves)), strict=True), (high, radius)]
@@ -115,7 +113,7 @@ def stein(model: Model, rng: Rng) -> None:
 
 
 def jug(model: Model, rng: Rng) -> None:
-    """Pitcher: belly, narrow neck, wide handle, a lip to pour from."""
+    """Model a pitcher: belly, narrow neck, wide handle, a lip to pour from."""
     belly, neck, high = rng.uniform((55, 30, 150), (72, 44, 230))
     rows = [(0, 0.66 * belly), (5, 0.72 * belly), (0.35 * high, belly), (0.75 * high, neck), (high, neck + rng.uniform(3, 12))]
     stripe = (0.3 * high, rng.uniform(0.33, 0.45) * high, pick(rng, *GLAZES, BLACK))

@@ -1,7 +1,5 @@
 """Small texture images: bottle labels and phone screens, drawn from the rng."""
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 

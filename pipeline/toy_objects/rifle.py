@@ -3,8 +3,6 @@
 Millimetres; the bore lies along x at y = z = 0, the muzzle at +x. Bars have rows (x, low z, high z, width).
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -72,7 +70,7 @@ class Gun:
 
 
 def bolt_action(model: Model, rng: Rng) -> None:
-    """Hunting or service rifle: one-piece stock, round receiver, bolt, scope or sights; short or full fore-end."""
+    """Model a hunting or service rifle: one-piece stock, short or full; round receiver, bolt, scope or sights."""
     gun, fore = Gun(model, rng, 680, 11), int(rng.choice((300, 360, 570)))
     grasp = [(-165, -72, -24, 38), (-115, -52, -6, 44), (-40, -46, -3, 48), (70, -45, -4, 48), (fore - 12, -26, 0, 32)]
     gun.stock(gun.wood, *BUTT, *grasp, (fore, -18, -2, 22))
@@ -85,7 +83,7 @@ def bolt_action(model: Model, rng: Rng) -> None:
 
 
 def kalashnikov(model: Model, rng: Rng) -> None:
-    """Stamped receiver, curved magazine, gas tube over the barrel, wooden or folding stock, raked grip."""
+    """Model a Kalashnikov: stamped receiver, curved magazine, gas tube above, wooden or folding stock, raked grip."""
     gun = Gun(model, rng, 490, 10)
     gun.add(gun.metal, block((-190, 70), (-44, 4), 34), block((325, 355), (-12, 36), 22), rod(60, 345, 9).moved(z=27))
     gun.add(gun.metal, bar([(-188, -2, 10, 24), (-170, -2, 24, 32), (-20, -2, 25, 32), (-6, -2, 18, 28)]))
@@ -103,7 +101,7 @@ def kalashnikov(model: Model, rng: Rng) -> None:
 
 
 def modular(model: Model, rng: Rng) -> None:
-    """AR family: straight or open stock behind a buffer tube, handguard, carry handle or scope, front sight."""
+    """Model an AR: straight or open stock behind a buffer tube, handguard, carry handle or scope, front sight."""
     gun = Gun(model, rng, 450, 10)
     gun.add(gun.metal, block((-175, 40), (-6, 27), 32), rod(-340, -170, 15))
     gun.add(gun.metal, bar([(-175, -44, -6, 28), (-110, -44, -4, 30), (-60, -50, -4, 34), (30, -52, -4, 34)], 6))
@@ -123,7 +121,7 @@ def modular(model: Model, rng: Rng) -> None:
 
 
 def sniper(model: Model, rng: Rng) -> None:
-    """Heavy barrel, large scope, bipod; thumb-hole stock or a skeleton with cheek piece; pistol grip."""
+    """Model a sniper rifle: heavy barrel, big scope, bipod, pistol grip; thumb-hole or skeleton stock, cheek piece."""
     gun = Gun(model, rng, 740, 15)
     gun.add(gun.metal, rod(-150, 60, 20))
     gun.add(gun.synthetic, bar([(-190, -44, -4, 40), (-150, -56, -3, 50), (60, -58, -2, 52), (320, -46, -2, 48), (350, -38, -6, 40)]))
@@ -143,7 +141,7 @@ def sniper(model: Model, rng: Rng) -> None:
 
 
 def lever_action(model: Model, rng: Rng) -> None:
-    """Flat receiver, finger loop, tube magazine under the barrel, hammer, straight wooden stock."""
+    """Model a lever gun: flat receiver, finger loop, tube magazine under the barrel, hammer, straight wooden stock."""
     gun = Gun(model, rng, 540, 12, devices=0.0)
     gun.add(gun.metal, rod(0, rng.uniform(340, 520), 9.5).moved(z=-23), block((300, 312), (-34, 13), 24))
     receiver = bar([(-150, -44, 2, 26), (-120, -52, 14, 30), (-20, -54, 17, 32), (10, -50, 16, 32)], 6)
@@ -158,7 +156,7 @@ def lever_action(model: Model, rng: Rng) -> None:
 
 
 def pump(model: Model, rng: Rng) -> None:
-    """Pump gun: wide barrel over a tube, ribbed sliding fore-end; a stock, or a pistol grip on some."""
+    """Model a pump gun: wide barrel over a tube, ribbed sliding fore-end; a stock, or a pistol grip on some."""
     gun, tube, slide = Gun(model, rng, 560, 13, devices=0.0), rng.uniform(330, 520), rng.uniform(110, 200)
     gun.add(gun.metal, rod(0, tube, 13).moved(z=-30), block((tube - 40, tube - 26), (-42, 12), 20))
     gun.add(gun.metal, bar([(-190, -36, -8, 28), (-160, -52, 14, 36), (-60, -54, 20, 38), (0, -52, 19, 38), (8, -46, 16, 34)], 4.5))
@@ -171,7 +169,7 @@ def pump(model: Model, rng: Rng) -> None:
 
 
 def bullpup(model: Model, rng: Rng) -> None:
-    """Bullpup with the magazine behind the grip, a long shell, a carrying handle or a scope."""
+    """Model a bullpup with the magazine behind the grip, a long shell, a carrying handle or a scope."""
     gun, high = Gun(model, rng, 390, 10), rng.uniform(66, 84)
     shell = [(-285, -92, 30, 50), (-150, -58, 30, 50), (0, -36, 28, 46), (150, -44, 24, 46), (220, -26, 18, 36)]
     gun.stock(gun.synthetic, (-355, -100, 26, 44), *shell, exponent=3.4)
@@ -186,7 +184,7 @@ def bullpup(model: Model, rng: Rng) -> None:
 
 
 def carbine(model: Model, rng: Rng) -> None:
-    """Self-loader in a wooden stock: gas cylinder, upper handguard, short magazine, sights."""
+    """Model a self-loader in a wooden stock: gas cylinder, upper handguard, short magazine, sights."""
     gun = Gun(model, rng, 530, 11)
     gun.stock(gun.wood, *BUTT, (-170, -66, -16, 36), (-115, -48, -5, 44), (60, -42, -3, 46), (270, -32, 2, 38), (335, -26, 2, 32))
     gun.add(gun.wood, bar([(70, -4, 20, 34), (210, -4, 20, 34), (335, -4, 16, 28)]))
@@ -199,7 +197,7 @@ def carbine(model: Model, rng: Rng) -> None:
 
 
 def double_barrel(model: Model, rng: Rng) -> None:
-    """Break action: two barrels side by side or over each other, splinter fore-end."""
+    """Model a break action: two barrels side by side or over each other, splinter fore-end."""
     gun, pipe, over = Gun(model, rng, 615, 8, devices=0.0), column([(0, 15), (120, 13.5), (620, 12)], "x", 24), chance(rng, 0.5)
     gun.add(gun.metal, *(pipe.moved(z=13 * side - 13) if over else pipe.moved(y=12 * side) for side in (-1, 1)))
     low, wide = (-39, 42) if over else (-13, 58)

@@ -3,8 +3,6 @@
 Millimetres, along x with the tip at +x; the shank begins at x = 0.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -56,19 +54,19 @@ def shank(length: float, radius: float, tip: str) -> list[Solid]:
 
 
 def slotted(model: Model, rng: Rng) -> None:
-    """Screwdriver with a flat or a crossed tip, long or short."""
+    """Model a screwdriver with a flat or a crossed tip, long or short."""
     grip(model, rng, rng.uniform(85, 115), rng.uniform(13, 18))
     model.add(pick(rng, *STEELS), *shank(rng.uniform(70, 190), rng.uniform(2.8, 5.0), "slotted" if chance(rng, 0.5) else "crossed"))
 
 
 def stubby(model: Model, rng: Rng) -> None:
-    """Screwdriver with a short thick handle and a short shank."""
+    """Model a screwdriver with a short thick handle and a short shank."""
     grip(model, rng, rng.uniform(52, 66), rng.uniform(16, 21))
     model.add(pick(rng, *STEELS), *shank(rng.uniform(20, 38), rng.uniform(3.5, 5.0), "crossed" if chance(rng, 0.5) else "slotted"))
 
 
 def precision(model: Model, rng: Rng) -> None:
-    """Watchmaker's screwdriver: a slim rod with knurls and a turning cap."""
+    """Model a watchmaker's screwdriver: a slim rod with knurls and a turning cap."""
     radius, length = rng.uniform((4.5, 80), (6.5, 110))
     rings = np.linspace(-0.9, -0.1, 2 * int(rng.integers(6, 12))) * length
     rows = [(-length, 0.9 * radius), *zip(rings, np.resize([radius, 0.86 * radius], len(rings)), strict=True), (0, 0.5 * radius)]
@@ -78,7 +76,7 @@ def precision(model: Model, rng: Rng) -> None:
 
 
 def t_handle(model: Model, rng: Rng) -> None:
-    """Hexagon key or nut driver with a bar across its end."""
+    """Model a hexagon key or nut driver with a bar across its end."""
     half, radius, length, socket = rng.uniform((38, 9, 120, 7), (60, 14, 210, 14))
     cross = [(-half, 0.8 * radius), (6 - half, radius), (0, 1.15 * radius), (half - 6, radius), (half, 0.8 * radius)]
     model.add(pick(rng, *PLASTICS, BLACK, RED), column(smooth(cross), "z", 28), rod(-radius, 22, 0.9 * radius))
@@ -87,7 +85,7 @@ def t_handle(model: Model, rng: Rng) -> None:
 
 
 def awl(model: Model, rng: Rng) -> None:
-    """Awl or ice pick: pear-shaped handle, a point."""
+    """Model an awl or ice pick: pear-shaped handle, a point."""
     pear, steel = rng.uniform(17, 24), pick(rng, *STEELS)
     rows = [(-78, 0.5 * pear), (-72, 0.9 * pear), (-56, pear), (-26, 0.6 * pear), (0, 0.4 * pear)]
     model.add(pick(rng, *WOODS, *PLASTICS), column(smooth(rows), "x", 32))
@@ -95,7 +93,7 @@ def awl(model: Model, rng: Rng) -> None:
 
 
 def chisel(model: Model, rng: Rng) -> None:
-    """Wood chisel or putty knife: flat blade, bevelled at its end."""
+    """Model a wood chisel or putty knife: flat blade, bevelled at its end."""
     grip(model, rng, rng.uniform(100, 135), rng.uniform(13, 17))
     long, wide, broad = rng.uniform((95, 6, 1.0), (150, 18, 2.4))
     rows = [(-4, 4, 4, 3), (14, 4, 4, 3), (24, 3, wide, 8), (long - 14, 2.2, broad * wide, 10), (long, 0.5, broad * wide, 10)]
@@ -103,7 +101,7 @@ def chisel(model: Model, rng: Rng) -> None:
 
 
 def file(model: Model, rng: Rng) -> None:
-    """File or rasp, flat to nearly round, on a handle."""
+    """Model a file or rasp, flat to nearly round, on a handle."""
     grip(model, rng, rng.uniform(95, 125), rng.uniform(13, 17))
     long, u, v, square = rng.uniform((150, 3, 8, 2.0), (230, 9, 16, 9.0))
     table = [(-3, 3, 4, 3), (14, 0.9 * u, 0.9 * v, square), (0.6 * long, u, v, square), (long, 0.6 * u, rng.uniform(0.3, 0.9) * v, square)]
@@ -111,7 +109,7 @@ def file(model: Model, rng: Rng) -> None:
 
 
 def gimlet(model: Model, rng: Rng) -> None:
-    """Gimlet or corkscrew: a cross handle and a screw."""
+    """Model a gimlet or corkscrew: a cross handle and a screw."""
     half, turns, thread, long = rng.uniform((34, 3.5, 3.0, 70), (52, 7.0, 6.5, 130))
     cross = [(-half, 7), (6 - half, 9), (0, 12), (half - 6, 9), (half, 7)]
     model.add(pick(rng, *WOODS, *PLASTICS), column(smooth(cross), "z", 26))
@@ -120,7 +118,7 @@ def gimlet(model: Model, rng: Rng) -> None:
 
 
 def spanner(model: Model, rng: Rng) -> None:
-    """Spanner: jaws at one end or both, a thicker end opposite."""
+    """Model a spanner: jaws at one end or both, a thicker end opposite."""
     length, size, thick = rng.uniform((110, 11, 7), (200, 19, 11))
     metal = pick(rng, *STEELS, (70, 74, 80))
     waist = [
@@ -139,7 +137,7 @@ def spanner(model: Model, rng: Rng) -> None:
 
 
 def trowel(model: Model, rng: Rng) -> None:
-    """Trowel, spatula or palette knife: a cranked neck and a broad leaf."""
+    """Model a trowel, spatula or palette knife: a cranked neck and a broad leaf."""
     grip(model, rng, rng.uniform(90, 120), rng.uniform(12, 17))
     long, wide, drop, nose = rng.uniform((80, 22, -36, 0.1), (150, 48, -6, 0.9))
     leaf = [(50, 1.6, 8, 4), (64, 1.6, wide, 4), (50 + 0.5 * long, 1.6, (0.6 + 0.4 * nose) * wide, 4), (50 + long, 1.2, nose * wide, 4)]

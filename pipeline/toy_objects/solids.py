@@ -3,8 +3,6 @@
 Lengths are millimetres, z is up. Every solid is one closed, outward-wound manifold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -20,46 +18,32 @@ Color = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """One base colour (sRGB), perhaps a texture image (height, width, 4) uint8 that it multiplies."""
+    """One base colour, perhaps a texture image that it multiplies."""
 
-    color: Color
-    image: NDArray[np.uint8] | None = None
+    color: Color  # sRGB
+    image: NDArray[np.uint8] | None = None  # (height, width, 4)
 
 
 @dataclass(frozen=True)
 class Solid:
-    """One closed part of an object.
+    """One closed part of an object."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3) positions, mm.
-    faces
-        (F, 3) int32 corners, wound outwards.
-    uv
-        (V, 2) texture coordinates, v upwards.
-    layer
-        (F,) int32: 0 for the part's own material, i for the i-th painted over it.
-    paints
-        The materials painted over it.
-    """
+    vertices: Array  # (V, 3) mm
+    faces: NDArray[np.int32]  # (F, 3) corners, wound outwards
+    uv: Array  # (V, 2) texture coordinates, v upwards
+    layer: NDArray[np.int32]  # (F,) 0 for the part's own material, i for the i-th painted over it
+    paints: tuple[Material, ...] = ()  # the materials painted over it
 
-    vertices: Array
-    faces: NDArray[np.int32]
-    uv: Array
-    layer: NDArray[np.int32]
-    paints: tuple[Material, ...] = ()
-
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Solid:
+    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Solid":
         """Return the solid shifted."""
         return replace(self, vertices=self.vertices + [x, y, z])
 
-    def turned(self, axis: str, angle: float, about: Sequence[float] = (0.0, 0.0, 0.0)) -> Solid:
+    def turned(self, axis: str, angle: float, about: Sequence[float] = (0.0, 0.0, 0.0)) -> "Solid":
         """Return the solid rotated by `angle` (rad, right-handed) about the line along `axis` through `about`."""
         return replace(self, vertices=Rotation.from_euler(axis, angle).apply(self.vertices - about) + about)
 
-    def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> Solid:
-        """Return the solid with a material over some of its faces (F,), and with new texture coordinates if given."""
+    def painted(self, material: Material, faces: NDArray[np.bool_], uv: Array | None = None) -> "Solid":
+        """Return the solid with a material over some faces (F,), and with new texture coordinates (V, 2) if given."""
         layer = np.where(faces, len(self.paints) + 1, self.layer).astype(np.int32)
         return replace(self, layer=layer, paints=(*self.paints, material), uv=self.uv if uv is None else uv)
 
@@ -67,7 +51,7 @@ class Solid:
 def loft(rings: Array) -> Solid:
     """Skin over (S, N, 3) cross-sections, closed by a fan at either end.
 
-    Each is star-shaped about its mean, and runs counter-clockwise where the next one lies towards the beholder.
+    Each is star-shaped about its mean, and runs counter-clockwise where the next one lies towards the viewer.
     """
     count, around = rings.shape[:2]
     vertices = np.concatenate([rings.reshape(-1, 3), rings[[0, -1]].mean(axis=1)])
@@ -79,28 +63,27 @@ def loft(rings: Array) -> Solid:
     return Solid(vertices, faces, np.zeros((len(vertices), 2)), np.zeros(len(faces), np.int32))
 
 
-def superellipse(half_u: ArrayLike, half_v: ArrayLike, exponent: ArrayLike, count: int) -> Array:
-    """Compute (S, count, 2) points of |u/half_u|^n + |v/half_v|^n = 1, from +v on: an ellipse for n = 2, nearly a rectangle for 8."""
+def superellipse(half_u: ArrayLike, half_v: ArrayLike, exponent: ArrayLike, count: int) -> Array:  # (S, count, 2)
+    """Compute points of |u/half_u|^n + |v/half_v|^n = 1, from +v on: an ellipse for n = 2, nearly a rectangle for 8."""
     angle = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
     circle = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
     halves = np.stack(np.broadcast_arrays(half_u, half_v), axis=-1).reshape(-1, 1, 2)
     return np.asarray(halves * np.sign(circle) * np.abs(circle) ** (2.0 / np.reshape(exponent, (-1, 1, 1))))
 
 
-def column(rows: Rows, axis: str = "z", count: int = 32, *, centre: ArrayLike = 0.0, lobes: int = 0, depth: ArrayLike = 0.0) -> Solid:
-    """Loft along an axis.
+def column(
+    rows: Rows,
+    axis: str = "z",
+    count: int = 32,  # points of a cross-section
+    *,
+    centre: ArrayLike = 0.0,  # middle of the cross-sections along v: one number, or one per row
+    lobes: int = 0,  # ripples around
+    depth: ArrayLike = 0.0,  # of the ripples, relative: one number, or one per row
+) -> Solid:
+    """Loft along an axis, one cross-section per row.
 
-    Parameters
-    ----------
-    rows
-        One cross-section each: (position, radius), or (position, half u, half v, exponent) of a superellipse; u and v are
-        the next two axes in cyclic order.
-    axis, count
-        The axis, and the points of a cross-section.
-    centre
-        The middle of the cross-sections along v, one number or one per row.
-    lobes, depth
-        Number of ripples around, and their relative depth: one number or one per row.
+    A row is (position, radius), or (position, half u, half v, exponent) of a superellipse; u and v are the next two
+    axes in cyclic order.
     """
     position, half_u, *rest = np.asarray(rows, float).T
     half_v, exponent = rest or (half_u, 2.0)
@@ -127,21 +110,13 @@ def block(x: tuple[float, float], z: tuple[float, float], width: float) -> Solid
 
 
 def vessel(
-    rows: Rows, wall: float, floor: float, inside: Material | None = None, bands: Sequence[tuple[float, float, Material]] = ()
+    rows: Rows,  # its outside, from the foot to the rim, as `column` takes them; refined smoothly
+    wall: float,  # thickness
+    floor: float,  # height above which the vessel is hollow
+    inside: Material | None = None,  # if that is another one
+    bands: Sequence[tuple[float, float, Material]] = (),  # around its outside: lowest z, highest z, material
 ) -> Solid:
-    """Loft a vessel that is open at the top.
-
-    Parameters
-    ----------
-    rows
-        Its outside, from the foot to the rim, as `column` takes them; refined smoothly.
-    wall, floor
-        Thickness of the wall, and the height above which the vessel is hollow.
-    inside
-        The material of its inside, if that is another one.
-    bands
-        Other materials around its outside: lowest z, highest z, material.
-    """
+    """Loft a vessel that is open at the top."""
     ends = np.clip([band[:2] for band in bands], rows[0][0], rows[-1][0])  # a band up to the rim may state more
     count, outer = 40, smooth(rows, at=[floor, *np.ravel(ends)])
     hollow = outer[outer[:, 0] > floor - 1e-6][::-1].copy()

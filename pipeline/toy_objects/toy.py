@@ -3,8 +3,6 @@
 Millimetres, standing on z = 0, the front faces -y; vehicles lie along x.
 """
 
-from __future__ import annotations
-
 from math import inf
 
 import numpy as np
@@ -17,7 +15,7 @@ FURS: Palette = ((150, 100, 60), (90, 64, 46), (200, 160, 110), (120, 120, 124),
 
 
 def doll(model: Model, rng: Rng) -> None:
-    """Figure with head, body, arms and legs, as a teddy or a doll; ears on some."""
+    """Model a figure with head, body, arms and legs, as a teddy or a doll; ears on some."""
     skin, belly, high, head = pick(rng, *FURS, *COLOURS), *rng.uniform((20, 62, 17), (32, 84, 27))
     z, spread, swing = high + 0.8 * head, rng.uniform(0.3, 1.2), rng.uniform(-0.5, 0.9)
     model.add(skin, ball((head, head, head)).moved(z=z + 0.6 * head))
@@ -38,7 +36,7 @@ def doll(model: Model, rng: Rng) -> None:
 
 
 def robot(model: Model, rng: Rng) -> None:
-    """Robot of boxes and rods, an antenna on its head."""
+    """Model a robot of boxes and rods, an antenna on its head."""
     x, y, z = rng.uniform((26, 18, 36), (46, 32, 62))
     metal, dark = pick(rng, *STEELS, *COLOURS), pick(rng, BLACK, *COLOURS)
     legs, head = rng.uniform((22, 22), (48, 34))
@@ -60,7 +58,7 @@ def robot(model: Model, rng: Rng) -> None:
 
 
 def animal(model: Model, rng: Rng) -> None:
-    """Four-legged animal: horse, dog, elephant …, by the lengths of legs, neck, snout, ears and tail."""
+    """Model a four-legged animal: horse, dog, elephant …, by the lengths of legs, neck, snout, ears and tail."""
     fur, long, belly, leg = pick(rng, *FURS, *COLOURS), *rng.uniform((34, 15, 24), (58, 25, 62))
     z = leg + belly
     model.add(
@@ -92,7 +90,7 @@ def animal(model: Model, rng: Rng) -> None:
 
 
 def bird(model: Model, rng: Rng) -> None:
-    """Duck, chick or penguin: egg-shaped body, head, beak, wings."""
+    """Model a duck, chick or penguin: egg-shaped body, head, beak, wings."""
     r, upright, head = rng.uniform((24, 0.0, 0.45), (36, 1.0, 0.7))
     long = rng.uniform(1.1, 1.6)
     plume, lean = pick(rng, *COLOURS, WHITE, BLACK), upright * 1.1
@@ -116,7 +114,7 @@ def wheels(model: Model, rng: Rng, at: list[float], radius: float, wide: float) 
 
 
 def car(model: Model, rng: Rng) -> None:
-    """Car or van: body, cabin, wheels; a digger's arm on some."""
+    """Model a car or van: body, cabin, wheels; a digger's arm on some."""
     half, wide, tall, r = rng.uniform((48, 20, 22, 10), (78, 30, 34, 17))
     model.add(
         pick(rng, *COLOURS),
@@ -149,7 +147,7 @@ def car(model: Model, rng: Rng) -> None:
 
 
 def train(model: Model, rng: Rng) -> None:
-    """Steam engine: boiler, cabin, chimney, dome; three pairs of wheels."""
+    """Model a steam engine: boiler, cabin, chimney, dome; three pairs of wheels."""
     half, r, wide = rng.uniform((48, 15, 17), (70, 22, 24))
     floor = 14.0
     model.add(pick(rng, BLACK, *COLOURS), block((-half, half), (floor - 6, floor + 8), 2 * wide))
@@ -164,7 +162,7 @@ def train(model: Model, rng: Rng) -> None:
 
 
 def boat(model: Model, rng: Rng) -> None:
-    """Boat: hull with a pointed bow, a house with a funnel, or a mast with a sail."""
+    """Model a boat: hull with a pointed bow, a house with a funnel, or a mast with a sail."""
     half, wide, deep = rng.uniform((60, 20, 20), (95, 32, 34))
     hull = [
         (-half, 0.75 * wide, 0.8 * deep / 2, 4),
@@ -196,7 +194,7 @@ def boat(model: Model, rng: Rng) -> None:
 
 
 def plane(model: Model, rng: Rng) -> None:
-    """Aeroplane: fuselage, wings, tail, a propeller or two jets; on wheels."""
+    """Model an aeroplane: fuselage, wings, tail, a propeller or two jets; on wheels."""
     half, r, span, sweep_back = rng.uniform((60, 10, 50, 0), (90, 17, 85, 36))
     z = r + 16
     body = smooth([(-half, 0.25 * r), (-0.6 * half, 0.65 * r), (0.1 * half, r), (0.7 * half, 0.9 * r), (half, 0.25 * r)])
@@ -226,7 +224,7 @@ def plane(model: Model, rng: Rng) -> None:
 
 
 def rocket(model: Model, rng: Rng) -> None:
-    """Rocket: pointed body, fins, a window, a nozzle."""
+    """Model a rocket: pointed body, fins, a window, a nozzle."""
     r, high, fins = *rng.uniform((14, 110), (26, 170)), int(rng.integers(3, 5))
     rows = [(10, 0.75 * r), (18, 0.9 * r), (0.4 * high, r), (0.72 * high, 0.85 * r), (0.93 * high, 0.3 * r), (high, 0.06 * r)]
     model.add(pick(rng, *COLOURS, WHITE, *STEELS), column(smooth(rows), count=36))
@@ -236,7 +234,7 @@ def rocket(model: Model, rng: Rng) -> None:
 
 
 def rings(model: Model, rng: Rng) -> None:
-    """Stacking tower: rings of falling size on a pole, a ball on top; or blocks piled askew."""
+    """Model a stacking tower: rings of falling size on a pole, a ball on top; or blocks piled askew."""
     count, z, pile = int(rng.integers(3, 7)), 8.0, chance(rng, 0.4)
     size = rng.uniform(30, 46)
     model.add(pick(rng, *WOODS, *COLOURS), column(smooth([(0, size), (3, 1.05 * size), (9, size)]), count=36))
@@ -253,7 +251,7 @@ def rings(model: Model, rng: Rng) -> None:
 
 
 def skittle(model: Model, rng: Rng) -> None:
-    """Skittle, chess piece, nesting doll, spinning top or hand bell: turned, its outline drawn."""
+    """Model a skittle, chess piece, nesting doll, spinning top or hand bell: turned, its outline drawn."""
     waves = int(rng.integers(3, 7))
     along = np.concatenate([[0, 0.04], np.sort(rng.uniform(0.1, 0.9, waves)), [0.97, 1.0]])
     along = along[np.concatenate([[True], np.diff(along) > 0.03])]
@@ -282,7 +280,7 @@ def part(rng: Rng, size: float) -> Solid:
 
 
 def figure(model: Model, rng: Rng) -> None:
-    """Three to nine random shapes, each stuck onto one that is there."""
+    """Model a figure of three to nine random shapes, each stuck onto one of the others."""
     centres, sizes = [np.zeros(3)], [rng.uniform(22, 40)]
     for _ in range(int(rng.integers(2, 9))):
         to, size = int(rng.integers(len(centres))), rng.uniform(10, 34)
