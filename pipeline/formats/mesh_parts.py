@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -46,7 +47,17 @@ def read_numbers(text: bytes) -> NDArray[np.float64]:
         try:
             return np.fromstring(text, np.float64, sep=" ")
         except (ValueError, DeprecationWarning) as error:
-            raise InvalidInput("it has other text where numbers are expected; the file is damaged") from error
+            other = next((word for word in text.split() if not _is_number(word)), b"")[:40].decode("latin-1")
+            remedy = "write decimal points in place of commas" if re.fullmatch(r"[-+\d]+,\d+", other) else "the file is damaged"
+            raise InvalidInput(f"it has {other!r} where a number is expected; {remedy}") from error
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:

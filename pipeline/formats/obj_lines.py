@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import decode_text
 from pipeline.formats.polygons import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
@@ -22,10 +23,30 @@ VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
-USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
+USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+"""A line that names material libraries."""
 DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+FREE_FORM = re.compile(rb"^[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]", re.MULTILINE)
+"""A surface that is no polygon, or a statement of the first version of the format."""
+PAINT = re.compile(rb"^#MRGB ", re.MULTILINE)
+"""Colours of vertices in a comment, as ZBrush writes them."""
 NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
 """Names that programs write where faces have no material."""
+
+
+def usual_text(content: bytes) -> bytes:
+    """Write an OBJ file in UTF-8, with line feeds where it has carriage returns alone, as its readers need it."""
+    text = content if content.isascii() else decode_text(content).encode()
+    return text if b"\n" in text else text.replace(b"\r", b"\n")
+
+
+def check_statements(content: bytes, unread: list[str]) -> None:
+    """Refuse an OBJ file with surfaces that are no polygons, and note colours that are not read."""
+    if surface := FREE_FORM.search(content):
+        raise InvalidInput(f"it has free-form or outdated surfaces ({surface[1].decode()}), which cannot be read; export it as polygons")
+    if PAINT.search(content):
+        unread.append("colours of vertices in comments (#MRGB) are not read")
 
 
 def rewrite_lines(content: bytes) -> bytes:
@@ -140,7 +161,7 @@ def rewrite_uses(content: bytes, libraries: bytes, unread: list[str]) -> bytes:
         return b"usemtl " + name
 
     content = USE.sub(named, content)
-    if definitions and undefined:
+    if undefined and (definitions or not LIBRARY.search(content)):  # a library that is not read is listed by itself
         unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
     if several:
         unread.append(f"materials with several definitions have the last one: {_list_names(several)}")

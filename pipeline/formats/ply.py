@@ -22,7 +22,7 @@ COLORS = [
 ]
 """Names of the properties of a colour, the last of which may be missing."""
 
-COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|material_index$")
+COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
 
 COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))

@@ -99,7 +99,7 @@ def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: 
         (("OFF", "4 1 0", *CORNERS[:3], "0 1", FACES[0]), "do not have equally many numbers"),
         (("OFF BINARY", "4 1 0"), "binary"),
         (("nOFF", "4", "4 1 0"), "OFF of many dimensions"),
-        (("solid",), "other text where numbers are expected"),
+        (("solid",), "'solid' where a number is expected"),
         (("OFF",), "does not begin with OFF and the numbers"),
         (("OFF", "4 0 0", *CORNERS), "holds no triangle mesh"),
     ],
