@@ -29,6 +29,8 @@ LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re
 DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 FREE_FORM = re.compile(rb"^[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]", re.MULTILINE)
 """A surface that is no polygon, or a statement of the first version of the format."""
+ZERO = re.compile(rb"^f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d])", re.MULTILINE)
+"""A face that names vertex 0; the first one is 1."""
 PAINT = re.compile(rb"^#MRGB ", re.MULTILINE)
 """Colours of vertices in a comment, as ZBrush writes them."""
 NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
@@ -42,9 +44,11 @@ def usual_text(content: bytes) -> bytes:
 
 
 def check_statements(content: bytes, unread: list[str]) -> None:
-    """Refuse an OBJ file with surfaces that are no polygons, and note colours that are not read."""
+    """Refuse an OBJ file with surfaces that are no polygons or with vertices 0, and note colours that are not read."""
     if surface := FREE_FORM.search(content):
         raise InvalidInput(f"it has free-form or outdated surfaces ({surface[1].decode()}), which cannot be read; export it as polygons")
+    if ZERO.search(content):
+        raise InvalidInput("a face names vertex 0, the first one is 1; write it again with another program")
     if PAINT.search(content):
         unread.append("colours of vertices in comments (#MRGB) are not read")
 

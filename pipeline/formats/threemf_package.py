@@ -37,7 +37,6 @@ PAINT = ("paint_color", "mmu_segmentation")
 TEXTS = ("metadata", "setting")
 """Elements whose text is kept."""
 
-CORNERS = ("v1", "v2", "v3")
 PROPERTIES = ("pid", "p1", "p2", "p3")
 
 
@@ -124,13 +123,15 @@ def parse_model(stream: IO[bytes]) -> Model:
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal count
         tag, parent = name.rpartition(" ")[2], open_elements[-1]
-        if tag == "vertex" and parent.tag == "vertices":
-            parent.numbers.extend([float(attributes[axis]) for axis in "xyz"])
-        elif tag == "triangle" and parent.tag == "triangles":
-            parent.numbers.extend([int(attributes[name]) for name in CORNERS])
-            parent.numbers.extend([int(attributes.get(name, -1)) for name in PROPERTIES])
-            model.painted |= len(attributes) > len(CORNERS) and any(name.endswith(PAINT) for name in attributes)
-            check_count("faces", len(parent.numbers) // 7, MAX_FACES, "decimate the mesh")
+        if tag == "triangle" and parent.tag == "triangles":
+            parent.numbers.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"]), -1, -1, -1, -1))
+            if len(attributes) > 3:
+                parent.numbers[-4:] = array("d", [int(attributes.get(name, -1)) for name in PROPERTIES])
+                model.painted |= any(name.endswith(PAINT) for name in attributes)
+            if len(parent.numbers) > 7 * MAX_FACES:
+                check_count("faces", len(parent.numbers) // 7, MAX_FACES, "decimate the mesh")
+        elif tag == "vertex" and parent.tag == "vertices":
+            parent.numbers.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
         else:
             parser.CharacterDataHandler = data if tag in TEXTS else None
             count += 1

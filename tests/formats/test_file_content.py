@@ -86,6 +86,7 @@ def test_encoding_that_xml_declares_leaves_with_the_mark() -> None:
         (b"\n<!-- a --><!-- b -->\n<!DOCTYPE html>", "a web page"),
         (b"<HTML lang='en'>", "a web page"),
         (b"404: Not Found", "an error message of a server"),
+        (b'{"message": "Not Found"}', "an error message of a server"),
         (b'<?xml version="1.0"?>\n<Error><Code>AccessDenied</Code></Error>', "an error message of a server"),
         (b'<?xml version="1.0"?>\n<html/>', "a web page"),
         (b'<?xml version="1.0"?><svg/>', "an SVG drawing"),

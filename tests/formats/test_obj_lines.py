@@ -75,6 +75,12 @@ def test_colours_in_comments_are_said(tmp_path: Path) -> None:
     assert parse_mesh(tmp_path / "a.obj", tmp_path).unread == ("colours of vertices in comments (#MRGB) are not read",)
 
 
+def test_vertex_0_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(f"{CORNERS}f 1 2 3\nf 0 1 2\n")
+    with pytest.raises(InvalidInput, match="a face names vertex 0, the first one is 1"):
+        parse_mesh(tmp_path / "a.obj", tmp_path)
+
+
 @pytest.mark.parametrize("statement", ["cstype bezier\ndeg 1 1\nsurf 0 1 0 1 1 2 4 3\nend", "fo 1 2 3"])
 def test_surfaces_that_are_no_polygons_are_refused(tmp_path: Path, statement: str) -> None:
     (tmp_path / "a.obj").write_text(f"{CORNERS}f 1 2 3\n{statement}\n")
