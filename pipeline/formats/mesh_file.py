@@ -19,7 +19,7 @@ from pipeline.formats.collada import check_shape, rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
-from pipeline.formats.mesh_parts import GREY, MAX_UV, check_mesh
+from pipeline.formats.mesh_parts import GREY, MAX_UV, check_corners, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
 from pipeline.formats.obj_lines import check_statements, rewrite_lines, rewrite_uses, usual_text
 from pipeline.formats.off import read_off
@@ -137,8 +137,7 @@ def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
     part = part.copy(include_visual=False)
     if np.ndim(part.vertices) != 2 or part.vertices.shape[1] != 3:
         raise ValueError(f"vertices have shape {np.shape(part.vertices)}, not (n, 3)")
-    if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
-        raise ValueError(f"a face names a vertex outside 0..{len(part.vertices) - 1}")
+    check_corners(part.faces, len(part.vertices))
     part.apply_transform(pose)
     return Mesh(np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int32), look)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_count, check_mesh, split_vertices
+from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_corners, check_count, check_mesh, split_vertices
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -175,8 +175,7 @@ class _Builder:
         self._faces, self._vertices = self._faces + len(triangles), self._vertices + len(vertices)
         check_mesh(self._faces, self._vertices)
         faces = triangles[:, :3]
-        if not (faces.min() >= 0 and faces.max() < len(vertices)):
-            raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+        check_corners(faces, len(vertices))
         vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
         turned = [0, 2, 1] if np.linalg.det(pose[:3, :3]) < 0 else [0, 1, 2]  # a mirrored solid keeps its outside
         table = self._table(part)
