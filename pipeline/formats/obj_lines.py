@@ -27,12 +27,8 @@ USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 """A line that names material libraries."""
 DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
-FREE_FORM = re.compile(rb"^[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]", re.MULTILINE)
-"""A surface that is no polygon, or a statement of the first version of the format."""
-ZERO = re.compile(rb"^f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d])", re.MULTILINE)
-"""A face that names vertex 0; the first one is 1."""
-PAINT = re.compile(rb"^#MRGB ", re.MULTILINE)
-"""Colours of vertices in a comment, as ZBrush writes them."""
+WRONG = re.compile(rb"^(?:[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]|f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d]))", re.MULTILINE)
+"""A surface that is no polygon, a statement of the first version of the format, or a face that names vertex 0."""
 NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
 """Names that programs write where faces have no material."""
 
@@ -45,11 +41,11 @@ def usual_text(content: bytes) -> bytes:
 
 def check_statements(content: bytes, unread: list[str]) -> None:
     """Refuse an OBJ file with surfaces that are no polygons or with vertices 0, and note colours that are not read."""
-    if surface := FREE_FORM.search(content):
-        raise InvalidInput(f"it has free-form or outdated surfaces ({surface[1].decode()}), which cannot be read; export it as polygons")
-    if ZERO.search(content):
+    if (wrong := WRONG.search(content)) and wrong[1]:
+        raise InvalidInput(f"it has free-form or outdated surfaces ({wrong[1].decode()}), which cannot be read; export it as polygons")
+    if wrong:
         raise InvalidInput("a face names vertex 0, the first one is 1; write it again with another program")
-    if PAINT.search(content):
+    if b"\n#MRGB " in content:  # as ZBrush writes them
         unread.append("colours of vertices in comments (#MRGB) are not read")
 
 

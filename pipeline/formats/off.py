@@ -33,7 +33,7 @@ def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
         raise InvalidInput("it does not begin with OFF and the numbers of its vertices and faces")
     vertex_count, face_count = int(counts[0]), int(counts[1])
     if (rows := len(lines) - 1) < vertex_count + face_count:
-        raise InvalidInput(f"{vertex_count} vertices and {face_count} faces take as many lines, and {rows} follow; it is cut off")
+        raise InvalidInput(f"{vertex_count} vertices and {face_count} faces take as many lines, and {rows} follow; is it cut off?")
     if rest := rows - vertex_count - face_count:
         unread.append(f"{rest} lines after the last of {face_count} faces are ignored")
     check_mesh(face_count, vertex_count)
