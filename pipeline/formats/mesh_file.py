@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
 from pipeline.formats.collada import check_shape, rewrite_effects
+from pipeline.formats.collada_polygons import cut_concave
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
@@ -108,7 +109,7 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
             content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), content)
         case ".dae":
             check_shape(content)
-            content, transparent = rewrite_effects(content, unread)
+            content, transparent = rewrite_effects(cut_concave(content), unread)
     try:
         return _read(content, file, companions, transparent)
     except (InvalidInput, MemoryError):
