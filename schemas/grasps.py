@@ -85,7 +85,8 @@ GRASPS = Artifact(
             ("object", "grasp"),
             "bool",
             "1",
-            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: its centre within 2 cm of where it was.",
+            "Whether the object, freed in the grasp, stays in the hand for a second of gravity: at the end its centre is within 10 cm of "
+            "where it was, and slower than 5 cm/s.",
             optional=True,
         ),
         "held_directions": Array(
@@ -93,6 +94,23 @@ GRASPS = Artifact(
             "bool",
             "1",
             "The same with gravity along -x, +x, -y, +y, -z, +z of the world.",
+            optional=True,
+        ),
+        "hold_distance": Array(
+            ("object", "grasp", "direction"),
+            "float32",
+            "m",
+            "How far the object's centre is from where it was at the end of the hold test: beyond 10 cm, after a second or, where it "
+            "rests, before. One direction of gravity, -z, or six as in `held_directions`; inf after a numerical failure.",
+            infinite=True,
+            optional=True,
+        ),
+        "hold_speed": Array(
+            ("object", "grasp", "direction"),
+            "float32",
+            "m s-1",
+            "Its speed then: the distance in the last quarter second, divided by that time.",
+            infinite=True,
             optional=True,
         ),
         "penetration": Array(

@@ -24,7 +24,10 @@ def calibrate_sensor(
     out: Annotated[Path, typer.Argument(help="The sensor file to write; its report is OUT-calibration.png.")],
     untouched: Annotated[Path, typer.Option(help="The photograph with nothing in the gel.")],
     ball_radius: Annotated[float, typer.Option(min=1e-3, help="Radius of the ball, mm.")],
-    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm per pixel on the gel's surface.")],
+    mm_per_pixel: Annotated[float, typer.Option(min=1e-6, help="mm per pixel on the gel's surface, along a row.")],
+    mm_per_row: Annotated[
+        float | None, typer.Option(min=1e-6, help="mm from row to row, if pixels are not square; by default --mm-per-pixel.")
+    ] = None,
     thickness: Annotated[float, typer.Option(min=1e-3, help="Thickness of the gel, mm: the depth of the deepest press.")] = 4.0,
     normal_degree: Annotated[int, typer.Option(min=1, max=6, help="Degree of the polynomial in the gel's normal.")] = 3,
     position_degree: Annotated[
@@ -34,6 +37,10 @@ def calibrate_sensor(
     background_degree: Annotated[
         int | None, typer.Option(min=0, max=6, help="Degree of a polynomial background; else a photograph.")
     ] = None,
+    accept_photographs: Annotated[
+        bool,
+        typer.Option("--accept-photographs", help="Use photographs that look altered beside the untouched one: by colours, exposure, ..."),
+    ] = False,
     train: Annotated[bool, typer.Option("--train", help="Train a network to read depth in the sensor's photographs too.")] = False,
 ) -> None:
     """Calibrate a sensor from photographs of a ball.
@@ -48,13 +55,16 @@ def calibrate_sensor(
     from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
-    photographs, image, left_out = read_photographs(folder, untouched)
+    row_scale = mm_per_row and mm_per_row / mm_per_pixel
+    photographs, image, left_out = read_photographs(folder, untouched, row_scale=row_scale, accept_photographs=accept_photographs)
     radius = 1e-3 * ball_radius
     began = time.perf_counter()
     defaults = FIT_FOR_DEPTH if train else ColourFitOptions()
     options = replace(defaults, normal_degree=normal_degree, position_degree=position_degree, shadows=shadows)
     try:
-        sensor = uncalibrated_sensor(out.stem, image.shape[:2], pitch=1e-3 * mm_per_pixel, thickness=1e-3 * thickness)
+        sensor = uncalibrated_sensor(
+            out.stem, image.shape[:2], pitch=1e-3 * mm_per_pixel, thickness=1e-3 * thickness, row_scale=row_scale or 1.0
+        )
         result = calibrate(sensor, photographs, image, ball_radius=radius, options=options, left_out=left_out)
     except ValidationError as error:
         raise InvalidInput(f"no sensor is like this: {invalid_entries(error)}; are lengths in mm?") from error

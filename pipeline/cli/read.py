@@ -31,6 +31,13 @@ def read_touch(
     ] = None,
     watch: Annotated[bool, typer.Option(help="Read each photograph that appears in the folder, until Ctrl-C.")] = False,
     camera: Annotated[int | None, typer.Option(min=0, help="Number of a camera, as OpenCV counts them.")] = None,
+    accept_photographs: Annotated[
+        bool,
+        typer.Option(
+            "--accept-photographs",
+            help="Read photographs that look altered: colours exchanged, turned, mirrored, grey, another exposure or sensor.",
+        ),
+    ] = False,
     frames: Annotated[int | None, typer.Option(min=1, help="With --watch or --camera: stop after this many photographs.")] = None,
 ) -> None:
     """Read depth and contact in photographs of a gel.
@@ -50,7 +57,7 @@ def read_touch(
         fail(f"--frames {frames} ends --watch or --camera; leave it out, or name the photographs to read")
     if out is not None and photographs is not None and photographs.is_dir() and out.resolve() == photographs.resolve():
         fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
-    reader = TouchReader(sensor, read_image(untouched), model)
+    reader = TouchReader(sensor, read_image(untouched), model, accept_photographs=accept_photographs)
     print_line(f"read by {reader.network}")
     stream: Iterator[NamedPhotograph]
     if camera is not None:
@@ -64,14 +71,15 @@ def read_touch(
         start = time.perf_counter()
         try:
             reading = reader.read(image)
-        except InvalidInput as error:  # of another size
+        except InvalidInput as error:  # of another size, or altered
             if not watch:
                 raise InvalidInput(f"{name}: {error}") from error
             errors.print(f"[yellow]warning:[/] {escape(name)} is left out: {escape(str(error))}")
             continue
         reading_seconds += time.perf_counter() - start
         area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
-        print_line(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²")
+        rim = "; the rim is pressed, where depth is taken to be 0: the gel lies deeper than this" if reading.rim_pressed else ""
+        print_line(f"{name}: deepest {MM * float(reading.indentation.max()):.3f} mm, contact {area:.2f} mm²{rim}")
         if out is not None:
             write_reading(reading, out, name)
         count += 1

@@ -25,9 +25,11 @@ SUPPLEMENT_SUCCESS = {"bottle": 71.8, "knife": 54.1, "cellphone": 67.2, "rifle":
 
 HOLD_MEASURES = ("contact_area", "opposition", "closure")
 """The arrays that measure how well a grasp holds."""
+MOTIONS = ("hold_distance", "hold_speed")
+"""The arrays that measure how the object moves in the hold test."""
 
 
-LISTS = ("touched", "tried", "hold_measures", "held", "held_directions", "diagonals")
+LISTS = ("touched", "tried", "hold_measures", "held", "held_directions", "motions", "diagonals")
 """Fields of a `Tally` with an entry per object."""
 
 
@@ -45,6 +47,8 @@ class Tally:
     """(grasp,) bool of every object: which grasps hold it in the hold test; empty without the test."""
     held_directions: list[np.ndarray] = field(default_factory=list)
     """(grasp, 6) bool of every object: the same by the direction of gravity; empty if only one was tested."""
+    motions: list[np.ndarray] = field(default_factory=list)
+    """(grasp, direction, 2) of every object: how far, m, and how fast, m/s, it moved at the end of the hold test; empty without."""
     diagonals: list[float] = field(default_factory=list)
     """Diagonal of every object's bounding box, m; empty without a hold test."""
 
@@ -75,7 +79,7 @@ def tally(data: Place) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
     shard = DataDirectory(data).collection(GRASPS).first
     measured = HOLD_MEASURES if shard.has("closure") else ()  # older datasets have none
-    tested = tuple(name for name in ("held", "held_directions") if shard.has(name))
+    tested = tuple(name for name in ("held", "held_directions", *MOTIONS) if shard.has(name))
     arrays = ["touch_success", "attempt_success", *measured, *tested]
     rows = ObjectRows(data, arrays, split=None)
     tallies: dict[str, Tally] = defaultdict(Tally)
@@ -91,6 +95,8 @@ def tally(data: Place) -> dict[str, Tally]:
             entry.diagonals.append(rows.diagonal(object_id))
         if "held_directions" in tested:
             entry.held_directions.append(rows.read("held_directions", object_id))
+        if MOTIONS[0] in tested:  # older datasets have none
+            entry.motions.append(np.stack([rows.read(name, object_id) for name in MOTIONS], axis=-1))
     return dict(sorted(tallies.items()))
 
 

@@ -10,6 +10,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.console import abbreviate
 from pipeline.formats.urdf import mass_of
 from pipeline.formats.urdf_shapes import numbers_of
 from pipeline.formats.urdf_xml import parse_urdf
@@ -20,6 +21,11 @@ DENSITY = 1000.0
 
 MIN_MASS = 1e-3
 """Mass of a link without a mass and without collision shapes, kg."""
+
+ROUNDED = 0.01
+"""Share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round."""
+LEAST_GYRATION = 0.01
+"""Least possible greatest radius of gyration of a link, as a share of the diagonal of its box: a rod has 0.29. No body has more than 1."""
 
 
 def write_physics_urdf(hand: Hand, folder: Path) -> Path:
@@ -34,9 +40,8 @@ def write_physics_urdf(hand: Hand, folder: Path) -> Path:
 
     Returns
     -------
-    The URDF. Visuals and names with a prefix are removed, every collision mesh is a convex OBJ, every link has a mass, and a joint that
-    follows another one is as free as that one. Everything else is copied from the hand's file unchanged; of <inertia>, MuJoCo takes the
-    numbers, and PyBullet, as `HandBody` loads it, computes its own from mass and collision shapes.
+    The URDF. Visuals and names with a prefix are removed, every collision mesh is a convex OBJ, every link has a mass and an inertia that
+    a body can have, and a joint that follows another one is as free as that one. Everything else is copied from the hand's file unchanged.
     """
     links, joints = {link.name: link for link in hand.links}, {joint.name: joint for joint in hand.joints}
     robot = Element("robot", name=hand.name)
@@ -51,10 +56,24 @@ def write_physics_urdf(hand: Hand, folder: Path) -> Path:
     return path
 
 
-def links_without_mass(hand: Hand) -> list[str]:
-    """Name the links whose mass is estimated, because the URDF states none or zero."""
-    massless = [element.get("name", "") for element in parse_urdf(hand.urdf).findall("link") if not mass_of(element)]
-    return [link.name for link in hand.links if link.name in massless]
+def inertia_notes(hand: Hand) -> list[str]:
+    """Name the links whose mass or inertia is estimated, because the URDF states none, or one that no body can have."""
+    links = {link.name: link for link in hand.links}
+    elements = {name: element for element in parse_urdf(hand.urdf).findall("link") if (name := element.get("name", "")) in links}
+    massless = [name for name, element in elements.items() if not mass_of(element)]
+    guessed = [name for name, element in elements.items() if mass_of(element) and _inertia(element, links[name]) is None]
+    notes = []
+    if massless:
+        notes.append(
+            f"the URDF states no mass for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, "
+            "at least 1 g per link"
+        )
+    if guessed:
+        notes.append(
+            f"the URDF states no <inertia> that a body of that mass and size can have for {abbreviate(guessed)}: estimated from mass and "
+            "collision shapes; give positive moments in kg m², none greater than the sum of the two others"
+        )
+    return notes
 
 
 def _without_prefixes(element: Element) -> Element:
@@ -89,13 +108,35 @@ def _link(element: Element, link: Link, stem: Path) -> Element:
         for inertial in copy.findall("inertial"):
             copy.remove(inertial)
         copy.append(_estimated_inertial(link))
-    for inertial in copy.findall("inertial"):
-        moments = inertial.find("inertia")
-        if moments is None or not {"ixx", "iyy", "izz"} <= moments.attrib.keys():
-            for incomplete in inertial.findall("inertia"):
-                inertial.remove(incomplete)
-            inertial.append(_estimated_inertia(link, mass_of(element)))
+    else:
+        inertia = _inertia(element, link)
+        for inertial in copy.findall("inertial"):
+            for stated in inertial.findall("inertia"):
+                inertial.remove(stated)
+            inertial.append(_estimated_inertia(link, mass_of(element)) if inertia is None else inertia)
     return copy
+
+
+def _inertia(element: Element, link: Link) -> Element | None:
+    """Read the inertia of a link that has a mass; None if its numbers are incomplete, or no body of this mass and size has it.
+
+    Where rounded numbers violate the triangle inequality, all moments are raised by what is missing: PyBullet would take 0, and MuJoCo
+    the mean of the three.
+    """
+    stated = element.find("inertial/inertia")
+    if stated is None or not {"ixx", "iyy", "izz"} <= stated.attrib.keys():
+        return None
+    numbers = {name: float(numbers_of(stated, name, (0.0,))[0]) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
+    xx, xy, xz, yy, yz, zz = numbers.values()
+    least, middle, greatest = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    if least <= 0 or greatest > (1 + ROUNDED) * (least + middle):
+        return None
+    low, high = _box(link)
+    gyration, size = np.sqrt(greatest / mass_of(element)), float(np.linalg.norm(high - low))
+    if size and not LEAST_GYRATION * size <= gyration <= size:
+        return None
+    missing = max(greatest * (1 + 1e-6) - least - middle, 0.0)
+    return Element("inertia", {name: repr(value + missing * (name[1] == name[2])) for name, value in numbers.items()})
 
 
 def _estimated_inertial(link: Link) -> Element:
@@ -119,7 +160,8 @@ def _estimated_inertia(link: Link, mass: float) -> Element:
 
 
 def _box(link: Link) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions] or [np.zeros((1, 3))])
+    """Find the least and the greatest corner (3,) of the collision shapes, else of what is seen, m; both 0 for a link without shapes."""
+    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions or link.visuals] or [np.zeros((1, 3))])
     return corners.min(axis=0), corners.max(axis=0)
 
 

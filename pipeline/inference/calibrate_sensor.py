@@ -77,8 +77,10 @@ def check_name(path: Path, untouched_path: Path) -> None:
             raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
 
 
-def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thickness: float) -> Sensor:
-    """Describe a sensor whose colours are not known: photographs of `shape` (rows, cols) pixels of `pitch` m, a gel `thickness` m thick.
+def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thickness: float, row_scale: float = 1.0) -> Sensor:
+    """Describe a sensor whose colours are not known: photographs of `shape` (rows, cols) pixels, a gel `thickness` m thick.
+
+    Pixels are `pitch` m wide, and `row_scale` times as high.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thic
         {
             "name": name,
             "width": cols * pitch,
-            "height": rows * pitch,
+            "height": rows * pitch * row_scale,
             "rows": rows,
             "cols": cols,
             "w": thickness,

@@ -13,6 +13,7 @@ from pipeline.console import pluralise
 from pipeline.inference.model_inputs import ModelInputs, used_inputs
 from pipeline.inference.object_box import BY_DEPTH, FEW, ObjectBox, find_object, gel_centres, shows_touch, size_factor
 from pipeline.inference.observation_file import NOWHERE, TO_ADD, RobotObservation
+from pipeline.inference.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.geometry.transforms import invert_pose
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
@@ -40,6 +41,10 @@ def _why_not_located(observation: RobotObservation) -> str:
 
 def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
     """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
+    return [*_altered_photographs(observation), *_geometric_faults(observation, model)]
+
+
+def _geometric_faults(observation: RobotObservation, model: ModelInputs | None) -> list[str]:
     if model is not None:
         if model.config.image == "any" and observation.camera is None and not observation.is_felt:
             return [f"model {model.configuration} needs a photograph or touches{TO_ADD}camera or touches"]
@@ -51,6 +56,17 @@ def faults(observation: RobotObservation, model: ModelInputs | None = None) -> l
     if box is None:
         return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not_located(observation)}"]
     return [*problems, *_misplaced(observation, box, model)]
+
+
+def _altered_photographs(observation: RobotObservation) -> Iterator[str]:
+    """Yield tactile images that do not look like the sensor's, or like the untouched one."""
+    if observation.sensor is None or observation.accept_photographs:
+        return
+    found = [] if observation.untouched is None else untouched_faults(observation.untouched, observation.sensor)
+    for number, touch in enumerate(observation.touches if not found else ()):  # else they may differ from it as they should
+        found += photograph_faults(touch.tactile_image, observation.untouched, observation.sensor, observation.name_of(number))
+    if found:
+        yield f"{'; '.join(found)}; if these photographs are right as they are, add accept_photographs: true"
 
 
 def _distant_positions(observation: RobotObservation) -> Iterator[str]:

@@ -160,6 +160,10 @@ class RobotObservation(Entries):
     untouched: Annotated[
         Image | None, Field(description="tactile image of the sensor without contact; by default the one that the model was trained with")
     ] = None
+    accept_photographs: Annotated[
+        bool,
+        Field(description="take tactile images that look altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"),
+    ] = False
     touches: Annotated[
         tuple[ObservedTouch, ...],
         Field(

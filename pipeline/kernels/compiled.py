@@ -1,7 +1,5 @@
 """Compilation of loops that numpy could only express with large temporary arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar, cast
 
@@ -13,20 +11,8 @@ F = TypeVar("F", bound=Callable[..., object])
 def compiled(function: F) -> F:
     """Compile a function of numbers and arrays at its first call; division by zero gives infinity or NaN.
 
-    The machine code is kept beside the function's file or in the user's cache.
-
-    Parameters
-    ----------
-    function
-        The Python function; the compiled one holds it as `.py_func`.
-
-    Returns
-    -------
-    The compiled function.
-
-    Notes
-    -----
-    The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
+    The machine code is kept beside the function's file or in the user's cache; the Python function is the result's
+    `.py_func`. The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
 
     Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three seconds.
 

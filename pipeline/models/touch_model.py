@@ -184,7 +184,7 @@ class LocalTouchModel(TouchModel):
 
     network: LocalNetwork
 
-    def read(self, images: np.ndarray, untouched: np.ndarray | None = None) -> GelReading:
+    def read(self, images: np.ndarray, untouched: np.ndarray | None = None, pixel_aspect: float = 1.0) -> GelReading:
         """Read the gel in photographs, whose light may have drifted since the untouched one.
 
         Parameters
@@ -193,6 +193,8 @@ class LocalTouchModel(TouchModel):
             (N, H, W, 3) uint8.
         untouched
             (H, W, 3) uint8, a photograph of the same day with nothing in the gel; by default the model's own.
+        pixel_aspect
+            Height over width of a pixel of the images.
 
         Returns
         -------
@@ -203,7 +205,7 @@ class LocalTouchModel(TouchModel):
         InvalidInput
             The images are not uint8 colours, have another aspect ratio than the sensor, or `untouched` has other pixels.
         """
-        self._check(images, untouched)
+        self._check(images, untouched, pixel_aspect)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)
         pitch = (MM * self.sensor.pitch[0], MM * self.sensor.pitch[1])
@@ -242,16 +244,16 @@ class LocalTouchModel(TouchModel):
         )
         return interpolate(levels, size=self.sensor.shape, mode="area")
 
-    def _check(self, images: np.ndarray, untouched: np.ndarray | None) -> None:
+    def _check(self, images: np.ndarray, untouched: np.ndarray | None, pixel_aspect: float) -> None:
         if images.ndim != 4 or images.shape[3] != COLOURS or images.dtype != np.uint8:
             raise InvalidInput(f"tactile images are {images.dtype} {images.shape}; the local network reads uint8 (N, rows, cols, 3)")
         if untouched is not None and (untouched.shape != images.shape[1:] or untouched.dtype != np.uint8):
             raise InvalidInput(f"the untouched photograph is {untouched.dtype} {untouched.shape}, the others are {images.shape[1:]}")
-        self.check_sides(images.shape[1], images.shape[2])
+        self.check_sides(images.shape[1], images.shape[2], pixel_aspect)
 
-    def check_sides(self, rows: int, cols: int) -> None:
+    def check_sides(self, rows: int, cols: int, pixel_aspect: float = 1.0) -> None:
         """Raise an `InvalidInput` if the aspect ratio of images of this shape is not the sensor's."""
-        aspect, expected = cols / rows, self.sensor.width / self.sensor.height
+        aspect, expected = cols / rows / pixel_aspect, self.sensor.width / self.sensor.height
         if abs(aspect / expected - 1) > SIDES_TOLERANCE:
             raise InvalidInput(
                 f"photographs of {rows} x {cols} pixels are {aspect:.3g} times as wide as high, sensor {self.sensor.name} is "

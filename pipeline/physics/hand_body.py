@@ -36,7 +36,7 @@ class HandBody:
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
         """Load a URDF from `write_physics_urdf`, to which links may have been added."""
         self.client, self.hand = client, hand
-        flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES
+        flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES | pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
         infos = [client.getJointInfo(self.body, joint) for joint in range(client.getNumJoints(self.body))]
         self.numbers = {hand.links[0].name: -1} | {info[12].decode(): info[0] for info in infos}  # by the link that each moves

@@ -73,7 +73,6 @@ class HoldTest(AbstractContextManager["HoldTest"]):
         acceleration: Sequence[float] = DOWN,
         seconds: float = 1.0,
         limit: float = 0.1,
-        whole: bool = False,
     ) -> Motion:
         """Free the object in a grasp, whose motors drive to the squeeze, and record how both move.
 
@@ -90,8 +89,6 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             Longest duration: the test ends early when the object rests.
         limit
             m that the object's centre may move; beyond, the test ends early.
-        whole
-            Whether to continue when the object is too slow to reach the limit; then its final motion is known.
 
         Notes
         -----
@@ -106,9 +103,8 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._step(CLOSING_SECONDS / CLOSING_STAGES)
         self._accelerate(acceleration)
         self._drive(grasp.squeeze)
-        looks = round(seconds / self.look_interval)
-        track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval, looks=looks, whole=whole)
-        for _ in range(looks):
+        track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval)
+        for _ in range(round(seconds / self.look_interval)):
             self._step(self.look_interval)
             if track.ends(self._object_pose(), self._joint_angles()):
                 break

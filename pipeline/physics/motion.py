@@ -14,9 +14,6 @@ from pipeline.kernels.geometry.transforms import length
 RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
 """An object rests when its pose, m and quaternion, changes by less in this number of looks, a quarter of a second; a sliding object
 accelerates. In 50 grasps of ten objects, none moved by 0.1 mm in the remaining time."""
-SAFETY, SURE_TURN = 5, 0.05
-"""A creeping object is sure to stay if `SAFETY` times its motion in the remaining time, at the speed of the last quarter second, leaves it
-within the limit, and turns it by less than `SURE_TURN`, as a change of a quaternion (6°): then the remaining time is not simulated."""
 CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4
 """Motor targets from one posture to the next when a hand closes, and the time that this takes, as in DexGraspBench."""
 
@@ -27,8 +24,9 @@ class Motion:
 
     Attributes
     ----------
-    moved, turned
-        Final displacement of the object's centre, m, and its rotation angle, rad; infinite if the engine's numbers overflow.
+    moved, turned, speed
+        Final displacement of the object's centre, m, and its rotation angle, rad; and the speed of the centre, m/s: its displacement in
+        the last `RESTING_LOOKS` looks. Infinite if the engine's numbers overflow.
     penetration
         How deep the hand was in the object at the start, by the engine's shapes, m: in PyBullet's surface, only what crosses it counts.
     poses
@@ -42,6 +40,7 @@ class Motion:
 
     moved: float
     turned: float
+    speed: float
     penetration: float
     poses: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
@@ -49,38 +48,32 @@ class Motion:
 
 
 class Track:
-    """Record the poses (7,) of a freed object and the joint angles (J,) of the hand every `interval`, s, `looks` times."""
+    """Record the poses (7,) of a freed object and the joint angles (J,) of the hand every `interval`, s."""
 
-    def __init__(
-        self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float, looks: int, whole: bool
-    ) -> None:
+    def __init__(self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float) -> None:
         self.poses, self.angles = [pose], [angles]
-        self.limit, self.interval, self.looks, self.whole = limit, interval, looks, whole
+        self.limit, self.interval = limit, interval
 
     def ends(self, pose: NDArray[np.float64], angles: NDArray[np.float64]) -> bool:
-        """Add a look, and tell whether the object is beyond the limit, rests or, unless `whole`, is too slow to reach the limit in time."""
+        """Add a look, and tell whether the object is beyond the limit or rests."""
         self.poses.append(pose)
         self.angles.append(angles)
         moved = length(pose[:3] - self.poses[0][:3])
         if not moved <= self.limit:  # NaN ends the test, too
             return True
-        if len(self.poses) <= RESTING_LOOKS:
-            return False
-        change = pose - self.poses[-1 - RESTING_LOOKS]
-        if np.abs(change).max() < RESTING_CHANGE:
-            return True
-        times = SAFETY * (self.looks - (len(self.poses) - 1)) / RESTING_LOOKS
-        return not self.whole and bool(moved + times * length(change[:3]) < self.limit and times * np.abs(change[3:]).max() < SURE_TURN)
+        return len(self.poses) > RESTING_LOOKS and bool(np.abs(pose - self.poses[-1 - RESTING_LOOKS]).max() < RESTING_CHANGE)
 
     def motion(self, penetration: float) -> Motion:
         """Compare the last pose with the first."""
         first, last = self.poses[0], self.poses[-1]
-        moved = turned = np.inf
+        moved = turned = speed = np.inf
         if np.isfinite(last).all():
             # of unit quaternions, which have two signs
             difference = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
             moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(difference / 2, 1.0)))
-        return Motion(moved, turned, penetration, np.array(self.poses), np.array(self.angles), self.interval)
+            recent = self.poses[-1 - RESTING_LOOKS :]
+            speed = float(length(last[:3] - recent[0][:3])) / (self.interval * max(len(recent) - 1, 1))
+        return Motion(moved, turned, speed, penetration, np.array(self.poses), np.array(self.angles), self.interval)
 
 
 def closing_path(grasp: StoredGrasp) -> NDArray[np.float64]:

@@ -32,6 +32,9 @@ ARMATURE = {"revolute": 1e-3, "continuous": 1e-3, "prismatic": 0.3}
 """kg m² and kg of a motor's rotor, reflected to its joint; without it, a light fingertip swings faster than the steps can follow."""
 HARD = {"solref": [0.005, 1.0], "solimp": [0.5, 0.99, 0.0001, 0.5, 2.0]}
 """Contacts and gears as stiff as DexGraspBench makes them."""
+PLATE_TURN = 3.0
+"""Moment about the normal that a gel's contact resists, as a multiple of that of its area (`GelSpring.torsion`): a plate meets a convex
+part at one or two points, and in PyBullet at up to four, near its corners. With 1, seven of 125 objects that PyBullet holds fall."""
 HAND, GEL = 1, 2
 """Collision bits: links collide with links, links and gels with the object, gels with no part of the hand."""
 
@@ -143,7 +146,7 @@ class MujocoHoldTest(HoldTest):
         self.data.joint(name).qpos = gel_top(sensor) if out and contact else spring.height
         joint.stiffness, joint.damping = spring.stiffness, spring.damping
         model.qpos_spring[joint.qposadr] = gel_top(sensor)
-        model.geom_friction[model.body(name).geomadr, 1] = spring.torsion if self.torsion is None else self.torsion
+        model.geom_friction[model.body(name).geomadr, 1] = PLATE_TURN * spring.torsion if self.torsion is None else self.torsion
 
     def _object_pose(self) -> NDArray[np.float64]:
         """Read the pose; after a numerical failure MuJoCo has reset itself, and the pose is NaN."""

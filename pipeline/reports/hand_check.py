@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.console import Meter, abbreviate, errors, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.physics_urdf import inertia_notes
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import ignored_limits, read_urdf
 from pipeline.kernels.geometry.mesh import face_cross_products
@@ -180,11 +180,7 @@ def _convex_notes(hand: Hand) -> list[str]:
 
 
 def _notes(hand: Hand) -> list[str]:
-    notes = []
-    if massless := links_without_mass(hand):
-        notes.append(
-            f"the URDF states no mass, so it is estimated at 1000 kg/m³ of the collision shapes, at least 1 g a link: {', '.join(massless)}"
-        )
+    notes = inertia_notes(hand)
     if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
         notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
     notes += [f"warning: {sentence}" for sentence in ignored_limits(hand)]

@@ -21,9 +21,10 @@ from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, pluralise, visible
-from pipeline.dataset.touch_statistics import PAPER, has_paper_sizes, sensors_of
+from pipeline.dataset.touch_statistics import PAPER, Tally, has_paper_sizes, sensors_of
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
+from pipeline.physics.grasp_tests import REST, WITHIN
 from pipeline.reports.contact_sheet_page import spread_evenly
 from pipeline.reports.left_out import left_out_table
 from pipeline.reports.object_page import ObjectPages
@@ -197,7 +198,25 @@ def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path
     return [
         {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {shares_text}", "caption": "Successful touches per grasp"},
         {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
+        *_hold_plots(source.tallies, folder / "figures"),
     ]
+
+
+def _hold_plots(tallies: Mapping[str, Tally], folder: Path) -> list[dict[str, str]]:
+    """Draw how far and how fast objects moved at the end of the hold test, beside the limits of what holds; none if not tested."""
+    total = Tally.joined(tallies.values())
+    if not total.motions:
+        return []
+    plots = []
+    measured = 1e3 * np.concatenate(total.motions).reshape(-1, 2).T
+    for name, unit, limit, values in (("distance", "mm", 1e3 * WITHIN, measured[0]), ("speed", "mm/s", 1e3 * REST, measured[1])):
+        file, held, beyond = f"hold-{name}.svg", values[values <= limit], values[values > limit]
+        draw_histogram(folder / file, {"kept grasps": values}, x=f"{name}, {unit}", y="% of hold tests", limit=limit)
+        ends = [f"{len(held)} of {len(values)} up to {limit:g} {unit}", *([f"greatest {held.max():.3g}"] if len(held) else [])]
+        ends += [f"least beyond {beyond.min():.3g} {unit}"] if len(beyond) else []
+        caption = f"The object's {name} at the end of the hold test: {', '.join(ends)}"
+        plots.append({"file": f"{folder.name}/{file}", "alt": caption, "caption": caption})
+    return plots
 
 
 def _results(source: ReportSource, folder: Path) -> dict[str, Any]:

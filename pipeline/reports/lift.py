@@ -65,7 +65,7 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
     results = []
     for grasp in read_grasps(grasps, surface, sensors):
         test.load(mesh, points)
-        results.append(_lift(grasp, test.hold(grasp, limit=FALL, whole=True)))
+        results.append(_lift(grasp, test.hold(grasp, limit=FALL)))
     return results
 
 
@@ -80,8 +80,7 @@ def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
     moved[:, :3, :3] = Rotation.from_quat(poses[:, 3:]).as_matrix()
     moved[:, :3, 3] = poses[:, :3] - np.einsum("nij,j->ni", moved[:, :3, :3], poses[0, :3])
     still = np.tile(np.eye(4), (len(closing), 1, 1))
-    rule = GRASP_TESTS["lift"]
-    held = motion.moved <= rule.moved
+    held = GRASP_TESTS["lift"].passes(motion)
     seconds = motion.interval * (count - 1)
     description = (
         f"moves {1e3 * motion.moved:.1f} mm and turns {np.rad2deg(motion.turned):.1f}°" if np.isfinite(motion.moved) else "flies away"

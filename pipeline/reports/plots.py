@@ -25,6 +25,8 @@ INK = "#010203"
 """Placeholder for the colour of text and lines, which follows the page's theme."""
 
 THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
+DECADES = 3
+"""Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""
 HATCHES = ("", "//")
 """Hatches of bars, so that they differ without colours."""
 LINES = ("-", "--", "-.", ":")
@@ -94,12 +96,18 @@ def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object
         axes.legend(frameon=False)
 
 
-def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str) -> None:
-    """Draw the distributions of series (N,) as lines over common bins, as an SVG."""
+def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str, limit: float | None = None) -> None:
+    """Draw the distributions of series (N,) as lines over common bins, as an SVG; with a limit, over decades and with a line there."""
     with themed_svg(path) as figure:
         axes = figure.subplots()
-        highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
-        bins = np.linspace(0, highest, 25)
+        if limit is None:
+            highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
+            bins = np.linspace(0, highest, 25)
+        else:
+            bins = limit * np.logspace(-DECADES, 1, 6 * (DECADES + 1) + 1)
+            values = {name: np.clip(series, bins[0], bins[-1]) for name, series in values.items()}
+            axes.axvline(limit, color=INK, linewidth=1, linestyle=LINES[1])
+            axes.set(xscale="log")
         for number, (name, series) in enumerate(values.items()):
             shares = 100 * np.histogram(series, bins)[0] / max(len(series), 1)
             axes.stairs(shares, bins, label=_label(name), color=_color(number), linewidth=1.6, linestyle=LINES[number % len(LINES)])

@@ -28,7 +28,8 @@ class Grasp:
     """A grasp as simulated; `fault` is why it cannot be kept: it moves, leaves its joint limits, or penetrates itself or the object.
 
     `find_contacts` gives the contacts of the sensors that touch, None for the others, and `find_closure` their margin; each is computed
-    at its first use. The fingers closed from `pregrasp_angles`; `holds` says that the grasp passed the hold test of a hold search.
+    at its first use. The fingers closed from `pregrasp_angles`; `holds` says that the grasp passed the hold test of a hold search, in
+    which the object moved by `motions`, (D, 2), m and m/s, at the end of each direction.
     """
 
     hand_pose: NDArray[np.float64]
@@ -41,6 +42,7 @@ class Grasp:
     find_closure: Callable[[list[Contact]], float] = lambda contacts: 0.0
     pregrasp_angles: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     holds: bool = False
+    motions: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 2), np.float32))
 
     @property
     def sound(self) -> bool:

@@ -88,8 +88,8 @@ class GraspSettings(ObjectSettings):
 
     hold_test: Literal["none", "lift", "six"] | None = setting(
         None,
-        "lift: the object is freed in the grasp and may move 2 cm in a second of gravity; six: along ± x, ± y and ± z in turn, in six "
-        "times the time; by default none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
+        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
+        "in six times the time; by default none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
         changes="definition",
     )
     hold_mass: float = setting(

@@ -20,7 +20,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import links_without_mass
+from pipeline.formats.physics_urdf import inertia_notes
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
@@ -84,10 +84,9 @@ class SimulateGrasps(ObjectStage):
         }
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name links without mass, gels inside their links, and objects that do not fit the hand."""
+        """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
         hand = load_hand(settings.hand)
-        if massless := links_without_mass(hand):
-            yield f"hand {hand.name}: its URDF states no mass for {abbreviate(massless)}; estimated from collision shapes at 1000 kg/m³"
+        yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
         yield from (f"hand {hand.name}: {sentence}" for _, sentence in buried_gels(hand, sensors))
         widest = max(sensor.width for sensor in sensors)
@@ -195,7 +194,8 @@ class _Grasping:
             elif grasp.fault is not None:
                 faults[grasp.fault] += 1
             if grasp is not None and grasp.sound and settings.search == "hold":
-                grasp = replace(grasp, holds=self.test is None or HOLD_TESTS[settings.test].holds(self.test, self._stored(grasp)))
+                motions, holds = self._measure(self._stored(grasp), to_end=False)
+                grasp = replace(grasp, holds=holds, motions=motions)
             kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
         return kept, touched, faults
 
@@ -210,15 +210,39 @@ class _Grasping:
         squeeze = pregrasp_angles(self.hand.hand, grasp.joint_angles, [-self.settings.squeeze])[0]
         return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
 
+    def _measure(self, grasp: StoredGrasp, *, to_end: bool) -> tuple[NDArray[np.float32], bool]:
+        """Measure how far, m, and how fast, m/s, the object moved at the end of the hold test, along one direction after the other.
+
+        Returns
+        -------
+        motions
+            (D, 2); unless `to_end`, up to the first direction in which the grasp does not hold.
+        holds
+            Whether it holds in all; so does any without a test.
+        """
+        if self.test is None:
+            return np.empty((0, 2), np.float32), True
+        rule, motions, holds = HOLD_TESTS[self.settings.test], [], True
+        for motion in rule.motions(self.test, grasp):
+            motions.append(np.array([motion.moved, motion.speed], np.float32))
+            holds &= bool(rule.stays(*motions[-1]))
+            if not (holds or to_end):
+                break
+        return np.stack(motions), holds
+
     def _held(self, kept: list[Grasp], stored: list[StoredGrasp]) -> Row:
-        """Test every direction of the grasps that have not passed all of them."""
+        """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in every one."""
         if self.test is None:
             return {}
         rule = HOLD_TESTS[self.settings.test]
-        held = np.array(
-            [
-                [grasp.holds or rule.holds_against(self.test, stored_grasp, direction) for direction in rule.directions]
-                for grasp, stored_grasp in zip(kept, stored, strict=True)
-            ]
+        motions = np.stack(
+            [grasp.motions if grasp.holds else self._measure(one, to_end=True)[0] for grasp, one in zip(kept, stored, strict=True)]
         )
-        return {"held": held[:, rule.directions.index(DOWN)]} | ({"held_directions": held} if self.settings.test == "six" else {})
+        distance, speed = np.moveaxis(motions, -1, 0)
+        held = rule.stays(distance, speed)
+        return {
+            "held": held[:, rule.directions.index(DOWN)],
+            "hold_distance": distance,
+            "hold_speed": speed,
+            **({"held_directions": held} if self.settings.test == "six" else {}),
+        }

@@ -260,7 +260,7 @@ def test_changed_setting_is_named(published: Path, remade: tuple[Path, str], tmp
 
 
 def test_library_of_another_version_is_named_if_rows_differ(folder: Path, tmp_path: Path) -> None:
-    """Install another trimesh that scales STL files by 1 + 1e-6."""
+    """Install another trimesh that scales OBJ files by 1 + 1e-6."""
     options = ["--manifest", folder / "things.yaml", "--executor", "serial", "--set", "sample-surfaces.points=300"]
     assert vt("run", "sample-surfaces", "--data", tmp_path / "data", *options)[0] == 0
     (recipe := tmp_path / "surfaces.recipe.yaml").write_text(vt("recipe", tmp_path / "data")[1])
@@ -275,7 +275,7 @@ def test_library_of_another_version_is_named_if_rows_differ(folder: Path, tmp_pa
     )
     assert completed.returncode == 1, completed.stdout + completed.stderr
     output = " ".join(completed.stdout.split())
-    assert "differs in 1 of 4 rows sample-surfaces: other rows of rod may come of this" in output
+    assert "differs in 1 of 4 rows sample-surfaces: other rows of box may come of this" in output
     version = importlib.metadata.version("trimesh")
     assert f"may come of this: trimesh is 99.0 here, {version} there: pip install trimesh=={version}" in output
 
@@ -285,15 +285,17 @@ def _write_other_trimesh(site: Path) -> None:
     here = Path(trimesh.__file__).parent
     (site / "trimesh" / "exchange").mkdir(parents=True)
     for file in (*here.iterdir(), *(here / "exchange").iterdir()):
-        if file not in (here / "exchange", here / "exchange" / "stl.py"):
+        if file not in (here / "exchange", here / "exchange" / "obj.py"):
             (site / "trimesh" / file.relative_to(here)).symlink_to(file)
     change = """
-_read_as_before = load_stl_binary
-def load_stl_binary(*arguments, **options):
-    found = _read_as_before(*arguments, **options)
-    return {**found, "vertices": found["vertices"] * (1 + 1e-6)}
+def _load_other(*arguments, **options):
+    loaded = load_obj(*arguments, **options)
+    for part in loaded["geometry"].values() if "geometry" in loaded else [loaded]:
+        part["vertices"] = part["vertices"] * (1 + 1e-6)
+    return loaded
+_obj_loaders["obj"] = _load_other
 """
-    (site / "trimesh" / "exchange" / "stl.py").write_text((here / "exchange" / "stl.py").read_text() + change)
+    (site / "trimesh" / "exchange" / "obj.py").write_text((here / "exchange" / "obj.py").read_text() + change)
     (site / "trimesh-99.0.dist-info").mkdir()
     (site / "trimesh-99.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: trimesh\nVersion: 99.0\n")
 

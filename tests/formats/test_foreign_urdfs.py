@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.formats.physics_urdf import add_origin, links_without_mass, write_physics_urdf
+from pipeline.formats.physics_urdf import add_origin, inertia_notes, write_physics_urdf
 from pipeline.formats.urdf import read_urdf
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
@@ -137,7 +137,9 @@ def test_physics_urdf_has_no_namespace_prefixes(tmp_path: Path) -> None:
 
 
 def test_physics_urdf_has_convex_meshes_masses_and_no_visuals(hand: Hand, tmp_path: Path) -> None:
-    assert links_without_mass(hand) == ["tip"]
+    no_mass, no_inertia = inertia_notes(hand)
+    assert no_mass.startswith("the URDF states no mass for tip: estimated at 1000 kg/m³")
+    assert "for palm, one, two, lever: estimated from mass and collision shapes" in no_inertia
     robot = parse_urdf(write_physics_urdf(hand, tmp_path))
     assert not robot.findall("*/visual")
     assert not robot.findall("*/mimic")
@@ -352,3 +354,51 @@ def test_physics_urdf_states_what_engines_cannot_read_or_guess(tmp_path: Path) -
         assert min(float(moments[name]) for name in ("ixx", "iyy", "izz")) > 0
         if float(mass["value"]) == 0.01:
             assert float(moments["ixx"]) == pytest.approx(0.01 / 12 * (0.01**2 + 0.04**2))
+
+
+BOX_INERTIA = (0.01 / 12 * (0.01**2 + 0.04**2), 0.01 / 12 * (0.01**2 + 0.04**2), 0.01 / 12 * 2 * 0.01**2)
+"""kg m², of a `BODY` about its middle."""
+
+
+def stated_inertia(folder: Path, moments: tuple[float, ...], product: float = 0.0) -> tuple[list[float], list[str]]:
+    """Give the link "one" these moments and an ixy, kg m²; return the moments that engines get, and the notes."""
+    xx, yy, zz = moments
+    tensor = f'<inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{product}" ixz="0" iyz="0"/>'
+    hand = load_hand(claw(folder, CLAW.replace(f'name="one">{BODY}', f'name="one">{BODY.replace("</inertial>", tensor + "</inertial>")}')))
+    written = parse_urdf(write_physics_urdf(hand, folder)).find("link[@name='one']/inertial/inertia")
+    assert written is not None
+    return [float(written.get(name, "nan")) for name in ("ixx", "iyy", "izz")], [note for note in inertia_notes(hand) if " one," in note]
+
+
+@pytest.mark.parametrize(
+    ("moments", "product"),
+    [
+        ((0.0, 0.0, 0.0), 0.0),
+        ((-1e-6, 1e-6, 1e-6), 0.0),
+        ((1e-6, 0.0, 1e-6), 0.0),
+        ((1e-6, 1e-6, 2.1e-6), 0.0),
+        ((1e-6, 1e-6, 1e-6), 1.5e-6),  # the moments are positive, those about its principal axes are not
+        ((1.0, 1.0, 1.0), 0.0),
+        (tuple(1e4 * moment for moment in BOX_INERTIA), 0.0),  # kg cm²
+        (tuple(1e-6 * moment for moment in BOX_INERTIA), 0.0),
+    ],
+)
+def test_inertia_that_no_body_can_have_is_estimated_and_named(tmp_path: Path, moments: tuple[float, ...], product: float) -> None:
+    written, (note,) = stated_inertia(tmp_path, moments, product)
+    np.testing.assert_allclose(written, BOX_INERTIA)
+    assert "that a body of that mass and size can have for" in note
+
+
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
+def test_inertia_of_a_possible_body_is_kept(tmp_path: Path, share: float) -> None:
+    stated = tuple(share * moment for moment in BOX_INERTIA)
+    written, notes = stated_inertia(tmp_path, stated)
+    assert not notes
+    np.testing.assert_array_equal(written, stated)
+
+
+def test_rounded_inertia_of_a_thin_plate_is_raised_until_engines_take_it(tmp_path: Path) -> None:
+    written, notes = stated_inertia(tmp_path, (1.0e-6, 1.0e-6, 2.01e-6))
+    assert not notes
+    assert written[2] < written[0] + written[1]
+    np.testing.assert_allclose(written, [1.01e-6, 1.01e-6, 2.02e-6], rtol=1e-5)

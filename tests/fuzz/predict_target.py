@@ -56,7 +56,7 @@ class Predictions(Target):
             camera |= {"depth": next(iter(files.keys() - {"image", "tactile_image"}), None), "depth_scale": 1e-4, "convention": "opencv"}
             touch = {"name": "index", "tactile_image": "tactile_image", "pose": pose, "touched": True}
             observed = {"sensor": "gel_16mm", "untouched": "tactile_image", "touches": [touch], "camera": camera, "up": [0, -1, 0]}
-            observed |= {"object": {"centre": [0, 0, 0.6], "diagonal": 0.4}, "unit": "m"}
+            observed |= {"object": {"centre": [0, 0, 0.6], "diagonal": 0.4}, "unit": "m", "accept_photographs": True}
             files["grasp.yaml"] = json.dumps(observed).encode()
             files["mask"] = _saved(np.full((PIXELS, PIXELS), 255, np.uint8), "PNG")
         return [models | one for one in asked]

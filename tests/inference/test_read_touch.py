@@ -217,6 +217,17 @@ def test_network_beside_the_sensor_file_precedes_the_shipped_one_and_both_requir
     assert "gelsight_mini ship" in " ".join(result.output.split())
 
 
+def test_photographs_whose_pixels_are_not_square_are_read(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "my_gel-touch", tmp_path / "my_gel-touch")
+    described = yaml.safe_load((folder / "my_gel.yaml").read_text())
+    (tmp_path / "my_gel.yaml").write_text(yaml.safe_dump(described | {"rows": 32}))
+    low = resample(SENSOR, 32, COLS)
+    reading = TouchReader(tmp_path / "my_gel.yaml", untouched_image(low)).read(untouched_image(low))
+    assert reading.sensor.pitch == pytest.approx((SENSOR.height / 32, SENSOR.width / COLS))
+    with pytest.raises(InvalidInput, match="crop them to what the sensor file describes"):
+        TouchReader(tmp_path / "my_gel.yaml", UNTOUCHED)
+
+
 def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None:
     image = ball(0.001)
     turned = image[..., ::-1].copy()[..., ::-1]  # negative strides, as after conversion from BGR

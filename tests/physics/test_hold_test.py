@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import get_args
 
 import numpy as np
@@ -18,6 +19,7 @@ from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.engines import Engine, hold_test
 from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_spring
+from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import GRAVITY
 from pipeline.physics.motion import Motion, Track
 from tests.kernels.hand.meshes import centred, points_on
@@ -81,30 +83,52 @@ def test_recorded_motion_of_an_untouched_object_is_free_fall(engine: Engine) -> 
     assert np.ptp(motion.joint_angles) < 1e-3
 
 
-def creeping(speed: float, acceleration: float, *, whole: bool) -> tuple[int, bool]:
-    """Let an object creep for a second, looked at every 0.02 s, within 2 cm: looks that were taken, and whether it stayed."""
-    start, still = np.array([0.0, 0, 0, 0, 0, 0, 1]), np.zeros(1)
-    track = Track(start, still, limit=0.02, interval=0.02, looks=50, whole=whole)
+LIFT = GRASP_TESTS["lift"]
+
+
+def recorded(distance: Callable[[float], float]) -> tuple[float, Motion]:
+    """Let an object sink by a distance, m, of time, s, for a second: when the record ended, s, and the motion."""
+    start, still = np.array([0.0, 0, 1, 0, 0, 0, 1]), np.zeros(1)
+    track = Track(start, still, limit=LIFT.moved, interval=0.02)
     for look in range(1, 51):
-        time = 0.02 * look
         pose = start.copy()
-        pose[2] = -(speed * time + acceleration * time**2 / 2)
+        pose[2] -= distance(0.02 * look)
         if track.ends(pose, still):
             break
-    return look, track.motion(0.0).moved <= 0.02
+    return 0.02 * look, track.motion(0.0)
 
 
-@pytest.mark.parametrize(
-    ("speed", "acceleration", "stays"),
-    [(0.001, 0.0, True), (0.008, 0.0, True), (0.03, 0.0, False), (0.004, 0.05, False), (0.004, 0.01, True)],
-)
-def test_early_stop_gives_the_verdict_of_the_whole_track(speed: float, acceleration: float, stays: bool) -> None:
-    looks, verdict = creeping(speed, acceleration, whole=False)
-    every, whole = creeping(speed, acceleration, whole=True)
-    assert verdict == whole == stays
-    assert looks <= every
-    if speed == 0.008:  # neither at rest nor fast
-        assert looks < every == 50
+@pytest.mark.parametrize("acceleration", [0.1, 0.5, 9.81])
+def test_object_that_slides_at_a_constant_acceleration_is_not_held(acceleration: float) -> None:
+    end, motion = recorded(lambda time: acceleration * time**2 / 2)
+    assert not LIFT.passes(motion)
+    assert motion.moved == pytest.approx(acceleration * end**2 / 2)
+    start = max(end - 0.24, 0)  # of the last twelve looks
+    assert motion.speed == pytest.approx(acceleration * (start + end) / 2)
+
+
+@pytest.mark.parametrize("sag", [0.0, 0.015, 0.03])
+def test_object_that_sags_with_its_motors_and_rests_is_held(sag: float) -> None:
+    end, motion = recorded(lambda time: sag * (1 - np.exp(-time / 0.05)))
+    assert LIFT.passes(motion)
+    assert motion.moved == pytest.approx(sag, rel=0.02)
+    assert motion.speed < 0.005
+    assert end < 0.6  # it rests, and the test ends
+
+
+def test_object_that_creeps_is_judged_by_its_speed_at_the_end() -> None:
+    for speed in (0.5 * LIFT.speed, 1.5 * LIFT.speed):
+        end, motion = recorded(lambda time, speed=speed: speed * time)
+        assert end == 1.0
+        assert motion.speed == pytest.approx(speed)
+        assert LIFT.passes(motion) == (speed < LIFT.speed)
+
+
+def test_motion_of_an_engine_that_failed_is_no_hold() -> None:
+    end, motion = recorded(lambda time: np.nan if time > 0.1 else 0.0)
+    assert end < 0.2
+    assert motion.moved == motion.speed == np.inf
+    assert not LIFT.passes(motion)
 
 
 @pytest.mark.parametrize("thickness", [None, 2 * SENSOR.w])

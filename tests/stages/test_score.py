@@ -307,7 +307,7 @@ def test_closed_surface_counts_as_closed_in_a_format_without_shared_vertices(tmp
 def test_invalid_array_file_is_named(tmp_path):
     with (tmp_path / "a.npy").open("wb") as file:
         np.savez(file, points=np.zeros((5, 3)))
-    with pytest.raises(InvalidInput, match=r"a\.npy cannot be read as an array"):
+    with pytest.raises(InvalidInput, match=r"a\.npy is a ZIP archive"):
         read_surface(tmp_path / "a.npy")
 
 

@@ -1,7 +1,5 @@
 """Touch charts fitted to point clouds (supplement 2.3)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,62 +22,26 @@ the whole cloud: from afar many points are about equally near, and a search amon
 
 @dataclass(frozen=True)
 class ChartFits:
-    """Fitted charts.
+    """Fitted charts."""
 
-    Attributes
-    ----------
-    vertices
-        (N, side², 3) float64, sensor frame, m; those of `chart_square` where the cloud is empty.
-    residual
-        (N,) float64, m: root of the mean squared distance from the cloud's points to the chart's surface; 0 where the cloud is empty.
-    loss
-        (N,) float64, sensor widths²: the exact Chamfer distance when last checked; +inf where it never was, 0 where the cloud is empty.
-    iterations
-        (N,) int64: steps of Adam taken.
-    stop_rule
-        (N,) int64, `StopRule`: threshold, cap, too_few_points (none) or collapsed.
-    """
-
-    vertices: NDArray[np.float64]
-    residual: NDArray[np.float64]
-    loss: NDArray[np.float64]
-    iterations: NDArray[np.int64]
-    stop_rule: NDArray[np.int64]
+    vertices: NDArray[np.float64]  # (N, side², 3) sensor frame, m; those of `chart_square` where the cloud is empty
+    residual: NDArray[np.float64]  # (N,) m, RMS distance from cloud to chart's surface; 0 where the cloud is empty
+    loss: NDArray[np.float64]  # (N,) sensor widths², exact Chamfer distance when last checked; +inf: never, 0: empty
+    iterations: NDArray[np.int64]  # (N,) steps of Adam taken
+    stop_rule: NDArray[np.int64]  # (N,) `StopRule`: threshold, cap, too_few_points (none) or collapsed
 
 
 def fit_charts(
-    clouds: Sequence[NDArray[np.float64]],
-    width: float,
-    generators: Sequence[torch.Generator],
+    clouds: Sequence[NDArray[np.float64]],  # N clouds (n, 3), sensor frame, m; each n may differ, and be 0
+    width: float,  # m, of the sensor
+    generators: Sequence[torch.Generator],  # N on the CPU, one per chart
     *,
-    aspect: float = 1.0,
+    aspect: float = 1.0,  # the sensor's height over its width
     options: FitOptions | None = None,
 ) -> ChartFits:
     """Fit a chart to each cloud: Adam on its vertices, from the sensor's square, down the Chamfer distance of its samples.
 
-    Parameters
-    ----------
-    clouds
-        N clouds (n, 3), sensor frame, m; each n may differ, and be 0.
-    width
-        Of the sensor, m: losses are in its square.
-    generators
-        N CPU generators, one per chart. A chart follows from its cloud, its generator and the options, to the bit.
-    aspect
-        The sensor's height over its width.
-    options
-        `FitOptions()` if None.
-
-    Returns
-    -------
-    N fits, in the order of the clouds; vertices in the sensor frame, m.
-
-    Raises
-    ------
-    InvalidInput
-        A cloud holds NaN or infinity.
-    ValueError
-        A cloud is not (n, 3), the width is not positive and finite, or there is not one generator per cloud.
+    A chart follows from its cloud, its generator and the options, to the bit.
     """
     if len(clouds) != len(generators):
         raise ValueError(f"{len(clouds)} clouds, {len(generators)} generators: there must be one per cloud")
@@ -104,27 +66,15 @@ def fit_charts(
 
 
 class _Fit:
-    """Fit one chart; lengths are sensor widths.
-
-    Parameters
-    ----------
-    cloud
-        (n, 3), n at least 1.
-    square, faces
-        Vertices (V, 3) and faces (F, 3) of the undeformed chart.
-    options
-        How the chart is fitted.
-    generator
-        Shuffles the cloud and draws the chart's samples.
-    """
+    """Fit one chart; lengths are sensor widths."""
 
     def __init__(
         self,
-        cloud: NDArray[np.float64],
-        square: NDArray[np.float64],
-        faces: NDArray[np.int64],
+        cloud: NDArray[np.float64],  # (n, 3), n at least 1
+        square: NDArray[np.float64],  # (V, 3) vertices of the undeformed chart
+        faces: NDArray[np.int64],  # (F, 3)
         options: FitOptions,
-        generator: torch.Generator,
+        generator: torch.Generator,  # shuffles the cloud and draws the chart's samples
     ) -> None:
         self.options, self.generator, self.cloud = options, generator, np.ascontiguousarray(checked_cloud("the touch", cloud))
         count = len(cloud)

@@ -6,8 +6,6 @@ k-d tree, and built in a tenth of the time. Other clouds take longer, and give t
 All of it is one file: numba keeps machine code by the file of a function, and does not see that one in another file has changed.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -22,22 +20,12 @@ EPSILON = 1e-8
 
 
 class ChartState(NamedTuple):
-    """A chart that is being fitted; steps change the arrays.
+    """A chart that is being fitted; steps change the arrays."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3).
-    mean, square
-        (V, 3) Adam's mean gradient and mean squared gradient.
-    faces
-        (F, 3) int64.
-    """
-
-    vertices: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    square: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: NDArray[np.float64]  # (V, 3)
+    mean: NDArray[np.float64]  # (V, 3) Adam's mean gradient
+    square: NDArray[np.float64]  # (V, 3) Adam's mean squared gradient
+    faces: NDArray[np.int64]  # (F, 3)
 
 
 @compiled
@@ -48,24 +36,14 @@ def chart_area(chart: ChartState) -> float:
 
 @compiled
 def chamfer_and_gradient(
-    chart: ChartState, uniform: NDArray[np.float64], cloud: NDArray[np.float64], target: PlanarGrid
-) -> tuple[float, NDArray[np.float64]]:
+    chart: ChartState,  # with an area above 0
+    uniform: NDArray[np.float64],  # (n, 3) in [0, 1], which `map_to_surface` maps to the chart
+    cloud: NDArray[np.float64],  # (m, 3) points whose nearest samples are found
+    target: "PlanarGrid",  # the cloud, or points that represent it, of which each sample finds the nearest
+) -> tuple[float, NDArray[np.float64]]:  # distance, gradient (V, 3)
     """Compute the Chamfer distance between samples of a chart and a cloud, and its gradient.
 
-    Parameters
-    ----------
-    chart
-        With an area above 0.
-    uniform
-        (n, 3) in [0, 1], which `map_to_surface` maps to the chart.
-    cloud
-        (m, 3) points whose nearest samples are found.
-    target
-        The cloud, or points that stand for it, of which each sample finds the nearest.
-
-    Returns
-    -------
-    The distance, and its gradient (V, 3) with the neighbours and the samples' places on the chart held fixed.
+    The gradient is that with the neighbours and the samples' places on the chart held fixed.
     """
     count, vertices, faces = len(uniform), chart.vertices, chart.faces
     areas = _cumulative_areas(chart)
@@ -116,36 +94,17 @@ def descend(chart: ChartState, gradient: NDArray[np.float64], step: int, rate: f
 
 @compiled
 def take_steps(
-    chart: ChartState,
-    uniform: NDArray[np.float64],
-    parts: NDArray[np.float64],
-    targets: tuple[PlanarGrid, PlanarGrid],
-    near_loss: float,
-    steps: int,
-    rate: float,
-) -> NDArray[np.float64]:
+    chart: ChartState,  # is changed
+    uniform: NDArray[np.float64],  # (k, n, 3) in [0, 1], of each step
+    parts: NDArray[np.float64],  # (P, m, 3) parts of the cloud, which steps take in turn
+    targets: "tuple[PlanarGrid, PlanarGrid]",  # the first part, and the whole cloud
+    near_loss: float,  # +inf for a chart that is near already
+    steps: int,  # taken before
+    rate: float,  # Adam's
+) -> NDArray[np.float64]:  # (k,) losses of the steps, or of fewer
     """Take steps, each with other samples and points; stop before a step if no area is left.
 
-    Parameters
-    ----------
-    chart
-        Is changed.
-    uniform
-        (k, n, 3) in [0, 1], of each step.
-    parts
-        (P, m, 3) parts of the cloud, which steps take in turn.
-    targets
-        The first part and the whole cloud. Samples find their nearest in the first part until a loss is below `near_loss`, then in all.
-    near_loss
-        +inf for a chart that is near already.
-    steps
-        Taken before.
-    rate
-        Adam's.
-
-    Returns
-    -------
-    (k,) losses of the steps, or of fewer.
+    Samples find their nearest in the first part until a loss is below `near_loss`, then in the whole cloud.
     """
     losses, is_near = np.empty(len(uniform)), near_loss == np.inf
     for i in range(len(uniform)):
@@ -184,32 +143,16 @@ def _first_above(cumulative: NDArray[np.float64], value: float) -> int:
 
 
 class PlanarGrid(NamedTuple):
-    """Points, sorted by the cell of a grid over x and y.
+    """Points, sorted by the cell of a grid over x and y."""
 
-    Attributes
-    ----------
-    points
-        (n, 3) float64, cell by cell, row by row.
-    numbers
-        (n,) int64: the number of each in the cloud.
-    starts
-        (cells + 1,) int64: where each cell's points begin.
-    x, y
-        The corner of the first cell, in the points' unit.
-    side
-        Of a cell.
-    columns, rows
-        Cells along x and y.
-    """
-
-    points: NDArray[np.float64]
-    numbers: NDArray[np.int64]
-    starts: NDArray[np.int64]
-    x: float
+    points: NDArray[np.float64]  # (n, 3) cell by cell, row by row
+    numbers: NDArray[np.int64]  # (n,) number of each in the cloud
+    starts: NDArray[np.int64]  # (cells + 1,) where each cell's points begin
+    x: float  # corner of the first cell
     y: float
-    side: float
-    columns: int
-    rows: int
+    side: float  # of a cell
+    columns: int  # cells along x
+    rows: int  # cells along y
 
 
 @compiled

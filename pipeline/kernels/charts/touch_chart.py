@@ -1,7 +1,5 @@
 """The undeformed touch chart: a square grid of vertices on the sensor plane (supplement 2.3)."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 
@@ -11,27 +9,14 @@ MAX_SIDE = 101
 """More vertices would be finer than any tactile image resolves."""
 
 
-def chart_square(side: int = SIDE, aspect: float = 1.0) -> tuple[Tensor, Tensor]:
-    """Make a planar chart as large as the sensor, in the plane z = 0 of the sensor frame.
+def chart_square(
+    side: int = SIDE,  # vertices along a side; odd, so that one of them, with index side² // 2, is the centre
+    aspect: float = 1.0,  # the sensor's height over its width
+) -> tuple[Tensor, Tensor]:  # (side², 3) float64, sensor widths, and (2 (side - 1)², 3) int64
+    """Make the vertices and faces of a planar chart as large as the sensor, in the plane z = 0 of the sensor frame.
 
-    Parameters
-    ----------
-    side
-        Vertices along a side; odd, so that one of them, with index side² // 2, is the centre.
-    aspect
-        The sensor's height over its width.
-
-    Returns
-    -------
-    vertices
-        (side², 3) float64 in sensor widths: x from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels are.
-    faces
-        (2 (side - 1)², 3) int64, wound so that normals are +z.
-
-    Raises
-    ------
-    ValueError
-        The side is even, below 3 or above `MAX_SIDE`.
+    x goes from -1/2 to 1/2 along a row, y from -aspect/2 to aspect/2 from row to row, as pixels do. Faces are wound so
+    that normals are +z.
     """
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
         raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")

@@ -1,7 +1,5 @@
 """The visible surface of an object in a depth image as small charts, in the form of touch charts."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
@@ -21,30 +19,17 @@ RIM = 1
 
 
 def visible_charts(
-    depth: NDArray[np.floating], mask: NDArray[np.bool_], intrinsic: NDArray[np.floating], side: int, width: float = WIDTH
-) -> NDArray[np.float64]:
+    depth: NDArray[np.floating],  # (rows, cols) along the viewing direction, m; NaN where nothing was measured
+    mask: NDArray[np.bool_],  # (rows, cols) where the image shows the object
+    intrinsic: NDArray[np.floating],  # (3, 3) camera matrix; pixel centres at ½
+    side: int,  # vertices along a side of a chart
+    width: float = WIDTH,  # m, of a chart
+) -> NDArray[np.float64]:  # (T, side², 3) camera frame, m; T may be 0
     """Fit charts to the visible surface.
 
-    Parameters
-    ----------
-    depth
-        (rows, cols) along the viewing direction, m; NaN where nothing was measured.
-    mask
-        (rows, cols) bool: where the image shows the object.
-    intrinsic
-        (3, 3) camera matrix; pixel centres at ½.
-    side
-        Vertices along a side of a chart.
-    width
-        Of a chart, m.
+    The camera frame has +x along columns, +y along rows, +z ahead. Vertices are ordered as those of touch charts, so
+    that their normals point away from the camera, into the object.
 
-    Returns
-    -------
-    (T, side², 3) vertices, camera frame (+x along columns, +y along rows, +z ahead), m, ordered as those of touch charts, so that their
-    normals point away from the camera, into the object; T may be 0.
-
-    Notes
-    -----
     The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
     squares: a chart is smooth where the camera's depth is noisy.
     """

@@ -6,8 +6,6 @@ them, and the centre. Corners and sides shared by charts are known by their numb
 vertices are copies of one position, equal to the bit.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import combinations, product
@@ -27,27 +25,13 @@ Triangle = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class VisionCharts:
-    """C vision charts that close a sphere, V = 19 C vertices, F = 24 C faces, P distinct positions; arrays are read-only.
+    """C vision charts that close a sphere, V = 19 C vertices, F = 24 C faces, P positions; arrays are read-only."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3) float64 on the unit sphere. Chart c's are 19 c to 19 c + 18.
-    faces
-        (F, 3) int64, wound so that normals point outwards.
-    centres
-        (C,) int64, the vertex in the middle of each chart.
-    position
-        (V,) int64 in 0..P-1, which distinct position each vertex has.
-    seams
-        (S, 2) int64, each pair i < j of vertices that coincide, in ascending order.
-    """
-
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    centres: NDArray[np.int64]
-    position: NDArray[np.int64]
-    seams: NDArray[np.int64]
+    vertices: NDArray[np.float64]  # (V, 3) on the unit sphere; chart c's are 19 c to 19 c + 18
+    faces: NDArray[np.int64]  # (F, 3) wound so that normals point outwards
+    centres: NDArray[np.int64]  # (C,) vertex in the middle of each chart
+    position: NDArray[np.int64]  # (V,) in 0..P-1, which distinct position each vertex has
+    seams: NDArray[np.int64]  # (S, 2) each pair i < j of vertices that coincide, in ascending order
 
     def __post_init__(self) -> None:
         for array in vars(self).values():
@@ -56,22 +40,10 @@ class VisionCharts:
 
 @lru_cache(maxsize=8)
 def vision_charts(splits: int = 1) -> VisionCharts:
-    """Make the 24 · 4^splits vision charts around the unit sphere.
+    """Make the 24 · 4^splits vision charts around the unit sphere, in radii; kept in memory and shared by all callers.
 
-    Parameters
-    ----------
-    splits
-        Times that each triangle of the tetrakis hexahedron is split into four, 0 to 4. One, the supplement's number, gives 96 charts,
-        1824 vertices, 2304 faces and 1154 distinct positions.
-
-    Returns
-    -------
-    The charts, in radii of the sphere; kept in memory and shared by all callers.
-
-    Raises
-    ------
-    ValueError
-        `splits` is not in 0..4.
+    Each triangle of the tetrakis hexahedron is split into four `splits` times, 0 to 4. Once, the supplement's number,
+    gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
     """
     if not 0 <= splits <= MAX_SPLITS:
         raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")
@@ -120,7 +92,7 @@ def _on_sphere(point: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _tetrakis_hexahedron() -> tuple[_SpherePoints, list[Triangle]]:
-    """14 points, a cube's corners and the middles of its sides, and 24 triangles of them, wound outwards."""
+    """Make 14 points, a cube's corners and the middles of its sides, and 24 triangles of them, wound outwards."""
     cube, sphere, triangles = np.array(list(product((-1, 1), repeat=3))), _SpherePoints(), []
     for corner in cube:
         sphere.add(corner)
@@ -141,7 +113,7 @@ def _split(triangle: Triangle, sphere: _SpherePoints) -> list[Triangle]:
 
 
 def _chart_positions(triangle: Triangle, sphere: _SpherePoints) -> list[int]:
-    """(19,) the position numbers of a chart."""
+    """List the 19 position numbers of a chart."""
     a, b, c = triangle
     boundary = [a, *sphere.quarters(a, b), b, *sphere.quarters(b, c), c, *sphere.quarters(c, a)]
     centre = _on_sphere(sphere.points[a] + sphere.points[b] + sphere.points[c])
@@ -151,7 +123,7 @@ def _chart_positions(triangle: Triangle, sphere: _SpherePoints) -> list[int]:
 
 
 def _chart_faces() -> NDArray[np.int64]:
-    """(24, 3) faces of one chart, wound like its boundary."""
+    """List the faces (24, 3) of one chart, wound like its boundary."""
     faces = []
     for k in range(RING):
         corner, between, following = 2 * k, 2 * k + 1, (2 * k + 2) % BOUNDARY
@@ -161,7 +133,7 @@ def _chart_faces() -> NDArray[np.int64]:
 
 
 def _coinciding(position: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(S, 2) each pair i < j of vertices with the same position number."""
+    """List each pair i < j, (S, 2), of vertices with the same position number."""
     order = np.argsort(position, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
     return np.array(sorted(pair for group in groups for pair in combinations(group.tolist(), 2)), np.int64)

@@ -1,7 +1,5 @@
 """Closed, smooth meshes of reconstructed surfaces, pulled through touched points."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 import trimesh
@@ -44,30 +42,17 @@ STIFFNESS = 0.3
 
 
 def closed_surface(
-    vertices: Points, faces: Faces, charts: NDArray[np.floating], chart_faces: Faces, *, resolution: int = RESOLUTION
+    vertices: Points,  # (V, 3) m
+    faces: Faces,  # (F, 3); the surface may be crumpled, open, or cross itself
+    charts: NDArray[np.floating],  # (K, S, 3) touch charts in the same frame, m; K may be 0
+    chart_faces: Faces,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
+    *,
+    resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
 ) -> tuple[Points, Faces]:
     """Make one closed, smooth mesh that passes through the touch charts.
 
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) m and (F, 3): a surface that may be crumpled, open, or cross itself.
-    charts
-        (K, S, 3) touch charts, m, in the same frame; K may be 0.
-    chart_faces
-        (G, 3) the faces of each, wound so that normals point into the object, as the sensor's do.
-    resolution
-        Edges of the mesh along the longest side of the surface's box, `COARSEST` or more.
-
-    Returns
-    -------
-    Vertices and faces: one part, each edge in two faces, normals outwards. Every vertex of the charts is within 0.5 mm of it; a bulge
-    reaches those that were far from the surface.
-
-    Raises
-    ------
-    InvalidInput
-        A vertex is NaN or infinite, the surface has no extent, or the resolution is too small.
+    It is one part, with each edge in two faces and normals outwards. Every vertex of the charts is within 0.5 mm of it;
+    a bulge reaches those that were far from the surface.
     """
     if resolution < COARSEST:
         raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
@@ -87,32 +72,18 @@ def closed_surface(
 
 
 def attach_points(
-    vertices: Points, faces: Faces, points: Points, normals: Points, *, spacing: float, tolerance: float
+    vertices: Points,  # (V, 3)
+    faces: Faces,  # (F, 3), closed, normals outwards
+    points: Points,  # (N, 3) on the true surface
+    normals: Points,  # (N, 3) its approximate outward unit normals there; 0 where unknown
+    *,
+    spacing: float,  # length of the mesh's edges
+    tolerance: float,  # largest distance from each point to the mesh afterwards
 ) -> tuple[Points, Faces]:
     """Pull a closed mesh smoothly through points, together with their surroundings.
 
-    Parameters
-    ----------
-    vertices, faces
-        The mesh, normals outwards.
-    points, normals
-        (N, 3) each: points on the true surface, and its approximate outward unit normals there; 0 where unknown.
-    spacing
-        Length of the mesh's edges.
-    tolerance
-        Largest distance from each point to the mesh afterwards.
+    The result is closed too, and finer around the points.
 
-    Returns
-    -------
-    Vertices and faces of a closed mesh, finer around the points.
-
-    Raises
-    ------
-    InvalidInput
-        A point or a normal is NaN or infinite.
-
-    Notes
-    -----
     A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
     the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the
     mesh itself bends least and passes near them. The other side of a thin body stays, since there nothing would hold it and it would
@@ -137,7 +108,7 @@ def attach_points(
 
 def _nearest_facing_points(
     vertices: Points, faces: Faces, points: Points, normals: Points, spacing: float
-) -> tuple[NDArray[np.intp], Points]:
+) -> tuple[NDArray[np.intp], Points]:  # (N,) faces, (N, 3)
     """Find the face that each point belongs to, and the nearest place on it."""
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))

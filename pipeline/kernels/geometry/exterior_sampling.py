@@ -8,8 +8,6 @@ Valid range: meshes from 1e-9 to 1e9 units large; open, inside-out and self-inte
 the object's diagonal may count as a single sheet: rays start off the surface, and Embree computes in float32.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -47,19 +45,15 @@ class EscapeTest:
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
         self._directions = spread_directions(directions)
 
-    def count(self, points: NDArray[np.float64], normals: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def count(
+        self,
+        points: NDArray[np.float64],  # (N, 3) on the surface, frame of the mesh
+        normals: NDArray[np.float64],  # (N, 3) unit normals there
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # (N,) each
         """Count the rays that escape in front of and behind a surface.
 
-        Parameters
-        ----------
-        points, normals
-            (N, 3) float64, points on the surface and its unit normals there, frame of the mesh.
-
-        Returns
-        -------
-        front, back
-            (N,) counts. They stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where
-            outside is are the full count's answers.
+        Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where
+        outside is are the full count's answers.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         local = (points - self._centre) * self._scale
@@ -77,7 +71,7 @@ class EscapeTest:
         return front, back
 
     def _escape(self, points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N, D) whether the rays from each point (N, 3), frame of the scene, in each direction (D, 3) hit nothing."""
+        """Find the rays (N, D), from points (N, 3), frame of the scene, in directions (D, 3), that hit nothing."""
         origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
         occlusion = self._scene.run(origins, rays, query="OCCLUDED")  # 0 where something is hit
@@ -85,19 +79,8 @@ class EscapeTest:
 
 
 def spread_directions(count: int) -> NDArray[np.float64]:
-    """Compute unit vectors spread evenly over the sphere.
+    """Compute unit vectors (count, 3) spread evenly over the sphere.
 
-    Parameters
-    ----------
-    count
-        Number of vectors.
-
-    Returns
-    -------
-    (count, 3) float64.
-
-    Notes
-    -----
     A Fibonacci lattice in a low-discrepancy order: the first few are spread widely too.
     """
     index = np.arange(count) + 0.5
@@ -110,31 +93,15 @@ def spread_directions(count: int) -> NDArray[np.float64]:
 
 
 def sample_exterior(
-    mesh: Mesh, count: int, rng: np.random.Generator, *, directions: int = DIRECTIONS
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    mesh: Mesh,  # of any winding
+    count: int,
+    rng: np.random.Generator,
+    *,
+    directions: int = DIRECTIONS,  # in which rays are traced
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # (count, 3) each, unit and frame of the mesh
     """Draw points area-uniformly from the exterior surface of a mesh, with outward normals.
 
-    Parameters
-    ----------
-    mesh
-        A mesh of any winding.
-    count
-        Number of points, at least 1.
-    rng
-        Source of randomness.
-    directions
-        Number of directions in which rays are traced.
-
-    Returns
-    -------
-    points, normals
-        (count, 3) float64, unit and frame of the mesh. Normals point to the side where more rays escape; where both sides are equal,
-        the winding decides.
-
-    Raises
-    ------
-    InvalidInput
-        Fewer than one of `MAX_DRAWS` points is exterior, a corner is NaN or infinite, or no face has an area.
+    Normals point to the side where more rays escape; where both sides are equal, the winding decides.
     """
     if count < 1:
         raise ValueError(f"{count} points were requested; ask for 1 or more")

@@ -1,7 +1,5 @@
 """The closed surface on which a field in space is 0: marching cubes, with the field computed near its surface alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import igl
@@ -25,46 +23,29 @@ AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner
 
 
 def level_set_mesh(
-    field: Field,
-    low: Points,
-    high: Points,
-    spacing: float,
+    field: Field,  # takes points (N, 3), returns (N,) finite values
+    low: Points,  # (3,)
+    high: Points,  # (3,) the other corner of the box
+    spacing: float,  # side of a grid cell, in the unit of the box; about the length of the mesh's edges
     *,
-    slope: float = 1.0,
+    slope: float = 1.0,  # Lipschitz constant of the field: 1 for a signed distance
     halvings: int = 3,
-    dense_points: Points | None = None,
+    dense_points: Points | None = None,  # (M, 3)
     dense_radius: float = 0.0,
     loose_pieces: bool = True,
-) -> tuple[Points, NDArray[np.int64]]:
+) -> tuple[Points, NDArray[np.int64]]:  # vertices (V, 3), faces (F, 3)
     """Make the closed mesh around the part of a box where a field is negative.
 
-    Parameters
-    ----------
-    field
-        Takes points (N, 3), returns (N,) finite values.
-    low, high
-        (3,) corners of the box. A negative region is cut off there, or up to 2^halvings cells beyond, and the mesh closed.
-    spacing
-        Side of a grid cell, in the unit of the box; about the length of the mesh's edges.
-    slope
-        How much the field changes at most per unit: 1 for a signed distance.
-    halvings
-        The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only at points where
-        it can be 0 given `slope` and its neighbours, and further along the surface. With 0 it is computed at all points, and needs no
-        slope.
-    dense_points, dense_radius
-        The field may change faster within this distance of these points (M, 3): there it is computed at each point of the grid.
-    loose_pieces
-        Keep also the negative regions that are neither the largest nor within `dense_radius` of one of `dense_points`.
+    Normals point outwards, and each edge is in two faces. A negative region is cut off where the box ends, or up to
+    2^halvings cells beyond, and the mesh closed. A field without negative values gives an empty mesh.
 
-    Returns
-    -------
-    Vertices (V, 3) and faces (F, 3), normals outwards, each edge in two faces. A field without negative values gives an empty mesh.
+    The field is computed on a grid 2^halvings times as wide. Its cells are then halved, and the field is computed only
+    at points where it can be 0 given `slope` and its neighbours, and further along the surface. With 0 halvings it is
+    computed at all points, and needs no slope. Within `dense_radius` of `dense_points` the field may change faster:
+    there it is computed at each point of the grid.
 
-    Raises
-    ------
-    InvalidInput
-        The box is empty or has more than `MAX_CELLS` cells, or the field is NaN or infinite somewhere.
+    `loose_pieces` keeps also the negative regions that are neither the largest nor within `dense_radius` of one of
+    `dense_points`.
     """
     low = np.asarray(low, np.float64)
     step = spacing * 2**halvings

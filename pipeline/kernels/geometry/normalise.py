@@ -1,7 +1,5 @@
 """Normalisation of a mesh: upright, of one size, at one position (supplement 1.4)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -30,46 +28,26 @@ def bounding_diagonal(vertices: NDArray[np.floating]) -> float:
     return float(f"{length(np.ptp(vertices, axis=0)):.{DIGITS}g}")
 
 
-def normalise_mesh(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> Mesh:
+def normalise_mesh(
+    mesh: Mesh,  # cleaned, in the units of its file
+    *,
+    up: str,  # the axis of the file that points up: "x", "y" or "z"
+    diagonal: float,  # of the bounding box afterwards, m
+    metres_per_unit: float | None = None,  # scale that keeps the object's real size; replaces `diagonal`
+) -> Mesh:  # world, m
     """Turn a mesh upright, scale it and centre its bounding box at `POSITION`.
 
-    Parameters
-    ----------
-    mesh
-        A cleaned mesh in the units of its file.
-    up
-        The axis of the file that points up: "x", "y" or "z".
-    diagonal
-        Diagonal of the bounding box afterwards, m.
-    metres_per_unit
-        Scale that keeps the object's real size; replaces `diagonal`.
-
-    Returns
-    -------
-    The mesh, world frame, m. It is centred before it is scaled, so an object far from the origin keeps the digits of its file.
-
-    Raises
-    ------
-    InvalidInput
-        There are no vertices, some are NaN or too far away (`check_coordinates`), or all have one position.
+    It is centred before it is scaled, so an object far from the origin keeps the digits of its file.
     """
     upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     vertices: NDArray[np.float64] = (upright - centre) * scale + POSITION
     return replace(mesh, vertices=vertices)
 
 
-def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> NDArray[np.float64]:
-    """Compute the transform that `normalise_mesh`, which has the same parameters, applies to points.
-
-    Parameters
-    ----------
-    mesh, up, diagonal, metres_per_unit
-        As `normalise_mesh` takes them.
-
-    Returns
-    -------
-    (4, 4) float64, homogeneous points of the file to the world, m: a rotation times one scale, and a translation.
-    """
+def normalising_transform(
+    mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None
+) -> NDArray[np.float64]:  # (4, 4) homogeneous points of the file to the world, m
+    """Compute the transform that `normalise_mesh` with the same arguments applies: a rotation, one scale, a shift."""
     _, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     placement = np.eye(4)
     placement[:3, :3] = scale * _TO_Z_UP[up]

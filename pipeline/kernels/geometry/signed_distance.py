@@ -1,7 +1,5 @@
 """Distances from points to a mesh, and points drawn around it."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 from numpy.typing import NDArray
@@ -18,28 +16,16 @@ BALANCED = 1e-9
 """Share of the parts' volume below which their sum is rounding: as much is wound one way as the other, and the largest part decides."""
 
 
-def signed_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:
+def signed_distances(
+    points: Points,  # (N, 3) finite, m
+    vertices: Points,  # (V, 3) finite, m
+    faces: NDArray[np.integer],  # (F, 3), F at least 1, wound as for `is_inside`
+) -> Points:  # (N,) m
     """Compute signed distances to a mesh: positive outside, negative inside.
 
-    Parameters
-    ----------
-    points
-        (N, 3) finite, m.
-    vertices, faces
-        (V, 3) finite, m; (F, 3), F at least 1, wound as for `is_inside`.
+    They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of
+    the mesh overlap, a distance is that to the nearest face of any part: no more than that to the surface of the whole.
 
-    Returns
-    -------
-    (N,) m, within 1e-13 of the largest coordinate, beside slivers within 4e-6 of their length. Inside, where parts of the mesh overlap,
-    it is the distance to the nearest face of any part: no more than that to the surface of the whole.
-
-    Raises
-    ------
-    InvalidInput
-        As `is_inside`.
-
-    Notes
-    -----
     The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not be closed. Both
     sides of an open sheet are outside.
     """
@@ -48,25 +34,15 @@ def signed_distances(points: Points, vertices: Points, faces: NDArray[np.integer
     return np.asarray(np.where(inside, -distances, distances))
 
 
-def is_inside(points: Points, vertices: Points, faces: NDArray[np.integer]) -> NDArray[np.bool_]:
+def is_inside(
+    points: Points,  # (N, 3) finite, m
+    vertices: Points,  # (V, 3) finite, m
+    faces: NDArray[np.integer],  # (F, 3), F at least 1
+) -> NDArray[np.bool_]:  # (N,)
     """Find the points inside a surface, by the size of the generalised winding number.
 
-    Parameters
-    ----------
-    points
-        (N, 3) finite, m.
-    vertices, faces
-        (V, 3) finite, m; (F, 3), F at least 1. Neighbouring faces may be wound against each other: the smaller area of a part is turned
-        over. Parts that are turned inside out count as inside too, unless they lie within another: then they are its cavities.
-
-    Returns
-    -------
-    (N,) bool.
-
-    Raises
-    ------
-    InvalidInput
-        There is no face, or a point or vertex is NaN or too far away (`check_coordinates`).
+    Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned
+    inside out count as inside too, unless they lie within another: then they are its cavities.
     """
     if not len(faces):
         raise InvalidInput("a mesh without faces has neither surface nor inside")
@@ -116,26 +92,15 @@ def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> NDArray[np
     return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
-def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.integer]) -> float:
+def rms_distance_to_surface(
+    points: Points,  # (n, 3) finite; n at least 1
+    vertices: Points,  # (V, 3) finite, in the points' unit
+    faces: NDArray[np.integer],  # (F, 3); F at least 1; they may be slivers, segments or points
+) -> float:
     """Compute the root of the mean squared distance from points to a surface.
 
-    Parameters
-    ----------
-    points
-        (n, 3) finite; n at least 1.
-    vertices
-        (V, 3) finite, in the points' unit.
-    faces
-        (F, 3) triangles; F at least 1. They may be slivers, segments or points.
-
-    Returns
-    -------
-    The distance, to the nearest point of a triangle, within 1e-13 of the largest coordinate; beside slivers within 4e-6 of their length.
-
-    Raises
-    ------
-    InvalidInput
-        There is no point or no face, or one is NaN or too far away (`check_coordinates`).
+    The distance is that to the nearest point of a triangle, within 1e-13 of the largest coordinate; beside slivers
+    within 4e-6 of their length.
     """
     if not len(points) or not len(faces):
         raise InvalidInput(f"{len(points)} points and {len(faces)} faces: a distance needs at least one of each")
@@ -144,36 +109,27 @@ def rms_distance_to_surface(points: Points, vertices: Points, faces: NDArray[np.
     return float(np.sqrt(np.mean(_squared_distances(points, vertices, faces))))
 
 
-def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:
-    """(N,) squared distances to the nearest face; slivers count as their longest edges."""
+def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:  # (N,)
+    """Compute squared distances to the nearest face; slivers count as their longest edges."""
     vertices = np.ascontiguousarray(vertices)
     triangles = without_slivers(vertices, np.ascontiguousarray(faces, np.int64))
     return np.asarray(igl.point_mesh_squared_distance(np.ascontiguousarray(points), vertices, triangles)[0])
 
 
 def sample_around_surface(
-    surface: Points, count: int, rng: np.random.Generator, *, near: float, spread: tuple[float, float], reach: float
-) -> Points:
+    surface: Points,  # (P, 3) m
+    count: int,
+    rng: np.random.Generator,
+    *,
+    near: float,  # share of the points near the surface
+    spread: tuple[float, float],  # least and largest standard deviation, m
+    reach: float,  # half the side of the cube around the middle of the surface's bounding box, m
+) -> Points:  # (count, 3) m
     """Draw points in space: a share near a surface, the others throughout the cube around it.
 
-    Parameters
-    ----------
-    surface
-        (P, 3) points of the surface, m.
-    count
-        Points to draw.
-    rng
-        Draws them.
-    near
-        Share of the points near the surface: a point of it, moved along each axis by normal deviates of one standard deviation.
-    spread
-        Least and largest standard deviation, m; each point's is between them, uniform in its logarithm.
-    reach
-        Half the side of the cube around the middle of the surface's bounding box, m.
-
-    Returns
-    -------
-    (count, 3) m, in random order: any first part is a fair sample.
+    Points near the surface are points of it, moved along each axis by normal deviates of one standard deviation; each
+    point's is between those of `spread`, uniform in its logarithm. The order is random: any first part is a fair
+    sample.
     """
     near_count = round(near * count)
     low, high = np.log(spread).tolist()

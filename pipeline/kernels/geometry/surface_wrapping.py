@@ -3,8 +3,6 @@
 Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
 """
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 from numpy.typing import NDArray
@@ -21,27 +19,16 @@ SHRINK, GROW = 0.5, 0.505
 """Taubin's factors: short bumps go, the volume stays (A Signal Processing Approach to Fair Surface Design, 1995)."""
 
 
-def wrap_surface(vertices: Points, faces: Faces, spacing: float) -> tuple[Points, Faces]:
-    """Wrap any set of triangles in one closed mesh.
+def wrap_surface(
+    vertices: Points,
+    faces: Faces,
+    spacing: float,  # approximate length of the mesh's edges; narrower features and tunnels are lost
+) -> tuple[Points, Faces]:
+    """Wrap any set of triangles in one closed mesh, normals outwards.
 
-    Parameters
-    ----------
-    vertices, faces
-        The triangles. Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half.
-    spacing
-        Approximate length of the mesh's edges; narrower features and tunnels are lost.
+    Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half. Of the
+    result, the largest part is kept; parts inside it or apart from it are dropped.
 
-    Returns
-    -------
-    Vertices and faces of the largest part, normals outwards. Parts inside it or apart from it are dropped.
-
-    Raises
-    ------
-    InvalidInput
-        A vertex is NaN or too far away (`check_coordinates`), or the surface is larger than a grid of this spacing can be.
-
-    Notes
-    -----
     The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
     thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets behind each
     other, wound alike, enclose what is between them and as much before them.
@@ -74,20 +61,12 @@ def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
     return vertices[used], renamed.reshape(-1, 3)
 
 
-def smooth_mesh(vertices: Points, faces: Faces, rounds: int) -> Points:
-    """Smooth a mesh by Taubin's filter.
-
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) and (F, 3).
-    rounds
-        Pairs of a shrinking and a growing step.
-
-    Returns
-    -------
-    (V, 3) smoothed vertices, in the unit of the given ones.
-    """
+def smooth_mesh(
+    vertices: Points,
+    faces: Faces,
+    rounds: int,  # pairs of a shrinking and a growing step
+) -> Points:  # (V, 3)
+    """Smooth a mesh by Taubin's filter."""
     neighbours = neighbour_means(faces, len(vertices))
     for _ in range(rounds):
         for share in (SHRINK, -GROW):
@@ -111,20 +90,12 @@ def vertex_normals(vertices: Points, faces: Faces) -> Points:
     return unit_vectors(total)
 
 
-def split_edges(vertices: Points, faces: Faces, chosen: NDArray[np.bool_]) -> tuple[Points, Faces]:
-    """Split edges of a mesh in their middles, and the faces beside them: a closed mesh stays closed.
-
-    Parameters
-    ----------
-    vertices, faces
-        The mesh.
-    chosen
-        (E,) bool, which edges to split, as `mesh_edges` numbers them.
-
-    Returns
-    -------
-    Vertices, the middles appended, and faces.
-    """
+def split_edges(
+    vertices: Points,
+    faces: Faces,
+    chosen: NDArray[np.bool_],  # (E,) which edges to split, as `mesh_edges` numbers them
+) -> tuple[Points, Faces]:  # the middles are appended to the vertices
+    """Split edges of a mesh in their middles, and the faces beside them: a closed mesh stays closed."""
     ends, edge = mesh_edges(faces)
     middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
     vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])

@@ -4,29 +4,15 @@
 numpy and of the C library. Here products are added in a fixed order, and sines are rounded from extended precision.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Multiply matrices, as `left @ right` does.
-
-    Parameters
-    ----------
-    left, right
-        (..., N, K) and (..., K, M) float64: two poses (4, 4), for example; leading dimensions broadcast.
-
-    Returns
-    -------
-    (..., N, M) float64.
-
-    Raises
-    ------
-    ValueError
-        The dimensions do not fit.
-    """
+def compose(
+    left: NDArray[np.float64],  # (..., N, K)
+    right: NDArray[np.float64],  # (..., K, M); leading dimensions broadcast
+) -> NDArray[np.float64]:  # (..., N, M)
+    """Multiply matrices, as `left @ right` does."""
     if left.shape[-1] != right.shape[-2]:
         raise ValueError(f"matrices of shapes {left.shape} and {right.shape} have no product")
     product = 0.0 + left[..., :, :1] * right[..., :1, :]  # 0.0 + makes a negative zero positive, as a sum does
@@ -35,36 +21,17 @@ def compose(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np
     return np.asarray(product)
 
 
-def transform_points(pose: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Transform points by poses.
-
-    Parameters
-    ----------
-    pose
-        (..., 4, 4) float64, from the points' frame to the target frame.
-    points
-        (..., P, 3), m; leading dimensions broadcast against the pose's.
-
-    Returns
-    -------
-    (..., P, 3) float64, m, in the target frame.
-    """
+def transform_points(
+    pose: NDArray[np.float64],  # (..., 4, 4), from the points' frame to the target frame
+    points: NDArray[np.float64],  # (..., P, 3) m; leading dimensions broadcast
+) -> NDArray[np.float64]:  # (..., P, 3) target frame, m
+    """Transform points by poses."""
     turned = np.einsum("...ij,...pj->...pi", pose[..., :3, :3], points)  # einsum calls no BLAS unless it is asked to optimise
     return np.asarray(turned + pose[..., None, :3, 3])
 
 
 def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert rigid transforms.
-
-    Parameters
-    ----------
-    pose
-        (..., 4, 4) float64, frame a to frame b; the axes are orthonormal.
-
-    Returns
-    -------
-    (..., 4, 4) float64, frame b to frame a.
-    """
+    """Invert rigid transforms (..., 4, 4), whose axes are orthonormal."""
     inverse = pose.copy()
     inverse[..., :3, :3] = np.swapaxes(pose[..., :3, :3], -1, -2)
     inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", inverse[..., :3, :3], pose[..., :3, 3])
@@ -79,17 +46,7 @@ def scaling_about(centre: ArrayLike, factor: float) -> NDArray[np.float64]:
 
 
 def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a rigid transform with a uniform scale.
-
-    Parameters
-    ----------
-    similarity
-        (4, 4) float64, frame a to frame b; the axes are orthogonal and of one length, the scale.
-
-    Returns
-    -------
-    (4, 4) float64, frame b to frame a.
-    """
+    """Invert a rigid transform with one scale (4, 4): its axes are orthogonal, and the scale is their length."""
     squared = float((similarity[:3, 0] ** 2).sum())
     inverse = invert_pose(similarity)
     inverse[:3] /= squared
@@ -97,93 +54,30 @@ def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def solve_3x3(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve the linear equations `matrix` x = `target`.
-
-    Parameters
-    ----------
-    matrix, target
-        (3, 3) and (3,) float64.
-
-    Returns
-    -------
-    (3,) float64.
-
-    Notes
-    -----
-    Cramer's rule; the error grows with the matrix's condition.
-    """
+    """Solve `matrix` (3, 3) x = `target` (3,) by Cramer's rule, whose error grows with the matrix's condition."""
     columns = matrix.T
     crosses = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
     return np.asarray((crosses * target).sum(axis=1) / (crosses[0] * columns[0]).sum())
 
 
 def length(vectors: ArrayLike) -> NDArray[np.float64]:
-    """Compute Euclidean lengths along the last axis.
-
-    Parameters
-    ----------
-    vectors
-        (..., N), any unit.
-
-    Returns
-    -------
-    (...) float64, the same unit.
-
-    Notes
-    -----
-    `np.linalg.norm` without an axis calls BLAS.
-    """
+    """Compute the Euclidean lengths (...) of vectors (..., N); `np.linalg.norm` without an axis would call BLAS."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the directions of vectors.
-
-    Parameters
-    ----------
-    vectors
-        (..., N), any unit.
-
-    Returns
-    -------
-    (..., N) float64, of length 1; zero stays zero.
-    """
+    """Scale vectors (..., N) to length 1; zero stays zero."""
     return np.asarray(vectors / np.maximum(length(vectors), np.finfo(np.float64).tiny)[..., None])
 
 
 def sin_cos(angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute sines and cosines of angles.
-
-    Parameters
-    ----------
-    angles
-        (...) rad.
-
-    Returns
-    -------
-    sines, cosines
-        (...) float64 each, rounded from extended precision.
-    """
+    """Compute sines and cosines of angles (...), rad, rounded from extended precision."""
     extended = np.asarray(angles, np.longdouble)
     return np.sin(extended).astype(np.float64), np.cos(extended).astype(np.float64)
 
 
 def rotation_from_euler(angles: ArrayLike) -> NDArray[np.float64]:
-    """Compute the rotation by extrinsic XYZ Euler angles.
-
-    Parameters
-    ----------
-    angles
-        (3,) rad, about the fixed x axis first, then y, then z.
-
-    Returns
-    -------
-    (3, 3) float64 rotation matrix.
-
-    Notes
-    -----
-    R = Rz Ry Rx.
-    """
+    """Compute the rotation (3, 3) by angles (3,), rad, about the fixed x axis first, then y, then z: R = Rz Ry Rx."""
     (sx, sy, sz), (cx, cy, cz) = sin_cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])

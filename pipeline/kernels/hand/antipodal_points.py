@@ -1,7 +1,5 @@
 """Pairs of surface points that two fingers could press together: their normals oppose each other within the friction cone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,34 +24,25 @@ BEHIND = 0.003
 
 @dataclass(frozen=True, eq=False)
 class AntipodalPoints:
-    """P pairs of surface points: `centre` (P, 3) between them, unit `axis` (P, 3) from the first to the second, `width` (P,), world, m."""
+    """P pairs of surface points, world, m."""
 
-    centre: Float64Array
-    axis: Float64Array
-    width: Float64Array
+    centre: Float64Array  # (P, 3) between the two points
+    axis: Float64Array  # (P, 3) unit vector from the first to the second
+    width: Float64Array  # (P,) from the first to the second
 
 
 def antipodal_points(
-    field: DistanceField, points: Float64Array, normals: Float64Array, *, friction: float, widest: float, rng: np.random.Generator
+    field: DistanceField,
+    points: Float64Array,  # (N, 3) on the surface, world, m
+    normals: Float64Array,  # (N, 3) unit, outward
+    *,
+    friction: float,  # coefficient between finger and object
+    widest: float,  # m, greatest distance between two points
+    rng: np.random.Generator,
 ) -> AntipodalPoints:
     """Find pairs of points on an object that two fingers could press together (Chen and Burdick, 1993).
 
-    Parameters
-    ----------
-    field
-        The object.
-    points, normals
-        (N, 3) of its surface, world, m; unit normals outward.
-    friction
-        Coefficient between finger and object.
-    widest
-        Greatest distance between the two points, m.
-    rng
-        Draws the rays.
-
-    Returns
-    -------
-    One pair for each place where a ray leaves the object; there may be none.
+    Rays start from random surface points; each place where one leaves the object may give a pair. There may be none.
     """
     start = rng.integers(len(points), size=RAYS)
     origin, outward = points[start], normals[start]
@@ -71,22 +60,13 @@ def antipodal_points(
     return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
 
 
-def central_weights(pairs: AntipodalPoints, centre: Float64Array, *, spread: float) -> Float64Array:
-    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there.
-
-    Parameters
-    ----------
-    pairs
-        P pairs.
-    centre
-        (3,) centre of mass, world, m.
-    spread
-        Distance from it at which the weight is a quarter, m.
-
-    Returns
-    -------
-    (P,) float64 that sum to 1.
-    """
+def central_weights(
+    pairs: AntipodalPoints,
+    centre: Float64Array,  # (3,) of mass, world, m
+    *,
+    spread: float,  # m from the centre, beyond the nearest pairs, at which the weight is a quarter
+) -> Float64Array:  # (P,), with sum 1
+    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there."""
     away = length(pairs.centre - centre)
     excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
     weights = (1 + (excess / spread) ** 2) ** -2

@@ -1,7 +1,5 @@
 """Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own file only."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,21 +12,16 @@ PARALLEL_SINE2 = 1e-6
 
 
 @compiled
-def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, half_b: Float64Array, enough: float = np.inf) -> float:
+def box_gap(
+    frame_a: Float64Array,  # (4, 4) pose of the box's centre, m
+    half_a: Float64Array,  # (3,) half extents, m
+    frame_b: Float64Array,
+    half_b: Float64Array,
+    enough: float = np.inf,  # m, a gap as good as any larger one: the search ends there
+) -> float:  # m
     """Compute the largest gap between two boxes along any of the 15 candidate axes.
 
-    Parameters
-    ----------
-    frame_a, frame_b
-        (4, 4) poses of the boxes' centres, m.
-    half_a, half_b
-        (3,) half extents, m.
-    enough
-        m, a gap that is as good as any larger one: the search ends there.
-
-    Returns
-    -------
-    m: a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
+    It is a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
     """
     rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     gap = -np.inf
@@ -61,7 +54,7 @@ def box_gap(frame_a: Float64Array, half_a: Float64Array, frame_b: Float64Array, 
 
 @compiled
 def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
-    """Compute the least gap of pairs of boxes; inf without pairs."""
+    """Compute the least gap, m, of pairs of boxes (C, 4, 4) with half extents (C, 3); inf without pairs."""
     gap = np.inf
     for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
         gap = min(gap, box_gap(world[a], half[a], world[b], half[b], gap))
@@ -81,18 +74,15 @@ def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], s
 
 @compiled
 def conflicts(
-    world: Float64Array,
-    half: Float64Array,
-    first: NDArray[np.intp],
+    world: Float64Array,  # (O, C, 4, 4) frames of boxes
+    half: Float64Array,  # (C, 3) half extents
+    first: NDArray[np.intp],  # (pairs,) of boxes that may not touch
     second: NDArray[np.intp],
-    owner: NDArray[np.intp],
+    owner: NDArray[np.intp],  # (C,) finger of each box, -1 for none
     fingers: int,
     gap: float,
-) -> NDArray[np.bool_]:
-    """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b.
-
-    World frames (O, C, 4, 4) of boxes; the pairs that may not touch; and the finger of each box, -1 for none.
-    """
+) -> NDArray[np.bool_]:  # (F, F, O, O)
+    """Find where finger a in option i is too near finger b in option j; filled for a < b."""
     options = len(world)
     conflicts = np.zeros((fingers, fingers, options, options), np.bool_)
     radius = np.sqrt(half[:, 0] ** 2 + half[:, 1] ** 2 + half[:, 2] ** 2)

@@ -1,7 +1,5 @@
 """Collision shapes of a hand: spheres for distances to an object, boxes for distances between links."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -29,20 +27,13 @@ class CollisionSpheres:
 
     The distance of a link from an object is the least, over its spheres, of the object's distance from the centre less the radius.
     That finds parts of the object inside a link as well as points of the link inside the object.
-
-    Attributes
-    ----------
-    centres, radii
-        (B, 3) in the frame of the link, (B,), float64, m. Points on the surface are spheres of radius 0.
-    link
-        (B,) number of the link, ascending.
     """
 
-    centres: NDArray[np.float64]
-    radii: NDArray[np.float64]
-    link: NDArray[np.intp]
+    centres: NDArray[np.float64]  # (B, 3) in the frame of the link, m
+    radii: NDArray[np.float64]  # (B,) m; 0 for points on the surface
+    link: NDArray[np.intp]  # (B,) number of the link, ascending
 
-    def of_links(self, links: ArrayLike) -> CollisionSpheres:
+    def of_links(self, links: ArrayLike) -> "CollisionSpheres":
         """Select the spheres of the given links."""
         selected = np.isin(self.link, links)
         return CollisionSpheres(self.centres[selected], self.radii[selected], self.link[selected])
@@ -61,33 +52,22 @@ class CollisionSpheres:
 
 @dataclass(frozen=True, eq=False)
 class CollisionBoxes:
-    """Oriented boxes around the collision shapes: `frames` (C, 4, 4) in the link's frame, `half` (C, 3) extents, m, `link` (C,)."""
+    """Oriented boxes around the collision shapes."""
 
-    frames: NDArray[np.float64]
-    half: NDArray[np.float64]
-    link: NDArray[np.intp]
+    frames: NDArray[np.float64]  # (C, 4, 4) in the frame of the link, m
+    half: NDArray[np.float64]  # (C, 3) half extents, m
+    link: NDArray[np.intp]  # (C,) number of the link
 
 
-def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> CollisionSpheres:
+def collision_spheres(
+    hand: Hand,
+    *,
+    spacing: float,  # m, of the lattice of centres and of the points on the surface
+    tolerance: float = 0.0,  # m
+) -> CollisionSpheres:
     """Fill every collision shape (the convex hull of a mesh, as physics takes it) with spheres on a lattice.
 
-    Parameters
-    ----------
-    hand
-        Its links' collision shapes are filled.
-    spacing
-        Of the lattice of centres and of the points on the surface, m.
-    tolerance
-        A sphere is left out where a larger one reaches as far but for this, m.
-
-    Returns
-    -------
-    The spheres of all links, in their links' frames, m.
-
-    Raises
-    ------
-    InvalidInput
-        A collision shape is flat, or has NaN corners: it encloses nothing.
+    A sphere is left out if a larger one reaches as far to within `tolerance`.
     """
     filled_shapes = [(np.empty((0, 3)), np.empty(0), np.empty(0, np.intp))]
     for number, link in enumerate(hand.links):
@@ -113,17 +93,7 @@ def collision_spheres(hand: Hand, *, spacing: float, tolerance: float = 0.0) -> 
 
 
 def collision_boxes(hand: Hand) -> CollisionBoxes:
-    """Compute the box around every collision shape, along the axes of the shape's own frame.
-
-    Parameters
-    ----------
-    hand
-        Its links' collision shapes are enclosed.
-
-    Returns
-    -------
-    C boxes, in their links' frames, m, ordered by link.
-    """
+    """Compute the box around every collision shape, along the axes of the shape's own frame, ordered by link."""
     frames, halves, links = [], [], []
     for number, link in enumerate(hand.links):
         for shape in link.collisions:

@@ -4,8 +4,6 @@ The hull of a finely meshed link has thousands of faces, and time and memory gro
 faces when the hand is loaded: corners are left out that lie no more than a tolerance outside the others' hull.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -33,37 +31,20 @@ ON_SURFACE = 1e-6
 
 @dataclass(frozen=True)
 class ConvexError:
-    """The differences between a link's meshes and its convex shapes.
+    """The differences between a link's meshes and its convex shapes."""
 
-    Attributes
-    ----------
-    faces, kept
-        Of the meshes, and of the convex shapes in their place.
-    lost
-        The meshes' farthest point outside the shapes, m.
-    filled
-        The deepest hollow of the meshes that the shapes fill, m, right to `SAMPLE_SPACING`.
-    """
-
-    faces: int
-    kept: int
-    lost: float
-    filled: float
+    faces: int  # of the meshes
+    kept: int  # faces of the convex shapes in their place
+    lost: float  # m, distance of the meshes' farthest point outside the shapes
+    filled: float  # m, depth of the deepest hollow of the meshes that the shapes fill, right to `SAMPLE_SPACING`
 
 
 def with_convex_shapes(link: Link, slabs: int | None = None) -> Link:
     """Replace the heavy meshes among a link's collision shapes by convex hulls, or all of them by hulls of slabs.
 
-    Parameters
-    ----------
-    link
-        Its other shapes, such as boxes, stay as they are.
-    slabs
-        Cut each mesh into so many slabs across its longest side; by default, a mesh of more than `MAX_FACES` faces becomes one hull.
-
-    Returns
-    -------
-    The link; each new shape has at most `MAX_FACES` faces. A flat mesh stays as it is.
+    With `slabs`, each mesh is cut into that number of slabs across its longest side; without, a mesh of more than
+    `MAX_FACES` faces becomes one hull. Each new shape has at most `MAX_FACES` faces. Flat meshes and other
+    shapes, such as boxes, stay as they are.
     """
     shapes: list[Shape] = []
     for shape in link.collisions:
@@ -141,19 +122,7 @@ def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float6
 
 
 def convex_error(link: Link, convex: Link) -> ConvexError:
-    """Measure the differences between a link's meshes and its convex shapes.
-
-    Parameters
-    ----------
-    link
-        With its meshes as they were read; one at least collides.
-    convex
-        The same link from `with_convex_shapes`.
-
-    Returns
-    -------
-    Faces, and distances in m.
-    """
+    """Measure the differences between a link's meshes as read, one at least, and the shapes of `with_convex_shapes`."""
     meshes = [shape.mesh for shape in link.collisions if shape.kind == "mesh"]
     convex_meshes = [shape.mesh for shape in convex.collisions if shape.kind == "mesh"]
     hulls = [ConvexHull(mesh.vertices) for mesh in convex_meshes]

@@ -1,7 +1,5 @@
 """Signed distance to a mesh: a grid for fast look-ups, and exact values."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,26 +35,15 @@ class DistanceField:
 
     A point is *outside* when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter,
     and both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
-
-    Attributes
-    ----------
-    vertices, faces
-        (V, 3) float64 m, (F, 3) int64; slivers are edges that are run through twice.
-    origin, cell
-        Centre of the first cell (3,), and side of a cell, m.
-    records
-        (X, Y, Z, 4) float32: signed distance of every cell's centre, m, and its gradient.
-    inside
-        (X, Y, Z) int8: 1 where a cell's centre is inside, 0 outside, -1 where the surface may cross the cell.
     """
 
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int64]
+    vertices: NDArray[np.float64]  # (V, 3) m
+    faces: NDArray[np.int64]  # (F, 3); slivers are edges that are run through twice
     tree: igl.AABB
-    origin: NDArray[np.float64]
-    cell: float
-    records: Float32Array
-    inside: NDArray[np.int8]
+    origin: NDArray[np.float64]  # (3,) centre of the first cell, m
+    cell: float  # m, side of a cell
+    records: Float32Array  # (X, Y, Z, 4) signed distance of every cell's centre, m, and its gradient
+    inside: NDArray[np.int8]  # (X, Y, Z) 1 if a cell's centre is inside, else 0; -1 if the surface may cross the cell
 
     @property
     def grid(self) -> Grid:
@@ -64,40 +51,21 @@ class DistanceField:
         return Grid(self.origin.astype(np.float32), np.float32(1 / self.cell), np.float32(self.cell), self.records)
 
     def lookup(self, points: Float32Array) -> Float32Array:
-        """Look up approximate signed distances, to first order in the nearest cell.
+        """Look up the distances (...) of finite points (3, ...), world, m, to first order in the nearest cell.
 
-        Parameters
-        ----------
-        points
-            (3, ...) float32, world, m, finite.
-
-        Returns
-        -------
-        (...) float32, m. Within the grid's band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond
-        the band it is a lower bound, and points off the grid get the value of its rim. In solid parts thinner than 3 cells the sign
-        may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds half a micrometre per metre
-        from the origin.
+        Within the grid's band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond the
+        band the value is a lower bound, and points off the grid get the value of its rim. In solid parts thinner than 3
+        cells the sign may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds
+        half a micrometre per metre from the origin.
         """
         return look_up(self.grid, np.ascontiguousarray(points).reshape(3, -1)).reshape(points.shape[1:])
 
     def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute exact signed distances.
+        """Compute the exact distances (N,) of finite points (N, 3), world, m.
 
-        Parameters
-        ----------
-        points
-            (N, 3) float64, world, m.
-
-        Returns
-        -------
-        (N,) float64, m. The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of
-        a face's longest edge up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points that they
-        are.
-
-        Raises
-        ------
-        ValueError
-            A point is NaN or infinite.
+        The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of a
+        face's longest edge up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points
+        that they are.
         """
         if not len(points):
             return np.empty(0)
@@ -108,11 +76,13 @@ class DistanceField:
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
 
-    def _is_inside(self, closest: NDArray[np.float64], direction: NDArray[np.float64], distance: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether points are inside, given by the closest point of the surface, unit direction and distance from there.
-
-        Walks away from the surface until the grid knows the side.
-        """
+    def _is_inside(
+        self,
+        closest: NDArray[np.float64],  # (N, 3) closest points of the surface
+        direction: NDArray[np.float64],  # (N, 3) unit vectors from there to the points
+        distance: NDArray[np.float64],  # (N,) from there
+    ) -> NDArray[np.bool_]:  # (N,)
+        """Decide which points are inside: walk away from the surface until the grid knows the side."""
         inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
         undecided = np.arange(len(closest))
         for _ in range(MAX_STEPS):
@@ -128,27 +98,14 @@ class DistanceField:
         return inside
 
 
-def build_distance_field(vertices: NDArray[np.float64], faces: np.ndarray, *, cell: float, band: float) -> DistanceField:
-    """Build the signed distance field of a mesh.
-
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) float64, m; (F, 3) integers.
-    cell
-        Side of a cell, m; enlarged where the grid would pass `MAX_CELLS`.
-    band
-        Distance from the surface up to which the grid's values are more than bounds, m.
-
-    Returns
-    -------
-    The field, in the frame of the vertices, m; negative inside.
-
-    Raises
-    ------
-    InvalidInput
-        There are no faces, or a corner is NaN or too far away (`check_coordinates`).
-    """
+def build_distance_field(
+    vertices: NDArray[np.float64],  # (V, 3) m
+    faces: np.ndarray,  # (F, 3) integers
+    *,
+    cell: float,  # m, side of a cell; enlarged where the grid would pass `MAX_CELLS`
+    band: float,  # m from the surface, up to which the grid's values are more than bounds
+) -> DistanceField:
+    """Build the signed distance field of a mesh, in the frame of its vertices."""
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
     if not len(faces):
         raise InvalidInput("a mesh of 0 faces has no distance from anything")

@@ -1,7 +1,5 @@
 """Contacts of a grasp, and force closure: whether they can hold an object."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +14,7 @@ from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8
-"""Edges of the pyramid that stands for a friction cone."""
+"""Edges of the pyramid that approximates a friction cone."""
 
 MARGIN_DECIMALS = 3
 """Decimals of a margin: further ones are the linear program's rounding."""
@@ -24,43 +22,22 @@ MARGIN_DECIMALS = 3
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A gel on an object.
+    """A gel on an object."""
 
-    Attributes
-    ----------
-    point, normal
-        (3,) world, m: the middle of the contact, and the unit normal of the object's surface there, into the object.
-    area, volume
-        Of the sensor plane over which the surface presses into the gel, m², and of what it displaces, m³.
-    nearest
-        Least distance of the surface from the sensor plane, m.
-    """
-
-    point: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    area: float
-    volume: float = 0.0
-    nearest: float = 0.0
+    point: NDArray[np.float64]  # (3,) middle of the contact, world, m
+    normal: NDArray[np.float64]  # (3,) unit normal of the object's surface there, into the object
+    area: float  # m², of the sensor plane over which the surface presses into the gel
+    volume: float = 0.0  # m³, that the surface displaces
+    nearest: float = 0.0  # m, least distance of the surface from the sensor plane
 
 
-def contact_from_depth(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
-    """Find the contact of a sensor with an object.
+def contact_from_depth(
+    depth: np.ndarray,  # (rows, cols) D, m; +inf where nothing is met
+    pose: NDArray[np.float64],  # (4, 4) sensor frame to world, m
+    sensor: Sensor,
+) -> Contact | None:
+    """Find the contact of a sensor with an object; None where nothing presses into the gel.
 
-    Parameters
-    ----------
-    depth
-        (rows, cols) D, m, +inf where nothing is met.
-    pose
-        (4, 4) float64, sensor frame to world frame, m.
-    sensor
-        Gives the size of the sensor plane and the gel's shape.
-
-    Returns
-    -------
-    The contact; None where nothing presses into the gel.
-
-    Notes
-    -----
     The normal is that of the plane through the points in the gel (least squares); of fewer than three points, the sensor's.
     """
     mask = pressed_pixels(depth, sensor)
@@ -89,15 +66,7 @@ def contact_from_depth(depth: np.ndarray, pose: NDArray[np.float64], sensor: Sen
 
 
 def measure_contact(faces: BoxedFaces, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
-    """Find the contact of a sensor with an object; None where nothing presses into the gel.
-
-    Parameters
-    ----------
-    faces
-        The object's, from `box_faces`.
-    pose, sensor
-        As for `contact_from_depth`.
-    """
+    """Find the contact of a sensor at a pose (4, 4) with an object's faces; None where nothing presses into the gel."""
     return contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
 
 
@@ -108,28 +77,21 @@ def opposition_angle(contacts: list[Contact]) -> float:
     return float(np.rad2deg(np.arccos(cosines.min()))) if len(contacts) > 1 else 0.0
 
 
-def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> float:
+def closure_margin(
+    contacts: list[Contact],
+    *,
+    friction: float,  # coefficient between gel and object
+    size: float,  # m, of the object: moments are divided by it
+) -> float:  # 0 to 1
     """Compute the margin of force closure: how evenly contacts can press while their forces and moments cancel.
 
-    Parameters
-    ----------
-    contacts
-        Soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about its normal.
-    friction
-        Coefficient between gel and object.
-    size
-        A length by which moments are divided, m: that of the object.
+    Contacts are soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about
+    its normal. The margin is the share of an even distribution that every edge of every friction cone carries at least.
+    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure.
 
-    Returns
-    -------
-    0 where they cannot cancel, or cannot resist every force and moment: no force closure. Else the share of an even distribution that
-    every edge of every friction cone carries at least, up to 1.
-
-    Notes
-    -----
-    Of m edges with wrenches w, of normal force 1 each, the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m. Positive t and wrenches that
-    span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment about a normal is 2/3 μ times the radius of a
-    disc of the contact's area, as of a constant pressure.
+    Of m edges with wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m.
+    Positive t and wrenches that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment
+    about a normal is 2/3 μ times the radius of a disc of the contact's area, as of a constant pressure.
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0
@@ -147,7 +109,7 @@ def closure_margin(contacts: list[Contact], *, friction: float, size: float) -> 
 
 
 def _contact_wrenches(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
-    """(edges, 6) forces and moments / size of a contact, with normal force 1: the cone's edges, and the moments about the normal."""
+    """Compute wrenches (CONE_EDGES + 2, 6) with normal force 1: the cone's edges, and the moments about the normal."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
     across /= length(across)
     along = np.cross(contact.normal, across)

@@ -8,8 +8,6 @@ fingers do not collide.
 A posture's value is that of its gel's contact, less what its rigid links lack in clearance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -50,60 +48,29 @@ UNTOUCHING_POSTURES = 4
 
 @dataclass(frozen=True, eq=False)
 class GraspIk:
-    """Data of the inverse kinematics, prepared once per hand.
-
-    Attributes
-    ----------
-    hand, fingers, boxes
-        The hand, its fingers' spheres and gel probes, and its links' boxes.
-    clearance, finger_gap
-        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
-    joint_angles
-        (K, J) float64, samples spread evenly between the limits, rad.
-    frames
-        (K, L, 4, 4) float64, their link frames in the root link's.
-    probes
-        (3, K, S, P) float32, their gels' probes in the root link's frame, m.
-    free
-        (K, F) bool, whether each finger stays clear of the palm.
-    """
+    """Data of the inverse kinematics, prepared once per hand."""
 
     hand: Hand
     fingers: FingerGeometry
     boxes: CollisionBoxes
-    clearance: float
-    finger_gap: float
-    joint_angles: Float64Array
-    frames: Float64Array
-    probes: NDArray[np.float32]
-    free: NDArray[np.bool_]
+    clearance: float  # m, gap that a good posture keeps between rigid links and the object
+    finger_gap: float  # m, gap that it keeps between fingers
+    joint_angles: Float64Array  # (K, J) rad, samples spread evenly between the limits
+    frames: Float64Array  # (K, L, 4, 4) their link frames in the root link's
+    probes: NDArray[np.float32]  # (3, K, S, P) their gels' probes in the root link's frame, m
+    free: NDArray[np.bool_]  # (K, F) whether each finger stays clear of the palm
 
 
 def prepare_grasp_ik(
-    hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor], *, samples: int, clearance: float, finger_gap: float
+    hand: Hand,
+    spheres: CollisionSpheres,
+    sensors: Sequence[Sensor],  # one per mount of the hand
+    *,
+    samples: int,
+    clearance: float,  # m, gap that a good posture keeps between rigid links and the object
+    finger_gap: float,  # m, gap that it keeps between fingers
 ) -> GraspIk:
-    """Sample a Sobol sequence in each finger's joints.
-
-    Parameters
-    ----------
-    hand, spheres
-        The hand and the collision spheres of its links.
-    sensors
-        The sensor at each of the hand's mounts.
-    samples
-        Number of joint vectors.
-    clearance, finger_gap
-        Gaps that a good posture keeps between rigid links and the object, and between fingers, m.
-
-    Returns
-    -------
-    Samples of the joint angles, with their link frames and gel probes in the root link's frame, m.
-
-    Raises
-    ------
-    InvalidInput
-        A finger has no collision shape, or hardly a posture in which it is clear of the palm and of the other fingers.
-    """
+    """Sample a Sobol sequence in each finger's joints; refuse hands that hardly have a posture without collisions."""
     fingers = finger_geometry(hand, spheres, sensors)
     boxes = collision_boxes(hand)
     postures = sample_postures(hand, boxes, samples=samples, gap=finger_gap)
@@ -113,22 +80,12 @@ def prepare_grasp_ik(
     return GraspIk(hand, fingers, boxes, clearance, finger_gap, postures.joint_angles, postures.frames, probes, postures.free)
 
 
-def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> bool:
-    """Decide whether every finger of a hand has room at a pose.
-
-    Parameters
-    ----------
-    ik
-        The hand, from `prepare_grasp_ik`.
-    field
-        The object.
-    hand_pose
-        (4, 4) float64, frame of the root link, world, m.
-
-    Returns
-    -------
-    True if every finger has a posture, among a few samples, that is clear of object and palm.
-    """
+def fingers_fit(
+    ik: GraspIk,
+    field: DistanceField,
+    hand_pose: Float64Array,  # (4, 4) of the root link, world, m
+) -> bool:
+    """Decide whether every finger has a posture, among a few samples, that is clear of object and palm."""
     rows = even_rows(len(ik.frames))
     contact_values = np.where(ik.free[rows], np.float32(0), -np.inf)
     return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), contact_values, clear=1)[1].any(axis=0).all())
@@ -136,24 +93,12 @@ def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> b
 
 @dataclass(frozen=True, eq=False)
 class GraspChoices:
-    """Choices of one posture per finger that keep the fingers apart, best first; there may be none.
-
-    Attributes
-    ----------
-    hand
-        The hand.
-    options
-        (O, J) float64, rad: joint angles in each of which every finger has a posture.
-    frames
-        (O, L, 4, 4) float64, their link frames, world.
-    picks
-        (N, F) the option that each finger takes.
-    """
+    """Choices of one posture per finger that keep the fingers apart, best first; there may be none."""
 
     hand: Hand
-    options: Float64Array
-    frames: Float64Array
-    picks: NDArray[np.intp]
+    options: Float64Array  # (O, J) rad, joint angles in each of which every finger has a posture
+    frames: Float64Array  # (O, L, 4, 4) their link frames, world
+    picks: NDArray[np.intp]  # (N, F) option that each finger takes
 
     def joint_angles(self, number: int) -> Float64Array:
         """Combine the fingers' postures of a choice, (J,), rad."""
@@ -163,33 +108,16 @@ class GraspChoices:
 def grasp_ik(
     ik: GraspIk,
     field: DistanceField,
-    hand_pose: Float64Array,
+    hand_pose: Float64Array,  # (4, 4) of the root link, world, m
     *,
-    rounds: int,
+    rounds: int,  # of refinement
     rng: np.random.Generator,
-    start: Float64Array | None = None,
+    start: Float64Array | None = None,  # (J,) rad, a posture to refine beside the best samples
 ) -> GraspChoices:
-    """Find joint angles with which the sensors touch an object.
+    """Find joint angles, within the limits, with which the sensors touch an object.
 
-    Parameters
-    ----------
-    ik
-        The hand, from `prepare_grasp_ik`.
-    field
-        The object.
-    hand_pose
-        (4, 4) frame of the root link, world, m.
-    rounds
-        Of refinement.
-    rng
-        Draws the refinement's steps.
-    start
-        (J,) float64, rad, a posture to be refined beside the best samples.
-
-    Returns
-    -------
-    Postures within the limits; none where some finger has no posture that is clear of object and hand. A finger that cannot touch
-    takes, of the free postures found, the one that comes nearest to touching.
+    There are none where some finger has no posture that is clear of object and hand. A finger that cannot touch takes,
+    of the free postures found, the one that comes nearest to touching.
     """
     postures, untouching = _best_samples(ik, field, hand_pose)
     if start is not None:
@@ -267,8 +195,15 @@ def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -
     return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
-def _refine(ik: GraspIk, field: DistanceField, hand_pose: Float64Array, *, postures: Float64Array, steps: Float64Array) -> Float64Array:
-    """Replace each posture (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, STEPS_PER_POSTURE + 1, J)."""
+def _refine(
+    ik: GraspIk,
+    field: DistanceField,
+    hand_pose: Float64Array,
+    *,
+    postures: Float64Array,  # (P, J)
+    steps: Float64Array,  # (P, STEPS_PER_POSTURE + 1, J)
+) -> Float64Array:  # (P, J)
+    """Replace each posture, finger by finger, by the best of itself and its neighbours at `steps`."""
     children = postures[:, None] + steps
     children[:, 0] = postures
     margin = limit_margin(ik.hand)

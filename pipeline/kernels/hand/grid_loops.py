@@ -3,8 +3,6 @@
 All arithmetic on distances is float32, in a fixed order. The loops share a file: numba's cache notices changes of that file only.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -22,20 +20,20 @@ FLOOR_SLACK = np.float32(1e-6)
 
 
 class Grid(NamedTuple):
-    """A distance grid: centre of the first cell (3,), cells per metre, side of a cell, and records (X, Y, Z, 4); all float32."""
+    """A distance grid."""
 
-    origin: Float32Array
-    scale: np.float32
-    cell: np.float32
-    records: Float32Array
+    origin: Float32Array  # (3,) centre of the first cell, m
+    scale: np.float32  # cells per metre
+    cell: np.float32  # m, side of a cell
+    records: Float32Array  # (X, Y, Z, 4) distance, m, and its gradient
 
 
 class Spheres(NamedTuple):
-    """Spheres in the frames of links: centres (B, 3) and radii (B,), float32, m; link (B,)."""
+    """Spheres in the frames of links."""
 
-    centres: Float32Array
-    radii: Float32Array
-    link: NDArray[np.intp]
+    centres: Float32Array  # (B, 3) m
+    radii: Float32Array  # (B,) m
+    link: NDArray[np.intp]  # (B,)
 
 
 @compiled
@@ -68,8 +66,12 @@ def look_up(grid: Grid, points: Float32Array) -> Float32Array:
 
 
 @compiled
-def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tuple[Float32Array, Float32Array]:
-    """Compute the least distance (N,) of groups of points (3, N, P), given in a frame of a pose (4, 4), and the share (N,) inside."""
+def least_distances(
+    grid: Grid,
+    pose: Float32Array,  # (4, 4) of the points' frame
+    points: Float32Array,  # (3, N, P) m
+) -> tuple[Float32Array, Float32Array]:  # (N,) m, (N,)
+    """Compute the least distance of each group of points, and the share of its points inside."""
     count, size = points.shape[1:]
     distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
     for n in range(count):
@@ -88,7 +90,7 @@ def least_distances(grid: Grid, pose: Float32Array, points: Float32Array) -> tup
 
 @compiled
 def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> np.float32:
-    """Compute the least gap of spheres carried by link frames (L, 4, 4); any value below `floor` if the least gap is below it."""
+    """Compute the least gap of spheres on link frames (L, 4, 4); if it is below `floor`, any value below `floor`."""
     gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
     for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
         if spheres.link[b] != link:
@@ -106,44 +108,25 @@ def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
 
 @compiled
 def gaps(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> Float32Array:
-    """Compute the least gaps (N,) of spheres carried by frames (N, L, 4, 4); any value below `floor` if the least gap is below it."""
+    """Compute the least gaps (N,) of spheres on frames (N, L, 4, 4); for one below `floor`, any value below `floor`."""
     return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
 
 
 @compiled
 def measure_best(
     grid: Grid,
-    frames: NDArray[np.float64],
-    spheres: Spheres,
-    contact: Float32Array,
-    order: NDArray[np.intp],
-    best: int,
-    clear: int,
-    clearance: np.float32,
-) -> tuple[Float32Array, NDArray[np.bool_]]:
+    frames: NDArray[np.float64],  # (N, L, 4, 4)
+    spheres: Spheres,  # of one finger
+    contact: Float32Array,  # (N,) values of the postures if nothing is in their way; -inf for unavailable ones
+    order: NDArray[np.intp],  # (G, 1 + M) postures of each group: a likely best one, then all by falling `contact`
+    best: int,  # postures of greatest value that are requested of each group
+    clear: int,  # clear postures that are requested of each group: the first in that order
+    clearance: np.float32,  # m; a posture's value falls by what it lacks
+) -> tuple[Float32Array, NDArray[np.bool_]]:  # (N,), (N,)
     """Measure the clearance of postures where it can decide which have most value, and which are clear.
 
-    Parameters
-    ----------
-    grid, spheres
-        The object's grid, and the spheres of one finger.
-    frames
-        (N, L, 4, 4) link frames.
-    contact
-        (N,) values of the postures if nothing is in their way; -inf for unavailable ones.
-    order
-        (G, 1 + M) numbers of the postures of each group: first a likely best one, then all by falling `contact`.
-    best, clear
-        How many postures of each group are requested: those of greatest value, and the first clear ones in that order.
-    clearance
-        Requested clearance, m: a posture's value falls by what it lacks.
-
-    Returns
-    -------
-    value
-        (N,) of the measured postures, exact for the best of each group; smaller or -inf for the others.
-    is_clear
-        (N,), False for those not measured.
+    Values are exact for the best of each group, and smaller or -inf for the others. Postures that were not measured do
+    not count as clear.
     """
     value, is_clear = np.full(len(frames), np.float32(-np.inf)), np.zeros(len(frames), np.bool_)
     top = np.empty(best + 1, np.float32)  # the best values so far, falling; the last is spare

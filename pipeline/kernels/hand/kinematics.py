@@ -1,7 +1,5 @@
 """Forward kinematics: link and sensor frames from joint angles."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -15,27 +13,12 @@ from pipeline.kernels.hand.model import Hand
 Float64Array = NDArray[np.float64]
 
 
-def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the frames of all links.
-
-    Parameters
-    ----------
-    hand
-        L links, J joints that move.
-    hand_pose
-        (..., 4, 4) frame of the root link in the world.
-    joint_angles
-        (..., J) rad (m for a prismatic joint), in the order of `hand.joint_names`; leading dimensions broadcast against the pose's.
-
-    Returns
-    -------
-    (..., L, 4, 4) float64, the URDF frame of every link in the world, in the order of `hand.links`.
-
-    Raises
-    ------
-    ValueError
-        A shape is wrong, or a value is NaN or infinite.
-    """
+def forward_kinematics(
+    hand: Hand,
+    hand_pose: NDArray[np.float64],  # (..., 4, 4) frame of the root link in the world, m
+    joint_angles: NDArray[np.float64],  # (..., J) rad (m for a prismatic joint), in the order of `hand.joint_names`
+) -> NDArray[np.float64]:  # (..., L, 4, 4) world, m, in the order of `hand.links`
+    """Compute the URDF frames of all links; leading dimensions broadcast."""
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
         shape, expected = np.shape(joint_angles), len(hand.joint_names)
         raise ValueError(f"joint_angles have shape {shape}; the last dimension must be {expected}, the joints of {hand.name}")
@@ -54,20 +37,17 @@ def forward_kinematics(hand: Hand, hand_pose: NDArray[np.float64], joint_angles:
 
 
 class _JointTree(NamedTuple):
-    """A hand's tree as the compiled loop takes it: per joint, parents first; and per moving joint the entry of the joint vector it follows.
-
-    `moving` is a joint's number among those that move, -1 where it is fixed.
-    """
+    """A hand's tree as the compiled loop takes it: all joints, parents first, and the M that move."""
 
     parent: NDArray[np.intp]
     child: NDArray[np.intp]
     origin: NDArray[np.float64]
     axis: NDArray[np.float64]
     slides: NDArray[np.bool_]
-    moving: NDArray[np.intp]
-    entry: NDArray[np.intp]
-    multiplier: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    moving: NDArray[np.intp]  # number of each joint among those that move, -1 where it is fixed
+    entry: NDArray[np.intp]  # (M,) entry of the joint vector that each follows
+    multiplier: NDArray[np.float64]  # (M,)
+    offset: NDArray[np.float64]  # (M,)
 
 
 @lru_cache(maxsize=16)
@@ -128,58 +108,24 @@ def _set_motion(motion: Float64Array, slides: bool, axis: Float64Array, value: f
 
 
 def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the sensor frames of postures.
-
-    Parameters
-    ----------
-    hand, hand_pose, joint_angles
-        As for `forward_kinematics`.
-
-    Returns
-    -------
-    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.sensors`.
-
-    Raises
-    ------
-    ValueError
-        As `forward_kinematics`.
-    """
+    """Compute the sensor frames of postures, (..., S, 4, 4), from what `forward_kinematics` takes."""
     return sensor_poses_from_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
-def sensor_poses_from_links(hand: Hand, link_frames: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the sensor frames of a hand from its link frames.
-
-    Parameters
-    ----------
-    hand
-        Gives the S sensors and their links.
-    link_frames
-        (..., L, 4, 4) float64, world, m, from `forward_kinematics`.
-
-    Returns
-    -------
-    (..., S, 4, 4) float64, sensor frame to world frame, m, in the order of `hand.sensors`.
-    """
+def sensor_poses_from_links(
+    hand: Hand,
+    link_frames: NDArray[np.float64],  # (..., L, 4, 4) world, m
+) -> NDArray[np.float64]:  # (..., S, 4, 4) sensor frame to world, m
+    """Compute the sensor frames of a hand from its link frames, in the order of `hand.sensors`."""
     return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
 
 
-def joint_motion(kind: str, axis: NDArray[np.float64], value: float) -> NDArray[np.float64]:
-    """Compute the displacement of a joint.
-
-    Parameters
-    ----------
-    kind
-        "prismatic", or a kind that turns.
-    axis
-        (3,) unit vector.
-    value
-        rad, of a prismatic joint m.
-
-    Returns
-    -------
-    (4, 4) float64.
-    """
+def joint_motion(
+    kind: str,  # "prismatic", or a kind that turns
+    axis: NDArray[np.float64],  # (3,) unit vector
+    value: float,  # rad, of a prismatic joint m
+) -> NDArray[np.float64]:  # (4, 4)
+    """Compute the displacement of a joint."""
     motion = np.empty((4, 4))
     _set_motion(motion, kind == "prismatic", np.asarray(axis, np.float64), float(value), *map(float, sin_cos(value)))
     return motion

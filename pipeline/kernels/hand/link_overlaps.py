@@ -1,7 +1,5 @@
 """Links of a hand that overlap, at rest or in many postures, and those that lie close side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -22,62 +20,35 @@ FREQUENT_SHARE = 0.5
 
 @dataclass(frozen=True)
 class LinkOverlap:
-    """Two links whose boxes overlap in a share of postures, by a median `depth`, m; a negative depth is a gap."""
+    """Two links whose boxes overlap in many postures."""
 
     first: int
     second: int
-    share: float
-    depth: float
+    share: float  # of the postures
+    depth: float  # m, median; a negative depth is a gap
 
 
 def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple[int, int]]:
-    """Find neighbouring links that overlap at rest: every joint at 0, or at its limit nearest to 0.
-
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-
-    Returns
-    -------
-    Pairs of links, the lower number first.
-    """
+    """Find neighbours, lower number first, that overlap at rest: every joint at 0, or at its limit nearest to 0."""
     return frozenset(pair for pair, gap in _resting_gaps(hand, boxes) if gap < 0 and _are_neighbours(hand, *pair))
 
 
 def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[int, int], float]:
     """Find links that lie close side by side at rest, as those of two fingers may.
 
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    within
-        m.
-
-    Returns
-    -------
-    The gap, m, of each pair that is nearer than that and not allowed to touch, the link nearer the root first.
+    Each pair that is nearer than `within` and not allowed to touch has its gap, m; the link nearer the root comes
+    first.
     """
     return {pair: gap for pair, gap in _resting_gaps(hand, boxes) if gap < within and pair not in hand.allowed_contacts}
 
 
-def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float = 0.0) -> list[LinkOverlap]:
-    """List the pairs of links that overlap in many postures and are not allowed to, worst first.
-
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    frames
-        (N, L, 4, 4) float64 link frames of N postures, m.
-    gap
-        m, links nearer than this count as overlapping.
-
-    Returns
-    -------
-    Pairs with the share of postures in which they overlap, and their depth.
-    """
+def frequent_overlaps(
+    hand: Hand,
+    boxes: CollisionBoxes,
+    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames of N postures, m
+    gap: float = 0.0,  # m, links nearer than this count as overlapping
+) -> list[LinkOverlap]:
+    """List the pairs of links that overlap in many postures and are not allowed to, worst first."""
     overlaps = []
     for pair, gaps in _link_gaps(hand, boxes, frames):
         share = float((gaps < gap).mean())
@@ -89,14 +60,8 @@ def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.floa
 def remedy(hand: Hand, overlap: LinkOverlap) -> str:
     """Name the entry of the hand file that ends an overlap.
 
-    Parameters
-    ----------
-    hand, overlap
-        The hand, and two of its links.
-
-    Returns
-    -------
-    `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
+    It is `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none,
+    `allowed_contacts`.
     """
     links = [hand.links[overlap.first], hand.links[overlap.second]]
     entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
@@ -119,7 +84,7 @@ def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -
 
 
 def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
-    """Whether at most `MAX_NEIGHBOUR_JOINTS` moving joints lead from the first link down to the second."""
+    """Check whether at most `MAX_NEIGHBOUR_JOINTS` moving joints lead from the first link down to the second."""
     bodies = rigid_bodies(hand)
     body = bodies[second]
     for _ in range(MAX_NEIGHBOUR_JOINTS):

@@ -1,7 +1,5 @@
 """How much of an object's weight the contacts of a grasp cannot carry, whichever way gravity points."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +10,7 @@ from pipeline.kernels.compiled import compiled
 Float64Array = NDArray[np.float64]
 
 EDGES = 6
-"""Edges of the pyramid that stands for a friction cone."""
+"""Edges of the pyramid that approximates a friction cone."""
 MAX_FORCE = 10.0
 """Largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg."""
 LEVER = 0.05
@@ -30,10 +28,10 @@ RESIDUAL_STEP = 0.02
 
 
 class Load(NamedTuple):
-    """The load of a grasp: its residual in whole `RESIDUAL_STEP`s, and its number of contacts."""
+    """The load of a grasp."""
 
-    steps: int
-    touches: int
+    steps: int  # its residual in whole `RESIDUAL_STEP`s
+    touches: int  # its number of contacts
 
 
 NO_LOAD = Load(1000, -1)
@@ -41,26 +39,17 @@ NO_LOAD = Load(1000, -1)
 
 
 @compiled
-def load_residual(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> float:
+def load_residual(
+    points: Float64Array,  # (C, 3) of C contacts, from the centre of mass, m
+    normals: Float64Array,  # (C, 3) unit, into the object
+    touching: NDArray[np.bool_],  # (C,) which contacts exist
+    friction: float,  # coefficient of every contact
+) -> float:  # 0: held in all directions; 1: not held at all
     """Compute the part of an object's weight that a grasp cannot carry, along ± x, ± y and ± z.
 
-    Parameters
-    ----------
-    points, normals
-        (C, 3) of C contacts, m, from the centre of mass; unit normals into the object.
-    touching
-        (C,) which of them exist.
-    friction
-        Coefficient of every contact.
-
-    Returns
-    -------
-    The root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a share of the weight. 0: held
-    in all; 1: not held at all.
-
-    Notes
-    -----
-    Least squares over forces within the friction cones: the pyramids' edges and the moments of a soft finger, each from 0 to `MAX_FORCE`.
+    It is the root mean square, over six directions, of the force and moment (divided by `LEVER`) that remain, as a
+    share of the weight. Least squares over forces within the friction cones: the pyramids' edges and the moments of a
+    soft finger, each from 0 to `MAX_FORCE`.
     """
     columns = _columns(points, normals, touching, friction)
     squared = 0.0
@@ -74,20 +63,15 @@ def load_residual(points: Float64Array, normals: Float64Array, touching: NDArray
 
 @compiled
 def lightest_grasp(
-    points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float, best: Load
+    points: Float64Array,  # (N, C, 3) of N grasps, each as for `load_residual`
+    normals: Float64Array,  # (N, C, 3)
+    touching: NDArray[np.bool_],  # (N, C)
+    friction: float,
+    best: Load,  # the load to surpass; any grasp surpasses `NO_LOAD`
 ) -> tuple[int, Load]:
     """Find the grasp that carries an object best: the least steps of its residual, then the most touches, then the first.
 
-    Parameters
-    ----------
-    points, normals, touching, friction
-        (N, C, …) of N grasps, as for `load_residual`.
-    best
-        The load to surpass; any grasp surpasses `NO_LOAD`.
-
-    Returns
-    -------
-    The grasp's number and its load; -1 and `best` where none surpasses it.
+    Return its number and its load; -1 and `best` where none surpasses it.
     """
     number, steps, best_touches = -1, best.steps, best.touches
     for n in range(len(points)):
@@ -188,7 +172,10 @@ def _least_squared(columns: Float64Array, load: Float64Array) -> float:
 def _steepest(
     columns: Float64Array, lengths: Float64Array, force: Float64Array, is_free: NDArray[np.bool_], remainder: Float64Array
 ) -> int:
-    """Find the force at a bound whose change reduces the remainder (6,) most steeply; -1 where none reduces it, or it counts as 0."""
+    """Find the force at a bound whose change reduces the remainder (6,) most steeply.
+
+    It is -1 where none reduces it, or it counts as 0.
+    """
     length = np.sqrt(_dot(remainder, remainder))
     steepest, number = PERPENDICULAR * length, -1
     for m in range(len(columns)):

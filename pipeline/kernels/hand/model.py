@@ -1,7 +1,5 @@
 """The model of a hand: links and joints, and which of them are fingers with a sensor."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,29 +12,14 @@ from pipeline.kernels.geometry.mesh import Mesh
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A visual or collision shape of a link.
+    """A visual or collision shape of a link."""
 
-    Attributes
-    ----------
-    kind, size
-        "box" and its (x, y, z), "sphere" and its (radius,), "cylinder" and its (radius, length along z), "capsule" and the (radius,
-        length) of its cylinder, in m; or "mesh" and the (x, y, z) scale of its file.
-    origin
-        (4, 4) frame of the shape in its link's frame.
-    mesh
-        The shape in its link's frame, m, with its colour.
-    path
-        The mesh file, None for other kinds.
-    beside
-        The files that it names: materials and textures.
-    """
-
-    kind: str
-    size: tuple[float, ...]
-    origin: NDArray[np.float64]
-    mesh: Mesh
-    path: Path | None = None
-    beside: tuple[Path, ...] = ()
+    kind: str  # "box", "sphere", "cylinder", "capsule" or "mesh"
+    size: tuple[float, ...]  # (x, y, z), (radius,), (radius, length along z; a capsule's without ends), m; scale of a mesh file
+    origin: NDArray[np.float64]  # (4, 4) frame of the shape in its link's frame
+    mesh: Mesh  # the shape in its link's frame, m, with its colour
+    path: Path | None = None  # mesh file, None for other kinds
+    beside: tuple[Path, ...] = ()  # files that it names: materials and textures
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,30 +33,26 @@ class Link:
 
 @dataclass(frozen=True)
 class Mimic:
-    """Coupling of a joint to another joint: its value is `multiplier` times that joint's, plus `offset` (rad, of a prismatic joint m)."""
+    """Coupling of a joint to another joint: its value is `multiplier` times that joint's, plus `offset`."""
 
     joint: str
     multiplier: float
-    offset: float
+    offset: float  # rad, of a prismatic joint m
 
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint from link number `parent` to link number `child`.
-
-    `origin` (4, 4) is the child's frame in the parent's at rest, `axis` a unit vector in the child's frame; limits in rad, of a
-    prismatic joint in m; `mimic` names the joint that it follows.
-    """
+    """A joint from one link to another."""
 
     name: str
     kind: str
-    parent: int
+    parent: int  # number of the link
     child: int
-    origin: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    lower: float
+    origin: NDArray[np.float64]  # (4, 4) the child's frame in the parent's at rest
+    axis: NDArray[np.float64]  # (3,) unit vector in the child's frame
+    lower: float  # rad, of a prismatic joint m
     upper: float
-    mimic: Mimic | None = None
+    mimic: Mimic | None = None  # names the joint that it follows
 
 
 @dataclass(frozen=True)
@@ -90,96 +69,53 @@ class Follower:
 class Mount:
     """A sensor on a link.
 
-    Attributes
-    ----------
-    name
-        As the hand file calls it: by default, as the finger that it is on.
-    link
-        Number of the link that carries it.
-    pose
-        (4, 4) sensor frame in the link's frame: origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
-        image rows.
-    sensor
-        The sensor that is mounted: name of a shipped sensor, or absolute path of a sensor file.
+    The sensor frame has its origin at the centre of the sensor plane, +z outward, +x along image columns, +y along
+    image rows.
     """
 
-    name: str
-    link: int
-    pose: NDArray[np.float64]
-    sensor: str
+    name: str  # as the hand file calls it: by default, as the finger that it is on
+    link: int  # number of the link that carries it
+    pose: NDArray[np.float64]  # (4, 4) sensor frame in the link's frame
+    sensor: str  # name of a shipped sensor, or absolute path of a sensor file
 
 
 @dataclass(frozen=True, eq=False)
 class Finger:
-    """Links that move independently of the rest of the hand: a finger, or several that share a motor.
+    """Links that move independently of the rest of the hand: a finger, or several that share a motor."""
 
-    Attributes
-    ----------
-    name
-        As the hand file calls it; of several fingers their names, joined by +.
-    joints
-        Its entries of the joint vector.
-    links
-        The links that it moves, base to tip.
-    sensors
-        The numbers of the sensors that it carries; there may be none.
-    """
-
-    name: str
-    joints: tuple[int, ...]
-    links: tuple[int, ...]
-    sensors: tuple[int, ...]
+    name: str  # as the hand file calls it; of several fingers their names, joined by +
+    joints: tuple[int, ...]  # its entries of the joint vector
+    links: tuple[int, ...]  # links that it moves, base to tip
+    sensors: tuple[int, ...]  # numbers of the sensors that it carries; there may be none
 
 
 @dataclass(frozen=True, eq=False)
 class Hand:
     """A hand of L links, J joints that move, F fingers and S sensors.
 
-    Attributes
-    ----------
-    name, path
-        Of the hand file.
-    urdf
-        The URDF file.
-    links, joints
-        The URDF tree: the root link first, parents before children. Fixed joints are among `joints`.
-    joint_links
-        (J,) link that each entry of the joint vector moves: entry j is `joints[joint_links[j] - 1]`.
-    joint_names, lower, upper
-        Of the J entries of the joint vector, finger by finger; limits in rad (m for a prismatic joint).
-    followers
-        Links whose joints mimic another joint and have no entry in the joint vector.
-    frozen
-        Angles, rad (m), of moving joints that no finger uses, by name; they are fixed joints in `joints`.
-    allowed_contacts
-        Pairs of links, the lower number first, that may overlap: those that the hand file allows, and neighbours that
-        overlap at rest.
-    torque, friction
-        Of every joint's motor, N m (N for a prismatic joint), and of the links' surfaces.
-    fingers, sensors
-        In the hand file's order: sensors finger by finger, those on the palm last.
-    palm_facing, palm_centre
-        (3,) unit outward normal of the palm, and the point of its face that is set over the object, in the root link's frame.
+    Links and joints are the URDF's tree: the root link first, parents before children, fixed joints included. The joint
+    vector goes finger by finger. Fingers and sensors are in the hand file's order: sensors finger by finger, those on
+    the palm last. Links may overlap that the hand file allows to, and neighbours that overlap at rest.
     """
 
-    name: str
-    path: Path
+    name: str  # of the hand file
+    path: Path  # of the hand file
     urdf: Path
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
-    joint_links: tuple[int, ...]
-    joint_names: tuple[str, ...]
-    lower: NDArray[np.float64]
-    upper: NDArray[np.float64]
+    joint_links: tuple[int, ...]  # (J,) link that each entry of the joint vector moves, by `joints[link - 1]`
+    joint_names: tuple[str, ...]  # (J,)
+    lower: NDArray[np.float64]  # (J,) limits, rad (m for a prismatic joint)
+    upper: NDArray[np.float64]  # (J,)
     fingers: tuple[Finger, ...]
     sensors: tuple[Mount, ...]
-    palm_facing: NDArray[np.float64]
-    palm_centre: NDArray[np.float64]
-    followers: tuple[Follower, ...] = ()
-    frozen: Mapping[str, float] = field(default_factory=dict)
-    allowed_contacts: frozenset[tuple[int, int]] = frozenset()
-    torque: float = 0.7
-    friction: float = 0.5
+    palm_facing: NDArray[np.float64]  # (3,) unit outward normal of the palm, in the root link's frame
+    palm_centre: NDArray[np.float64]  # (3,) point of its face that is set over the object, in the root link's frame, m
+    followers: tuple[Follower, ...] = ()  # links whose joints mimic another one and have no entry in the joint vector
+    frozen: Mapping[str, float] = field(default_factory=dict)  # rad (m), of joints that no finger uses: fixed ones
+    allowed_contacts: frozenset[tuple[int, int]] = frozenset()  # links that may overlap, the lower number first
+    torque: float = 0.7  # N m (N for a prismatic joint), of every joint's motor
+    friction: float = 0.5  # coefficient of the links' surfaces
 
     @property
     def link_fingers(self) -> NDArray[np.intp]:

@@ -1,7 +1,5 @@
 """Distances between a hand and an object: contact of gels, clearance of fingers, and penetration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -26,39 +24,18 @@ IDENTITY = np.eye(4)
 
 @dataclass(frozen=True, eq=False)
 class FingerGeometry:
-    """The collision spheres of every finger's links, and points in every sensor's gel.
+    """The collision spheres of every finger's links, and points in every sensor's gel."""
 
-    Attributes
-    ----------
-    spheres
-        Of the links that each of F fingers moves.
-    probes
-        (S, PROBES², 3) float64, points in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m.
-    """
-
-    spheres: tuple[CollisionSpheres, ...]
-    probes: NDArray[np.float64]
+    spheres: tuple[CollisionSpheres, ...]  # of the links that each of F fingers moves
+    probes: NDArray[np.float64]  # (S, PROBES², 3) in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m
 
 
-def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor]) -> FingerGeometry:
-    """Group collision spheres by finger and lay probes into the gels.
-
-    Parameters
-    ----------
-    hand, spheres
-        The hand and its spheres, from `collision_spheres`.
-    sensors
-        The sensor at each of the S mounts: its gel's width and thickness.
-
-    Returns
-    -------
-    Spheres of F fingers and probes of S sensors, in their links' frames, m.
-
-    Raises
-    ------
-    InvalidInput
-        No link of a finger has a collision shape.
-    """
+def finger_geometry(
+    hand: Hand,
+    spheres: CollisionSpheres,  # of its links
+    sensors: Sequence[Sensor],  # one per mount: its gel's width and thickness
+) -> FingerGeometry:
+    """Group collision spheres by finger and lay probes into the gels."""
     by_finger = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
     without_shape = [finger.name for finger, finger_spheres in zip(hand.fingers, by_finger, strict=True) if not len(finger_spheres.radii)]
     if without_shape:
@@ -73,22 +50,12 @@ def _probes(sensor: Sensor) -> NDArray[np.float64]:
     return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
 
 
-def gel_probes(hand: Hand, fingers: FingerGeometry, frames: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Compute the positions of the gels' probe points in postures.
-
-    Parameters
-    ----------
-    hand
-        Gives the S sensors' links.
-    fingers
-        The probes, from `finger_geometry`.
-    frames
-        (N, L, 4, 4) float64 link frames of N postures, m.
-
-    Returns
-    -------
-    (3, N, S, PROBES²) float32, m, in the frame that the link frames are given in.
-    """
+def gel_probes(
+    hand: Hand,
+    fingers: FingerGeometry,
+    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames of N postures, m
+) -> NDArray[np.float32]:  # (3, N, S, PROBES²) m
+    """Compute the positions of the gels' probe points in postures, in the frame that the link frames are given in."""
     points = np.empty((3, len(frames), *fingers.probes.shape[:2]), np.float32)
     _transform_probes(frames, np.array([mount.link for mount in hand.sensors], np.intp), fingers.probes, points)
     return points
@@ -109,25 +76,13 @@ def _transform_probes(
 
 
 def gel_contact(
-    field: DistanceField, probes: NDArray[np.float32], pose: NDArray[np.float64] = IDENTITY
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    field: DistanceField,
+    probes: NDArray[np.float32],  # (3, N, S, P) m, from `gel_probes`
+    pose: NDArray[np.float64] = IDENTITY,  # (4, 4) of their frame, world
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:  # (N, S) m, (N, S)
     """Measure how gels meet an object.
 
-    Parameters
-    ----------
-    field
-        The object.
-    probes
-        (3, N, S, P) from `gel_probes`.
-    pose
-        (4, 4) of the frame in which they are given, world.
-
-    Returns
-    -------
-    contact
-        (N, S) float32, least distance of a gel's probes from the object, m, negative inside.
-    coverage
-        (N, S) float32, share of its probes that are inside the object.
+    Return the least distance of each gel's probes from the object, negative inside, and the share that are inside.
     """
     groups = probes.shape[1:3]
     contact, coverage = least_distances(field.grid, pose.astype(np.float32), probes.reshape(3, -1, probes.shape[3]))
@@ -135,65 +90,34 @@ def gel_contact(
 
 
 def finger_clearance(
-    field: DistanceField, fingers: FingerGeometry, frames: NDArray[np.float64], floor: float = -np.inf
-) -> NDArray[np.float32]:
-    """Measure the distance of every finger's rigid links from an object.
-
-    Parameters
-    ----------
-    field
-        The object.
-    fingers
-        Their collision spheres.
-    frames
-        (N, L, 4, 4) float64 link frames, world.
-    floor
-        m; where the distance is smaller, any value below the floor is returned.
-
-    Returns
-    -------
-    (N, F) float32, m, negative inside the object.
-    """
+    field: DistanceField,
+    fingers: FingerGeometry,
+    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, world, m
+    floor: float = -np.inf,  # m; where the distance is smaller, any value below the floor is returned
+) -> NDArray[np.float32]:  # (N, F) m, negative inside the object
+    """Measure the distance of every finger's rigid links from an object."""
     return np.stack([gaps(field.grid, frames, finger_spheres.single, np.float32(floor)) for finger_spheres in fingers.spheres], axis=1)
 
 
-def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64]) -> float:
-    """Compute the depth of the deepest rigid point in the object, or of the object's deepest point in a rigid link.
-
-    Parameters
-    ----------
-    field
-        The object.
-    spheres
-        Of all rigid links; their spacing is the error.
-    frames
-        (L, 4, 4) link frames, world.
-
-    Returns
-    -------
-    m; 0 when hand and object are apart.
-    """
+def penetration_depth(
+    field: DistanceField,
+    spheres: CollisionSpheres,  # of all rigid links; their spacing is the error
+    frames: NDArray[np.float64],  # (L, 4, 4) link frames, world, m
+) -> float:  # m; 0 when hand and object are apart
+    """Compute the depth of the deepest rigid point in the object, or of the object's deepest point in a rigid link."""
     gaps_below = near_gaps(field, spheres, frames, 0.0)
     return max(0.0, -float(gaps_below.min(initial=0.0)))
 
 
-def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+def near_gaps(
+    field: DistanceField,
+    spheres: CollisionSpheres,
+    frames: NDArray[np.float64],  # (L, 4, 4) link frames, world, m
+    limit: float,  # m
+) -> NDArray[np.float64]:  # (K,) m, in the order of the spheres
     """Measure the exact gaps between the object and those spheres that may be nearer than a limit, as far as the grid can tell.
 
-    Parameters
-    ----------
-    field
-        The object.
-    spheres
-        B spheres.
-    frames
-        (L, 4, 4) link frames, world.
-    limit
-        m.
-
-    Returns
-    -------
-    (K,) float64, m, in the order of the spheres: all gaps below the limit, and some others.
+    All gaps below the limit are among them, and some others.
     """
     points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
     candidates = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)

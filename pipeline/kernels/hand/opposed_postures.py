@@ -1,7 +1,5 @@
 """Postures in which two gels of a hand face each other, by the width that they pinch; prepared once per hand."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
@@ -40,49 +38,26 @@ ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
 
 @dataclass(frozen=True, eq=False)
 class OpposedPostures:
-    """R postures of two gels that face each other, in the root link's frame.
+    """R postures of two gels that face each other, in the root link's frame."""
 
-    Attributes
-    ----------
-    joint_angles
-        (R, J) rad; joints of fingers that are not in the pair are at rest.
-    sensors
-        (R, 2) the pair.
-    centre, axis
-        (R, 3) the middle between the gels, m, and the unit vector from the first to the second.
-    width
-        (R,) between the gels, m.
-    fault
-        (R,) deviation from facing each other; above 1, the gels do not.
-    """
+    joint_angles: Float64Array  # (R, J) rad; joints of fingers that are not in the pair are at rest
+    sensors: NDArray[np.intp]  # (R, 2) the pair
+    centre: Float64Array  # (R, 3) the middle between the gels, m
+    axis: Float64Array  # (R, 3) unit vector from the first to the second
+    width: Float64Array  # (R,) between the gels, m
+    fault: Float64Array  # (R,) deviation from facing each other; above 1, the gels do not
 
-    joint_angles: Float64Array
-    sensors: NDArray[np.intp]
-    centre: Float64Array
-    axis: Float64Array
-    width: Float64Array
-    fault: Float64Array
-
-    def rows(self, rows: NDArray[np.intp]) -> OpposedPostures:
+    def rows(self, rows: NDArray[np.intp]) -> "OpposedPostures":
         """Select postures by their numbers, in that order."""
         return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
 
 def opposed_postures(ik: GraspIk) -> OpposedPostures:
-    """Find postures of two fingers, or of a finger and the palm, whose gels face each other.
+    """Find postures of two fingers, or of a finger and the palm, whose gels face each other, by ascending width.
 
-    Parameters
-    ----------
-    ik
-        The hand, with its sampled postures.
-
-    Returns
-    -------
-    Postures by ascending width, the best of each width and pair of gels; none for a hand whose fingers meet at an angle, as a claw's do.
-
-    Notes
-    -----
-    Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by least squares.
+    Sampled postures of both fingers are paired where the gels roughly face each other, and turned towards each other by
+    least squares; the best of each width and pair of gels are kept. There are none for a hand whose fingers meet at an
+    angle, as a claw's do.
     """
     by_pair = [_postures_of_pair(ik, pair) for pair in combinations(range(len(ik.hand.sensors)), 2)]
     if not by_pair:

@@ -1,7 +1,5 @@
 """Samples of a hand's postures, and the overlaps that rule them out."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -23,35 +21,15 @@ EVEN_SAMPLES = 48
 
 @dataclass(frozen=True, eq=False)
 class PostureSamples:
-    """Postures spread evenly between the joint limits.
+    """Postures spread evenly between the joint limits."""
 
-    Attributes
-    ----------
-    joint_angles
-        (K, J) float64, rad (m).
-    frames
-        (K, L, 4, 4) float64, their link frames in the root link's, m.
-    free
-        (K, F) bool, whether each finger stays clear of the palm and of its own links.
-    """
-
-    joint_angles: NDArray[np.float64]
-    frames: NDArray[np.float64]
-    free: NDArray[np.bool_]
+    joint_angles: NDArray[np.float64]  # (K, J) rad (m)
+    frames: NDArray[np.float64]  # (K, L, 4, 4) their link frames in the root link's, m
+    free: NDArray[np.bool_]  # (K, F) whether each finger stays clear of the palm and of its own links
 
 
 def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: float) -> PostureSamples:
-    """Sample a Sobol sequence in each finger's joints.
-
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    samples
-        Number of postures.
-    gap
-        m that a free finger keeps from the palm.
-    """
+    """Sample a Sobol sequence in each finger's joints; a free finger keeps `gap`, m, from palm and own links."""
     angles = np.empty((samples, len(hand.joint_names)))
     for finger in hand.fingers:
         joints = list(finger.joints)
@@ -73,22 +51,17 @@ def even_rows(samples: int) -> NDArray[np.intp]:
     return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
 
 
-def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples, *, gap: float) -> list[str]:
+def blocked_fingers(
+    hand: Hand,
+    boxes: CollisionBoxes,
+    postures: PostureSamples,
+    *,
+    gap: float,  # m kept between fingers
+) -> list[str]:
     """Name the links that rule out every grasp of a hand.
 
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    postures
-        From `sample_postures`.
-    gap
-        m kept between fingers.
-
-    Returns
-    -------
-    A sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that decide whether it has room,
-    and for each two fingers that collide in all pairs of these.
+    There is a sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that
+    decide whether it has room, and for each two fingers that collide in all pairs of these.
     """
     rows, fingers = even_rows(len(postures.free)), hand.fingers
     conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)

@@ -1,7 +1,5 @@
 """Pre-grasps: a palm tangent to the object (supplement 1.3), and fingers opened along their sensors' normals."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,30 +22,14 @@ ROUNDED = 1e-6
 
 
 def tangent_palm_pose(
-    hand: Hand, point: NDArray[np.float64], normal: NDArray[np.float64], *, distance: float, angle: float
-) -> NDArray[np.float64]:
-    """Compute the pose of a hand whose palm faces a surface point.
-
-    Parameters
-    ----------
-    hand
-        Gives the palm's centre and outward normal.
-    point, normal
-        (3,) of the surface, world, m; the normal points outward.
-    distance
-        From the point to the palm's centre along the normal, m.
-    angle
-        Of the hand about the normal, rad; 0 is an arbitrary direction that depends on the normal alone.
-
-    Returns
-    -------
-    (4, 4) float64, frame of the root link in the world.
-
-    Raises
-    ------
-    ValueError
-        Point or normal is NaN or infinite, or the normal is zero.
-    """
+    hand: Hand,
+    point: NDArray[np.float64],  # (3,) of the surface, world, m
+    normal: NDArray[np.float64],  # (3,) outward there, of any length but 0
+    *,
+    distance: float,  # m, from the point to the palm's centre along the normal
+    angle: float,  # rad, about the normal; 0 is an arbitrary direction that depends on the normal alone
+) -> NDArray[np.float64]:  # (4, 4) root link to world, m
+    """Compute the pose of a hand whose palm faces a surface point."""
     longest = np.abs(normal).max()
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
         raise ValueError(f"no hand can face the point {point} with normal {normal}: they must be finite, the normal not zero")
@@ -56,22 +38,12 @@ def tangent_palm_pose(
     return compose(frame_along(normal, angle, point + distance * normal / length(normal)), invert_pose(palm))
 
 
-def frame_along(z: NDArray[np.float64], angle: ArrayLike, origin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Make right-handed frames with a given third axis.
-
-    Parameters
-    ----------
-    z
-        (..., 3) axis, of any length but 0.
-    angle
-        (...) of the frame about it, rad; 0 is an arbitrary direction that depends on the axis alone.
-    origin
-        (..., 3) m.
-
-    Returns
-    -------
-    (..., 4, 4) float64.
-    """
+def frame_along(
+    z: NDArray[np.float64],  # (..., 3) axis, of any length but 0
+    angle: ArrayLike,  # (...) rad, about the axis; 0 is an arbitrary direction that depends on the axis alone
+    origin: NDArray[np.float64],  # (..., 3) m
+) -> NDArray[np.float64]:  # (..., 4, 4)
+    """Make right-handed frames with a given third axis."""
     z = z / length(z)[..., None]
     x = np.cross(np.eye(3)[np.abs(z).argmin(axis=-1)], z)
     x /= length(x)[..., None]
@@ -83,26 +55,16 @@ def frame_along(z: NDArray[np.float64], angle: ArrayLike, origin: NDArray[np.flo
     return frame
 
 
-def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Sequence[float]) -> NDArray[np.float64]:
+def pregrasp_angles(
+    hand: Hand,
+    joint_angles: NDArray[np.float64],  # (J,) at the end of the closing motion, rad
+    distances: Sequence[float],  # (N,) m
+) -> NDArray[np.float64]:  # (N, J) rad, within the limits
     """Compute joint angles from which closing moves every sensor a given distance along its normal.
 
-    Parameters
-    ----------
-    hand
-        J joints.
-    joint_angles
-        (J,) at the end of the closing motion, rad.
-    distances
-        N distances, m.
-
-    Returns
-    -------
-    (N, J) float64, rad, within the limits.
-
-    Notes
-    -----
-    One damped least-squares step with the Jacobian of the sensors' positions, within the limits: right to first order only. Where a joint
-    meets its limit, the finger's others do what they can of its share. A finger with several sensors takes the mean of their steps.
+    One damped least-squares step with the Jacobian of the sensors' positions, within the limits: right to first order
+    only. Where a joint meets its limit, the finger's others do what they can of its share. A finger with several
+    sensors takes the mean of their steps.
     """
     home = np.eye(4)
     poses = sensor_poses(hand, home, joint_angles)  # (S, 4, 4)
@@ -120,9 +82,12 @@ def pregrasp_angles(hand: Hand, joint_angles: NDArray[np.float64], distances: Se
 
 
 def _bounded_step(
-    jacobian: NDArray[np.float64], target: NDArray[np.float64], least: NDArray[np.float64], most: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Find the step (J,) between two bounds that minimises |jacobian step - target|² + damping² |step|²; the jacobian is (3, J).
+    jacobian: NDArray[np.float64],  # (3, J)
+    target: NDArray[np.float64],  # (3,)
+    least: NDArray[np.float64],  # (J,)
+    most: NDArray[np.float64],  # (J,)
+) -> NDArray[np.float64]:  # (J,)
+    """Find the step between two bounds that minimises |jacobian step - target|² + damping² |step|².
 
     The damping is `DAMPING`, or `LIMIT_DAMPING` if that step would pass a bound. Murty's principal pivoting: joints are held at a bound,
     or freed, one at a time, until each has the step that the remaining force asks of it, or the bound that stops it. It is exact, and

@@ -1,7 +1,5 @@
 """Collisions of a hand with itself: gaps between its links, and postures that keep them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -21,40 +19,20 @@ BEAM_WIDTH = 256
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
-    """Compute the least gap between links of a hand that no joint connects.
+    """Compute the least gap, m, between links that can meet and are not allowed to, from their frames (L, 4, 4).
 
-    Parameters
-    ----------
-    hand
-        L links.
-    boxes
-        Their boxes, from `collision_boxes`.
-    frames
-        (L, 4, 4) float64 link frames of one posture, any common frame, m.
-
-    Returns
-    -------
-    m, from `box_gap`: negative where links overlap, +inf where no two can meet.
+    It is that of `box_gap`: negative where links overlap; +inf where no two can meet.
     """
     return least_gap(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes))
 
 
-def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
-    """Find the fingers that keep a gap from their own links and from those that no finger moves.
-
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    frames
-        (N, L, 4, 4) link frames.
-    gap
-        m.
-
-    Returns
-    -------
-    (N, F) bool.
-    """
+def fingers_clear_of_palm(
+    hand: Hand,
+    boxes: CollisionBoxes,
+    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    gap: float,  # m
+) -> NDArray[np.bool_]:  # (N, F)
+    """Find the fingers that keep a gap from their own links and from those that no finger moves."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
@@ -64,24 +42,14 @@ def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.
     return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
-def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], fingers: Sequence[int], gap: float) -> NDArray[np.bool_]:
-    """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm.
-
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    frames
-        (N, L, 4, 4) link frames.
-    fingers
-        Numbers of the fingers.
-    gap
-        m.
-
-    Returns
-    -------
-    (N,) bool.
-    """
+def fingers_apart(
+    hand: Hand,
+    boxes: CollisionBoxes,
+    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    fingers: Sequence[int],
+    gap: float,  # m
+) -> NDArray[np.bool_]:  # (N,)
+    """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     involved = np.isin(owner, [*fingers, -1])
@@ -91,28 +59,17 @@ def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]
 
 
 def choose_postures(
-    hand: Hand, boxes: CollisionBoxes, *, frames: NDArray[np.float64], values: NDArray[np.float64], gap: float
-) -> NDArray[np.intp]:
+    hand: Hand,
+    boxes: CollisionBoxes,
+    *,
+    frames: NDArray[np.float64],  # (O, L, 4, 4) link frames of O options, in each of which every finger has one posture
+    values: NDArray[np.float64],  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
+    gap: float,  # m, least gap between boxes of different fingers
+) -> NDArray[np.intp]:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
-    Parameters
-    ----------
-    hand, boxes
-        The hand and its boxes, from `collision_boxes`.
-    frames
-        (O, L, 4, 4) link frames of O options, in each of which every finger has one posture; options of different fingers mix freely.
-    values
-        (O, F) of every finger's posture in every option; -inf for one that may not be taken.
-    gap
-        Least gap between boxes of different fingers, m.
-
-    Returns
-    -------
-    (N, F) option taken for each finger in up to `BEAM_WIDTH` choices, best first; N is 0 when no choice keeps them apart.
-
-    Notes
-    -----
-    A beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
+    Options of different fingers mix freely. A beam search over fingers in their order, `BEAM_WIDTH` partial choices
+    wide.
     """
     options = len(frames)
     conflicts = finger_conflicts(hand, boxes, frames, gap)

@@ -1,7 +1,5 @@
 """Bootstrap intervals of means over objects and trainings, paired where two configurations have the same objects."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,43 +15,20 @@ BATCH = 1000
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, and the ends of its interval; infinite for a single object.
-
-    Attributes
-    ----------
-    mean, low, high
-        In the values' unit.
-    count
-        Objects that the mean is of.
-    """
+    """A mean, and the ends of its interval, in the values' unit; the ends are infinite for a single object."""
 
     mean: float
     low: float
     high: float
-    count: int
+    count: int  # objects that the mean is of
 
 
-def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Interval:
-    """Compute a mean over objects, and over trainings if there are several, with its percentile bootstrap interval.
+def mean_interval(
+    values: NDArray[np.float64],  # (N,) one per object, or (S, N) for each of S trainings, which differ by their seeds
+    rng: np.random.Generator,
+) -> Interval:
+    """Compute a mean over objects, and over trainings if several, with its 95 % percentile bootstrap interval.
 
-    Parameters
-    ----------
-    values
-        (N,) one value per object, or (S, N) for each of S trainings, which differ by their seeds.
-    rng
-        Draws the resamples.
-
-    Returns
-    -------
-    The mean and its 95 % interval, in the values' unit; infinite ends for a single object.
-
-    Raises
-    ------
-    ValueError
-        There is no value, or one that is not finite.
-
-    Notes
-    -----
     Objects and trainings are drawn with replacement, independently of each other (the pigeonhole bootstrap; Owen, 2007). With few of
     either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it
     contains (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
@@ -63,30 +38,17 @@ def mean_interval(values: NDArray[np.float64], rng: np.random.Generator) -> Inte
 
 
 def difference_interval(
-    first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator, *, same_trainings: bool = False
+    first: NDArray[np.float64],  # (N,) or (S, N) as for `mean_interval`
+    second: NDArray[np.float64],  # the same objects in the same order
+    rng: np.random.Generator,
+    *,
+    same_trainings: bool = False,
 ) -> Interval:
-    """Compute the mean difference of two configurations on the same objects, and its interval.
+    """Compute the mean of `first` - `second`, two configurations on the same objects, and its 95 % interval.
 
-    Objects are drawn, not values: the difficulty of an object, which both share, cancels.
-
-    Parameters
-    ----------
-    first, second
-        (N,) or (S, N) as `mean_interval` takes them, objects in the same order; the mean is of `first` - `second`.
-    rng
-        Draws the resamples.
-    same_trainings
-        Whether both are figures of the same trainings, in the same order: differences between trainings then cancel too. Else trainings are
-        drawn independently for each configuration.
-
-    Returns
-    -------
-    The mean of `first` - `second` and its 95 % interval, in the values' unit.
-
-    Raises
-    ------
-    ValueError
-        The numbers of objects differ, or as `mean_interval`.
+    Objects are drawn, not values: the difficulty of an object, which both share, cancels. With `same_trainings`, both
+    are figures of the same trainings in the same order, and differences between trainings cancel too; without,
+    trainings are drawn independently for each configuration.
     """
     if np.shape(first)[-1:] != np.shape(second)[-1:]:
         raise ValueError(

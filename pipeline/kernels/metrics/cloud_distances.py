@@ -3,8 +3,6 @@
 Clouds are finite, (N, 3), N >= 1, in m; squared distances err by less than 1e-14 of themselves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,24 +19,7 @@ MAX_NEIGHBOURS = 16
 
 
 def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Compute the squared distance from each query point to the nearest of `points`.
-
-    Parameters
-    ----------
-    query, points
-        (N, 3) and (M, 3), one frame, m.
-
-    Returns
-    -------
-    (N,) float64, m².
-
-    Raises
-    ------
-    InvalidInput
-        A cloud is empty, or holds NaN or infinity.
-    ValueError
-        A cloud is not (N, 3).
-    """
+    """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of `points` (M, 3)."""
     query, points = checked_cloud("query", query), checked_cloud("points", points)
     nearest = cKDTree(points).query(query)[1]
     return np.asarray(np.square(query - points[nearest]).sum(axis=1))
@@ -46,18 +27,10 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
 
 @dataclass(frozen=True)
 class CloudDistances:
-    """Squared nearest distances between a predicted cloud and the true one, m².
+    """Squared nearest distances between a predicted cloud and the true one, m²."""
 
-    Attributes
-    ----------
-    predicted
-        (P,) from each predicted point to the truth.
-    truth
-        (T,) from each true point to the prediction.
-    """
-
-    predicted: NDArray[np.float64]
-    truth: NDArray[np.float64]
+    predicted: NDArray[np.float64]  # (P,) from each predicted point to the truth
+    truth: NDArray[np.float64]  # (T,) from each true point to the prediction
 
     @property
     def chamfer(self) -> float:
@@ -69,25 +42,12 @@ class CloudDistances:
         """Mean nearest distance, m: the mean of both directions'."""
         return float(np.sqrt(self.predicted).mean() + np.sqrt(self.truth).mean()) / 2
 
-    def precision_recall(self, tau: float, scale: float = 1.0) -> tuple[float, float]:
-        """Compute the shares of predicted and of true points that are near the other cloud.
-
-        Parameters
-        ----------
-        tau
-            Greatest squared distance that counts as near, m² of the scaled clouds.
-        scale
-            Factor that both clouds are multiplied by beforehand.
-
-        Returns
-        -------
-        Precision, a share of the predicted points, and recall, a share of the true ones.
-
-        Raises
-        ------
-        ValueError
-            `tau` is negative or no number, or `scale` is not above 0 and finite.
-        """
+    def precision_recall(
+        self,
+        tau: float,  # greatest squared distance that counts as near, m² of the scaled clouds
+        scale: float = 1.0,  # factor that both clouds are multiplied by beforehand
+    ) -> tuple[float, float]:
+        """Compute precision and recall: the shares of predicted and of true points that are near the other cloud."""
         if not (tau >= 0 and 0 < scale < np.inf):
             raise ValueError(f"squared distance {tau}, scale {scale}: the distance is at least 0, the scale above it and finite")
         precision, recall = (float(np.mean(squared * scale**2 <= tau)) for squared in (self.predicted, self.truth))
@@ -100,58 +60,26 @@ class CloudDistances:
 
 
 def cloud_distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]) -> CloudDistances:
-    """Compute the squared nearest distances between two clouds, both ways.
-
-    Parameters
-    ----------
-    predicted, truth
-        (P, 3) and (T, 3), one frame, m.
-
-    Returns
-    -------
-    Squared distances (P,) and (T,), float64, m².
-
-    Raises
-    ------
-    InvalidInput, ValueError
-        As `nearest_squared`.
-    """
+    """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways."""
     return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
 
 
 def sampling_distance(area: float, count: int) -> float:
     """Compute the mean nearest distance between two samplings of one surface: what a perfect reconstruction measures.
 
-    Parameters
-    ----------
-    area, count
-        As `sampling_floor`.
-
-    Returns
-    -------
-    √(A / n) / 2, m: the mean of the distribution whose mean square is A / (π n).
+    It is √(A / n) / 2, m: the mean of the distribution whose mean square is A / (π n), as for `sampling_floor`.
     """
     return float(np.sqrt(np.pi * sampling_floor(area, count) / 8))
 
 
-def sampling_floor(area: float, count: int) -> float:
+def sampling_floor(
+    area: float,  # A, m²
+    count: int,  # n, points of each sampling
+) -> float:  # m²
     """Compute the Chamfer distance between two samplings of one surface: what a perfect reconstruction measures.
 
-    Parameters
-    ----------
-    area
-        A, of the surface, m².
-    count
-        n, points of each sampling.
-
-    Returns
-    -------
-    2A / (π n), m²: for points scattered at random over a plane, n on an area A, the squared distance to the nearest has mean A / (π n).
-
-    Raises
-    ------
-    ValueError
-        The area is negative or not finite, or there is no point.
+    It is 2A / (π n): for points scattered at random over a plane, n on an area A, the squared distance to the nearest
+    has mean A / (π n).
     """
     if not 0 <= area < np.inf or count < 1:
         raise ValueError(
@@ -161,42 +89,24 @@ def sampling_floor(area: float, count: int) -> float:
 
 
 def sampling_share(area: float, count: int, distance: float) -> float:
-    """Compute the share of points within `distance` of another sampling of their surface: the F1 that a perfect reconstruction measures.
+    """Compute the share of points within `distance`, m, of another sampling of their surface.
 
-    Parameters
-    ----------
-    area, count
-        As `sampling_floor`; the area above 0.
-    distance
-        m.
-
-    Returns
-    -------
-    1 - exp(-π n d² / A), for points scattered at random over a plane.
+    It is the F1 that a perfect reconstruction measures: 1 - exp(-π n d² / A), for points scattered at random over a
+    plane. Area (above 0) and count are those of `sampling_floor`.
     """
     return float(-np.expm1(-2 * distance**2 / sampling_floor(area, count)))
 
 
-def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | None = None) -> float:
+def sampled_area(
+    points: NDArray[np.floating],  # (N, 3) m; N at least 2
+    normals: NDArray[np.floating] | None = None,  # (N, 3) unit
+) -> float:  # m²
     """Estimate the area of the surface from which `points` were drawn area-uniformly.
 
-    Parameters
-    ----------
-    points
-        (N, 3), m; N at least 2.
-    normals
-        (N, 3) unit normals there. Without them, two sides of a surface that are nearer than neighbouring points count once, as nearest
-        distances see them (which `sampling_floor` needs); with them, both count.
-
-    Returns
-    -------
-    m², accurate to 1/√N, but a little too small around edges, and by 5 % where parts are as thin as a few distances between points: the
-    area on which as many random points would have the nearest distances that these have on their side.
-
-    Raises
-    ------
-    ValueError
-        There are fewer than two points, or they are no cloud.
+    It is the area on which as many random points would have the nearest distances that these have on their side:
+    accurate to 1/√N, but a little too small around edges, and by 5 % where parts are as thin as a few distances between
+    points. Without normals, two sides of a surface that are nearer than neighbouring points count once, as nearest
+    distances see them (which `sampling_floor` needs); with them, both count.
     """
     points = checked_cloud("points", points)
     if len(points) < 2:
@@ -212,15 +122,7 @@ def sampled_area(points: NDArray[np.floating], normals: NDArray[np.floating] | N
 
 
 def checked_cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Convert a cloud (N, 3) to float64; `name` it in messages.
-
-    Raises
-    ------
-    InvalidInput
-        It is empty, or a point is NaN or too far away (`check_coordinates`).
-    ValueError
-        It is not (N, 3).
-    """
+    """Convert a cloud (N, 3), N at least 1, to float64, and check it; `name` it in messages."""
     cloud: NDArray[np.float64] = np.asarray(points, np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")

@@ -1,7 +1,5 @@
 """Similarity of shapes and of silhouettes, for the retrieval baselines."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from heapq import heappop, heappush
@@ -22,13 +20,7 @@ def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
 
 
 class RetrievalCloud:
-    """A cloud that is compared with many others, by all of its points or by bounds from few of them.
-
-    Parameters
-    ----------
-    points
-        (N, 3), any order.
-    """
+    """A cloud (N, 3) that is compared with many others, by all of its points or by bounds from few of them."""
 
     def __init__(self, points: NDArray[np.floating]) -> None:
         self.points = points
@@ -48,7 +40,7 @@ class RetrievalCloud:
             levels.append((points, nearest, distances))
         return tuple(levels)
 
-    def bound(self, target: RetrievalCloud, level: int) -> float:
+    def bound(self, target: "RetrievalCloud", level: int) -> float:
         """Compute a lower bound of the mean squared distance to the nearest points of `target`; at the last level, the distance itself.
 
         Triangle inequality: a point r away from a coarse point is at most r nearer to the target than that.
@@ -61,27 +53,14 @@ class RetrievalCloud:
 
 
 def nearest_cloud(
-    query: RetrievalCloud, clouds: Sequence[RetrievalCloud], *, both: bool, below: float = np.inf
-) -> tuple[float, int] | None:
+    query: RetrievalCloud,
+    clouds: Sequence[RetrievalCloud],  # in the query's frame
+    *,
+    both: bool,  # the Chamfer distance, or the mean squared distance from the query's points alone
+    below: float = np.inf,  # only a smaller distance counts
+) -> tuple[float, int] | None:  # distance, in the square of the clouds' unit, and number of the first cloud that has it
     """Find the cloud nearest to a query, with the same result, to the bit, as a comparison with all of them.
 
-    Parameters
-    ----------
-    query
-        The cloud.
-    clouds
-        Those to choose from, in the query's frame.
-    both
-        Whether the distance is the Chamfer distance, or the mean squared distance from the query's points alone.
-    below
-        Only a distance below this one counts.
-
-    Returns
-    -------
-    The distance, in the square of the clouds' unit, and the number of the first cloud that has it; None if none is nearer than `below`.
-
-    Notes
-    -----
     The cloud with the least bound is compared at its next level, repeatedly. Once its bound is the distance itself, no other is nearer.
     """
     queue = [(0.0, False, number, 0) for number in range(len(clouds))]  # bound, whether it is the distance, cloud, level
@@ -97,20 +76,11 @@ def nearest_cloud(
     return None
 
 
-def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None] = lambda: None) -> NDArray[np.float64]:
-    """Compute the Chamfer distance of each cloud to each other.
-
-    Parameters
-    ----------
-    clouds
-        A clouds, one frame.
-    advance
-        Called after each row.
-
-    Returns
-    -------
-    (A, A) float64, symmetric: mean squared nearest distances, both directions summed, in the square of the clouds' unit.
-    """
+def chamfer_matrix(
+    clouds: Sequence[RetrievalCloud],  # A clouds, one frame
+    advance: Callable[[], None] = lambda: None,  # called after each row
+) -> NDArray[np.float64]:  # (A, A) the square of the clouds' unit
+    """Compute the Chamfer distance of each pair of clouds: mean squared nearest distances, both directions summed."""
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
         for column, other in enumerate(clouds[:row]):
@@ -120,18 +90,11 @@ def chamfer_matrix(clouds: Sequence[RetrievalCloud], advance: Callable[[], None]
     return matrix
 
 
-def silhouette_overlap(masks: NDArray[np.bool_], others: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Compute the overlap of silhouettes.
-
-    Parameters
-    ----------
-    masks, others
-        (A, P) and (B, P), whether each of P pixels is covered.
-
-    Returns
-    -------
-    (A, B) float32: intersection over union of each of `masks` with each of `others`; 0 where both are empty.
-    """
+def silhouette_overlap(
+    masks: NDArray[np.bool_],  # (A, P) whether each of P pixels is covered
+    others: NDArray[np.bool_],  # (B, P)
+) -> NDArray[np.float32]:  # (A, B)
+    """Compute the intersection over union of each of `masks` with each of `others`; 0 where both are empty."""
     first, second = masks.astype(np.float32), others.astype(np.float32)
     intersection = first @ second.T
     union = first.sum(axis=1)[:, None] + second.sum(axis=1) - intersection

@@ -3,8 +3,6 @@
 Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -19,13 +17,7 @@ Faces = NDArray[np.integer]
 
 
 def surface_area(vertices: Points, faces: Faces) -> float:
-    """Compute the area of a surface, m²; overlapping parts all count.
-
-    Raises
-    ------
-    InvalidInput
-        A vertex is NaN or too far away (`check_coordinates`).
-    """
+    """Compute the area of a surface, m²; overlapping parts all count."""
     check_coordinates(vertices, "vertices")
     return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
@@ -33,9 +25,8 @@ def surface_area(vertices: Points, faces: Faces) -> float:
 def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
     """Compute the angles between the normals of neighbouring faces: 0 on a plane, 180 where a surface folds back onto itself.
 
-    Returns
-    -------
-    (E,) degrees, one for each edge that two faces share; faces without area have no normal, and their edges no angle.
+    There is one per edge that two faces share, (E,) degrees; faces without area have no normal, and their edges no
+    angle.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     sound = (mesh.area_faces > 0)[mesh.face_adjacency].all(axis=1)
@@ -43,19 +34,13 @@ def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
     return np.asarray(np.degrees(np.arctan2(np.linalg.norm(np.cross(first, second), axis=1), (first * second).sum(axis=1))))
 
 
-def seam_gaps(vertices: Points, position: NDArray[np.integer]) -> NDArray[np.float64]:
+def seam_gaps(
+    vertices: Points,  # (V, 3) m
+    position: NDArray[np.integer],  # (V,) vertices with the same number were one point
+) -> NDArray[np.float64]:  # (S,) m
     """Compute the distances between vertices that were one point of the surface before it was deformed.
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) m.
-    position
-        (V,): vertices with the same number were one point.
-
-    Returns
-    -------
-    (S,) m: for each point that several vertices share, the largest distance between two of them.
+    For each point that several vertices share, it is the largest distance between two of them.
     """
     order = np.argsort(position, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(position[order])) + 1)
@@ -63,19 +48,16 @@ def seam_gaps(vertices: Points, position: NDArray[np.integer]) -> NDArray[np.flo
     return np.array([np.linalg.norm(group[:, None] - group, axis=2).max() for group in shared])
 
 
-def normal_consistency(points: Points, normals: Points, other_points: Points, other_normals: Points) -> float:
+def normal_consistency(
+    points: Points,  # (N, 3) drawn from a surface, m
+    normals: Points,  # (N, 3) unit normals there, of either sign
+    other_points: Points,  # (M, 3)
+    other_normals: Points,  # (M, 3)
+) -> float:
     """Compute how well the normals of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
 
-    Parameters
-    ----------
-    points, other_points
-        (N, 3) and (M, 3), drawn from the surfaces, m.
-    normals, other_normals
-        The unit normals there, of either sign.
-
-    Returns
-    -------
-    The mean absolute cosine between the normal of each point and that of the other surface's nearest point, mean of both directions.
+    It is the mean absolute cosine between the normal of each point and that of the other surface's nearest point, mean
+    of both directions.
     """
     return (_agreement(points, normals, other_points, other_normals) + _agreement(other_points, other_normals, points, normals)) / 2
 
@@ -85,19 +67,14 @@ def _agreement(points: Points, normals: Points, others: Points, other_normals: P
     return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
 
 
-def crossing_faces(vertices: Points, faces: Faces, position: NDArray[np.integer] | None = None) -> NDArray[np.bool_]:
-    """Find the faces that cross another one; neighbours, which share a vertex, are skipped.
+def crossing_faces(
+    vertices: Points,
+    faces: Faces,
+    position: NDArray[np.integer] | None = None,  # (V,) vertices with the same number were one point; None: all differ
+) -> NDArray[np.bool_]:  # (F,)
+    """Find the faces that cross another one; neighbours, which share a vertex or a position, are skipped.
 
-    Parameters
-    ----------
-    vertices, faces
-        The surface.
-    position
-        (V,): vertices with the same number were one point, and make neighbours too; by default all are different.
-
-    Returns
-    -------
-    (F,) bool. Faces that only touch, or that overlap in one plane, may be found or not.
+    Faces that only touch, or that overlap in one plane, may be found or not.
     """
     corners = np.asarray(vertices[faces], float)  # (F, 3, 3)
     axis = int(np.argmax(np.ptp(corners.reshape(-1, 3), axis=0)))
@@ -155,24 +132,14 @@ def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
     return volume
 
 
-def intersection_over_union(first: tuple[Points, Faces], second: tuple[Points, Faces], points: Points) -> float:
-    """Compute the intersection over union of two closed surfaces, from points spread evenly over a box around both.
+def intersection_over_union(
+    first: tuple[Points, Faces],
+    second: tuple[Points, Faces],
+    points: Points,  # (N, 3) spread evenly over a box around both surfaces, m
+) -> float:
+    """Compute the intersection over union of two closed surfaces: the share of the points in either that are in both.
 
-    Parameters
-    ----------
-    first, second
-        Vertices and faces. Points with a winding number above 0.5 or below -0.5 are inside: small gaps change little.
-    points
-        (N, 3) m.
-
-    Returns
-    -------
-    The share of the points in either that are in both.
-
-    Raises
-    ------
-    InvalidInput
-        No point is in either.
+    Points with a winding number above 0.5 or below -0.5 are inside: small gaps change little.
     """
     inside = [is_inside(points, *surface) for surface in (first, second)]
     if not (either := (inside[0] | inside[1]).sum()):

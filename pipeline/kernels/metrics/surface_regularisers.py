@@ -3,8 +3,6 @@
 Vertices are (B, V, 3) floating, surfaces that share their faces. Terms are 0 at best, and their gradients are finite everywhere.
 """
 
-from __future__ import annotations
-
 from torch import Tensor
 
 from pipeline.kernels.tensor_checks import check_full_precision

@@ -5,8 +5,6 @@ coordinate of where they would be without rounding: in float32 0.3 µm at 0.6 m.
 slivers, segments or points, and those without area are never chosen.
 """
 
-from __future__ import annotations
-
 import math
 
 import torch
@@ -16,60 +14,31 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.tensor_checks import check_full_precision
 
 
-def sample_surface(vertices: Tensor, faces: Tensor, count: int, generator: torch.Generator) -> Tensor:
+def sample_surface(
+    vertices: Tensor,  # (V, 3) float32 or float64
+    faces: Tensor,  # (F, 3) int64
+    count: int,
+    generator: torch.Generator,  # on the CPU, wherever the vertices lie
+) -> Tensor:  # (count, 3), the vertices' unit and type
     """Draw points from one surface.
 
     Gradients reach the vertices through the mixture of a face's corners, not through the choice of the face (Smith et al., GEOMetrics,
     2019).
-
-    Parameters
-    ----------
-    vertices
-        (V, 3) float32 or float64.
-    faces
-        (F, 3) int64, rows of `vertices`.
-    count
-        Points to draw, at least 1.
-    generator
-        A CPU generator, wherever the vertices lie.
-
-    Returns
-    -------
-    (count, 3), the vertices' unit and type.
-
-    Raises
-    ------
-    InvalidInput
-        A vertex is NaN or infinite, or no face has an area.
-    ValueError
-        Shapes or types do not fit, a face names a vertex that is not there, or the count is below 1.
     """
     if count < 1:
         raise ValueError(f"{count} points asked for; at least 1 is drawn")
     return map_to_surface(vertices, faces, torch.rand(count, 3, generator=generator, dtype=torch.float64))
 
 
-def map_to_surface(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
+def map_to_surface(
+    vertices: Tensor,  # (V, 3) float32 or float64
+    faces: Tensor,  # (F, 3) int64
+    uniform: Tensor,  # (n, 3) float64 in [0, 1]
+) -> Tensor:  # (n, 3), the vertices' unit and type
     """Map the unit cube to a surface, volume to area.
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) float32 or float64.
-    faces
-        (F, 3) int64.
-    uniform
-        (n, 3) float64 in [0, 1]. The first coordinate chooses the face by its share of the area; the others, u and v, the point
-        (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002).
-
-    Returns
-    -------
-    (n, 3), the vertices' unit and type.
-
-    Raises
-    ------
-    InvalidInput, ValueError
-        As `sample_surface`.
+    The first coordinate chooses the face by its share of the area; the others, u and v, the point
+    (1 - √u) A + √u (1 - v) B + √u v C in it (Osada et al., Shape Distributions, 2002).
     """
     _check(vertices, faces, uniform)
     with torch.no_grad():
@@ -82,22 +51,10 @@ def map_to_surface(vertices: Tensor, faces: Tensor, uniform: Tensor) -> Tensor:
 
 
 def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
-    """Compute twice the areas of faces.
+    """Compute twice the areas (F,) of faces (F, 3) of vertices (V, 3), in their type and unit squared.
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) floating, any unit.
-    faces
-        (F, 3) integers.
-
-    Returns
-    -------
-    (F,) of the vertices' type, the unit squared; exactly 0 where two corners are one.
-
-    Notes
-    -----
-    By components: torch's cross product fuses multiplications and additions, which leaves such faces a rounding error for an area.
+    They are exactly 0 where two corners are one. By components: torch's cross product fuses multiplications and
+    additions, which leaves such faces a rounding error for an area.
     """
     a, b, c = vertices[faces].unbind(dim=1)  # (F, 3) each
     (x, y, z), (u, v, w) = (b - a).unbind(dim=1), (c - a).unbind(dim=1)
@@ -105,7 +62,7 @@ def doubled_areas(vertices: Tensor, faces: Tensor) -> Tensor:
 
 
 def _choose(cumulative: Tensor, uniform: Tensor) -> Tensor:
-    """(n,) the first face whose cumulative area (F,) exceeds `uniform` of the whole: one with an area of its own."""
+    """Find the first faces (n,) whose cumulative area (F,) exceeds `uniform` (n,) of the whole: ones with an area."""
     total = cumulative[-1]
     if not 0 < float(total) < math.inf:
         raise InvalidInput(f"the surface's area is {float(total) / 2:g}: no face has a finite area above 0 to draw points from")

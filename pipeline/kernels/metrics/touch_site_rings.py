@@ -1,40 +1,21 @@
 """The square rings around a touch site in which the local Chamfer distance of Table 2 is measured."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 
 
-def ring_indices(points: NDArray[np.floating], pose: NDArray[np.float64], width: float, rings: int = 5) -> NDArray[np.int64]:
+def ring_indices(
+    points: NDArray[np.floating],  # (N, 3) world, m
+    pose: NDArray[np.float64],  # (4, 4) sensor frame to world, m
+    width: float,  # m, side of the sensor
+    rings: int = 5,
+) -> NDArray[np.int64]:  # (N,) 0 for the ring ×1, -1 for a point in none
     """Find the ring around a sensor in which each surface point lies.
 
     Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
     |z| ≤ width, or else the far side of the object would count.
-
-    Parameters
-    ----------
-    points
-        (N, 3) world frame, m.
-    pose
-        (4, 4) sensor frame to world frame.
-    width
-        Side of the sensor, m.
-    rings
-        Number of rings.
-
-    Returns
-    -------
-    (N,) ring index: 0 for the ring ×1, -1 for a point in none.
-
-    Raises
-    ------
-    InvalidInput
-        Points or pose hold NaN or infinity.
-    ValueError
-        Shapes do not fit, there is no ring, or the width is not positive and finite.
     """
     if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
         raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
@@ -49,28 +30,14 @@ def ring_indices(points: NDArray[np.floating], pose: NDArray[np.float64], width:
     return np.where(outside, -1, multiple)
 
 
-def ring_means(squared: NDArray[np.float64], ring: NDArray[np.int64], rings: int = 5) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Compute the mean squared distance per ring.
+def ring_means(
+    squared: NDArray[np.float64],  # (N,) of each surface point, m²
+    ring: NDArray[np.int64],  # (N,) from `ring_indices`
+    rings: int = 5,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # (rings,) m², and (rings,)
+    """Compute the mean squared distance per ring, and the number of its points.
 
-    Parameters
-    ----------
-    squared
-        (N,) of each surface point, m².
-    ring
-        (N,) from `ring_indices`.
-    rings
-        Number of rings.
-
-    Returns
-    -------
-    Means (rings,), m², and the number of points in each ring (rings,). A ring without points has count 0 and mean 0, which is no value.
-
-    Raises
-    ------
-    InvalidInput
-        A distance in a ring is NaN or infinite.
-    ValueError
-        Shapes do not fit, or a ring is not in -1..rings - 1.
+    A ring without points has count 0 and mean 0, which is no value.
     """
     if squared.shape != ring.shape or squared.ndim != 1:
         raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")

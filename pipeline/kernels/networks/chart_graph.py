@@ -1,7 +1,5 @@
 """The graph that the vertices of vision and touch charts form (supplement 3.1, 3.2)."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -28,29 +26,14 @@ class ChartGraph:
     neighbours where a chart's edge joins them, where they are vision vertices that coincide, or where one is the centre of a touch
     chart and the other the centre of a vision chart. Each vertex is its own neighbour. With touch edges to all vision vertices, the
     centres of touch charts are neighbours of each vision vertex of their item instead, and have no vision vertex for a neighbour.
-
-    Attributes
-    ----------
-    adjacency
-        (N, N) sparse CSR, symmetric: 1 where two vertices are neighbours.
-    degree
-        (N, 1), the neighbours of each vertex.
-    counts
-        Touch charts of each item.
-    sizes
-        Vertices of each item: V + counts[b] · side².
-    vision_size
-        V, the vision vertices of each item.
-    touch_centres
-        (T,) the centres of touch charts that are also neighbours of all vision vertices of their item; None for none.
     """
 
-    adjacency: Tensor
-    degree: Tensor
-    counts: list[int]
-    sizes: list[int]
-    vision_size: int
-    touch_centres: Tensor | None = None
+    adjacency: Tensor  # (N, N) sparse CSR, symmetric: 1 where two vertices are neighbours
+    degree: Tensor  # (N, 1) the neighbours of each vertex
+    counts: list[int]  # touch charts of each item
+    sizes: list[int]  # vertices of each item: V + counts[b] · side²
+    vision_size: int  # V
+    touch_centres: Tensor | None = None  # (T,) that are also neighbours of all vision vertices of their item
 
     def average(self, features: Tensor) -> Tensor:
         """Average features (N, F) over the neighbours of each vertex, in the adjacency's precision: (N, F), of the features' type."""
@@ -96,31 +79,15 @@ class _SymmetricProduct(torch.autograd.Function):
         return None, matrix @ gradient
 
 
-def chart_graph(charts: VisionCharts, side: int, counts: Sequence[int], like: Tensor, *, touch_edges: TouchEdges = "centres") -> ChartGraph:
-    """Build the graph of a batch.
-
-    Parameters
-    ----------
-    charts
-        The vision charts of each item.
-    side
-        Vertices along a side of a touch chart.
-    counts
-        Touch charts of each item, B numbers of at least 0.
-    like
-        A tensor of the device and type that the adjacency gets; float32 or float64.
-    touch_edges
-        Which vision vertices touch charts are joined to; see `NetworkConfig`.
-
-    Returns
-    -------
-    The graph of N vertices, vision charts before touch charts in each item.
-
-    Raises
-    ------
-    ValueError
-        `counts` is empty or has a negative number, or the type is another one.
-    """
+def chart_graph(
+    charts: VisionCharts,  # of each item
+    side: int,  # vertices along a side of a touch chart
+    counts: Sequence[int],  # touch charts of each of B items
+    like: Tensor,  # float32 or float64: its device and type are the adjacency's
+    *,
+    touch_edges: TouchEdges = "centres",  # which vision vertices touch charts are joined to; see `NetworkConfig`
+) -> ChartGraph:
+    """Build the graph of a batch: of N vertices, vision charts before touch charts in each item."""
     if not counts or min(counts) < 0:
         raise ValueError(f"counts is {list(counts)}; a batch needs one item at least, each with 0 or more touch charts")
     check_full_precision("an adjacency", like)
@@ -146,13 +113,13 @@ def _connect_touch_to_all_vision(graph: ChartGraph, charts: VisionCharts, side: 
     )
 
 
-def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.int64]:
-    """(count,) the middle vertex of each touch chart of one item."""
+def _touch_centres(charts: VisionCharts, side: int, count: int) -> NDArray[np.int64]:  # (count,)
+    """Compute the number of the middle vertex of each touch chart of one item."""
     return len(charts.vertices) + side**2 * np.arange(count) + side**2 // 2
 
 
-def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> sparse.csr_array:
-    """(n, n) with 1 where two vertices of one item are neighbours; with `mutual`, centres of touch and vision charts are."""
+def _item_adjacency(charts: VisionCharts, side: int, count: int, *, mutual: bool) -> sparse.csr_array:  # (n, n)
+    """Make an item's matrix: 1 where vertices are neighbours, with `mutual` also centres of touch and vision charts."""
     square, square_faces = chart_square(side)
     first_vertices = len(charts.vertices) + len(square) * np.arange(count)  # (count,) of each touch chart
     touch_faces = (square_faces.numpy() + first_vertices[:, None, None]).reshape(-1, 3)

@@ -1,7 +1,5 @@
 """Contact masks: the pixels of a tactile image that differ from the untouched image (supplement 2.2)."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 
@@ -14,30 +12,15 @@ THRESHOLD = 0.001
 """The supplement's: squared distance over colour, of images in [0, 1]."""
 
 
-def contact_mask(images: Tensor, untouched: Tensor, threshold: float = THRESHOLD) -> Tensor:
+def contact_mask(
+    images: Tensor,  # (..., H, W, 3) uint8
+    untouched: Tensor,  # (H, W, 3) uint8 image of the same sensor with nothing on it, on the same device
+    threshold: float = THRESHOLD,  # in squared intensities
+) -> Tensor:  # (..., H, W) bool
     """Find the pixels that touched: those whose squared l2 difference over colour exceeds the threshold.
 
-    Parameters
-    ----------
-    images
-        (..., H, W, 3) uint8 tactile images.
-    untouched
-        (H, W, 3) uint8 tactile image of the same sensor with nothing on it, on the same device.
-    threshold
-        In squared intensities.
-
-    Returns
-    -------
-    (..., H, W) bool; differences are compared as integers, without rounding.
-
-    Raises
-    ------
-    ValueError
-        Shapes or types do not fit, or the threshold is outside 0 to `COLOURS`.
-
-    Notes
-    -----
-    The norm is squared: without the square, the quantisation to 8 bits alone exceeds the supplement's 0.001.
+    Differences are compared as integers, without rounding. The norm is squared: without the square, the quantisation to
+    8 bits alone exceeds the supplement's 0.001.
     """
     if images.ndim < 3 or untouched.ndim != 3 or images.shape[-3:] != untouched.shape or untouched.shape[-1] != COLOURS:
         raise ValueError(

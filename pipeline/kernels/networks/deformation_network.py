@@ -1,7 +1,5 @@
 """The network that deforms vision charts around touch charts: image encoder, perceptual pooling, graph network (Tables 6-11)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 
@@ -31,12 +29,7 @@ class DeformationNetwork(nn.Module):
     with touch the vertex's mask feature, and with an image the image features pooled at the vertex. Touch charts never move; with tied
     seams, vision vertices that coincide keep doing so to the bit.
 
-    Parameters
-    ----------
-    config
-        Inputs and sizes.
-    generator
-        Draws the initial weights: equal generators give equal networks. Torch's own if None.
+    `generator` draws the initial weights: equal generators give equal networks. Torch's own if None.
     """
 
     def __init__(self, config: NetworkConfig, generator: torch.Generator | None = None) -> None:
@@ -58,35 +51,18 @@ class DeformationNetwork(nn.Module):
         initialise(self, generator)
 
     def forward(
-        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
-    ) -> Tensor:
-        """Deform the vision charts of a batch of B items.
+        self,
+        *,
+        images: Tensor | None,  # (B, 3, H, W) in [0, 1]; None for a network without image
+        camera: Tensor | None,  # (3, 4) or (B, 3, 4), world points to pixels of these images; None without image
+        touch_vertices: Tensor,  # (T, S, 3) world, m: the charts of one item after the other; T is 0 without touch
+        touched: Tensor,  # (T,) bool: which of them are of a successful touch
+        counts: Sequence[int],  # touch charts of each of B items; they sum to T
+    ) -> Tensor:  # (B, V, 3) world, m
+        """Deform the vision charts of a batch of B items; a touch chart has S = side² vertices.
 
-        Parameters
-        ----------
-        images
-            (B, 3, H, W) in [0, 1]; None for a network without image.
-        camera
-            (3, 4) projection matrix of world points to pixels of these images, or one per item, (B, 3, 4); None without image.
-        touch_vertices
-            (T, S, 3) the touch charts of all items, one after the other: S = side² vertices each, world, m; T is 0 for a network without
-            touch.
-        touched
-            (T,) bool, which of them are of a successful touch.
-        counts
-            Touch charts of each item, B numbers that sum to T.
-
-        Returns
-        -------
-        (B, V, 3) vertices of the vision charts, world, m. In evaluation on a CPU, with initial weights, float32 is within 1 µm of float64
-        and bfloat16 under autocast within 10 mm; with instance normalisation within 10 µm and 50 mm.
-
-        Raises
-        ------
-        InvalidInput
-            An input is not finite.
-        ValueError
-            An input is missing, superfluous or of the wrong shape, or the parameters are of half precision.
+        In evaluation on a CPU, with initial weights, float32 is within 1 µm of float64 and bfloat16 under autocast
+        within 10 mm; with instance normalisation within 10 µm and 50 mm.
         """
         self._check(images, camera, touch_vertices, touched, counts)
         start = torch.tensor(self.charts.vertices).to(self.gcn.last.weight)  # (V, 3) in radii from the centre
@@ -131,7 +107,7 @@ class DeformationNetwork(nn.Module):
         return self.merge_coinciding(displacements)[:, self._position(displacements.device)]
 
     def _position(self, device: torch.device) -> Tensor:
-        """(V,) the distinct position of the sphere that each vertex has; not a buffer, as buffers that are not saved are not restored."""
+        """Get the number of each vertex's distinct position, (V,); not a buffer: unsaved buffers are not restored."""
         return torch.tensor(self.charts.position, device=device)
 
     def _image_features(self, positions: Tensor, maps: list[Tensor], camera: Tensor) -> Tensor:

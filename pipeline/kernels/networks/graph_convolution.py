@@ -1,7 +1,5 @@
 """Zero-neighbour layers and the graph convolution network made of them (supplement 3.2, after GEOMetrics; Tables 6-11)."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -15,12 +13,7 @@ from pipeline.kernels.networks.chart_graph import ChartGraph
 class ZeroNeighbourLayer(nn.Module):
     """Map each vertex's features linearly, average the first of them over neighbours, and apply a ReLU.
 
-    Parameters
-    ----------
-    in_features, out_features
-        Features of a vertex before and after.
-    mixed
-        Share of the features that are averaged, 0 to 1; GEOMetrics has 1/3 and 1/10.
+    `mixed` is the share of the features that are averaged, 0 to 1; GEOMetrics has 1/3 and 1/10.
     """
 
     def __init__(self, in_features: int, out_features: int, mixed: float = 1 / 3) -> None:
@@ -28,25 +21,12 @@ class ZeroNeighbourLayer(nn.Module):
         self.linear = nn.Linear(in_features, out_features)
         self.mixed = math.floor(mixed * out_features)
 
-    def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
-        """Compute the layer's output.
-
-        Parameters
-        ----------
-        features
-            (N, in_features).
-        graph
-            The neighbours of the N vertices.
-
-        Returns
-        -------
-        (N, out_features). Values that are not finite spread to the neighbours.
-
-        Raises
-        ------
-        ValueError
-            The features do not fit the graph or the layer.
-        """
+    def forward(
+        self,
+        features: Tensor,  # (N, in_features)
+        graph: ChartGraph,  # the neighbours of the N vertices
+    ) -> Tensor:  # (N, out_features)
+        """Compute the layer's output; values that are not finite spread to the neighbours."""
         expected = sum(graph.sizes), self.linear.in_features
         if tuple(features.shape) != expected:
             raise ValueError(f"features are {tuple(features.shape)}; graph and layer take {expected}: vertices, features")
@@ -59,16 +39,8 @@ class ZeroNeighbourLayer(nn.Module):
 class GraphConvolutionNetwork(nn.Module):
     """Zero-neighbour layers, and a linear one that gives each vertex's displacement.
 
-    Parameters
-    ----------
-    in_features
-        Features of a vertex that go in.
-    layers
-        Layers in all, the linear one included; 2 at least.
-    features
-        Features of each layer but the last.
-    mixed
-        Share of the features that are averaged over neighbours.
+    There are `layers` in all, the linear one included, 2 at least; each but the last has `features`, of which the share
+    `mixed` is averaged over neighbours.
     """
 
     def __init__(self, in_features: int, layers: int, features: int, mixed: float = 1 / 3) -> None:
@@ -78,7 +50,7 @@ class GraphConvolutionNetwork(nn.Module):
         self.last = nn.Linear(features, 3)
 
     def forward(self, features: Tensor, graph: ChartGraph) -> Tensor:
-        """Compute displacements (N, 3) of a graph's vertices from their features (N, in_features), in the unit of the positions."""
+        """Compute displacements (N, 3) of a graph's vertices from their features (N, in_features)."""
         for layer in self.hidden:
             features = layer(features, graph)
         with torch.autocast(features.device.type, enabled=False):  # half precision would move vertices in steps of a millimetre

@@ -1,7 +1,5 @@
 """Image encoders: stacks of convolutions whose feature maps perceptual pooling reads (Tables 7-11)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
@@ -21,54 +19,34 @@ GROUPS = 8
 
 @dataclass(frozen=True)
 class EncoderPlan:
-    """An image encoder as data.
+    """An image encoder as data."""
 
-    Attributes
-    ----------
-    layers
-        (channels, stride) of each layer: a convolution, a normalisation and a ReLU.
-    taps
-        Layers whose maps are pooled, counted from 1 as in the tables.
-    resolution
-        Pixels per side of the images it is made for.
-    shrinks
-        Whether each layer removes one pixel on each side of its map, 3 × 3 unpadded or 5 × 5 padded by one. If not, strides alone make
-        maps smaller.
-    """
-
-    layers: tuple[tuple[int, int], ...]
-    taps: tuple[int, ...]
-    resolution: int = 256
+    layers: tuple[tuple[int, int], ...]  # (channels, stride) of each: a convolution, a normalisation and a ReLU
+    taps: tuple[int, ...]  # layers whose maps are pooled, counted from 1 as in the tables
+    resolution: int = 256  # pixels per side of the images it is made for
     shrinks: bool = True
+    """Whether each layer removes one pixel on each side of its map, 3 × 3 unpadded or 5 × 5 padded by one. If not,
+    strides alone make maps smaller."""
 
 
 @dataclass(frozen=True)
 class MapGrid:
-    """Where the receptive fields of a map's elements are centred: element i of a row or column at `start + jump · i`, image pixels.
+    """Where the receptive fields of a map's elements are centred, in image pixels.
 
-    Pixel centres lie at 1/2, so an image is its own map with start 1/2 and jump 1.
+    Element i of a row or column is at `start + jump · i`. Pixel centres lie at 1/2, so an image is its own map with
+    start 1/2 and jump 1.
     """
 
     start: float = 0.5
     jump: int = 1
 
-    def after(self, kernel: int, stride: int, padding: int) -> MapGrid:
-        """Compute the grid of the map that a convolution makes of this map.
-
-        Parameters
-        ----------
-        kernel, stride, padding
-            Of the convolution, pixels of this map.
-
-        Returns
-        -------
-        The grid, in image pixels.
-        """
+    def after(self, kernel: int, stride: int, padding: int) -> "MapGrid":
+        """Compute the grid, in image pixels, of the map that a convolution, in pixels of this map, makes of it."""
         return MapGrid(self.start + self.jump * ((kernel - 1) / 2 - padding), self.jump * stride)
 
 
 def _blocks(channels: tuple[int, ...], lengths: tuple[int, ...]) -> tuple[tuple[int, int], ...]:
-    """Layers in blocks of equal channels, each block's first layer with stride 2."""
+    """List layers in blocks of equal channels, each block's first layer with stride 2."""
     return tuple((width, 1 if index else 2) for width, length in zip(channels, lengths, strict=True) for index in range(length))
 
 
@@ -92,26 +70,12 @@ def _normalisation(norm: Norm, channels: int) -> nn.Module:
 class ImageEncoder(nn.Module):
     """Computes feature maps of images at several depths.
 
-    Parameters
-    ----------
-    plan
-        Layers and taps.
-    kernel
-        Pixels per side of each convolution, 3 (the tables) or 5 (the authors' release).
-    norm
-        Normalisation after each convolution: "batch" (Tables 7-10), "instance" (Table 11), or "group", of groups of channels of one
-        image.
-    width
-        Each layer's channels over the plan's, rounded, one at least; below 1 for drafts.
+    `kernel` is the pixels per side of each convolution, 3 (the tables) or 5 (the authors' release). `norm` is "batch"
+    (Tables 7-10), "instance" (Table 11), or "group", of groups of channels of one image. `width` is each layer's
+    channels over the plan's, rounded, one at least; below 1 for drafts.
 
-    Attributes
-    ----------
-    grids
-        Where the elements of each tapped map are centred.
-    channels
-        Channels of all tapped maps together.
-    deepest
-        Channels of the last one.
+    `grids` hold where the elements of each tapped map are centred, `channels` counts those of all tapped maps together,
+    `deepest` those of the last one.
     """
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):
@@ -130,30 +94,12 @@ class ImageEncoder(nn.Module):
         self.deepest = channels[plan.taps[-1]]
 
     def forward(self, images: Tensor) -> list[Tensor]:
-        """Compute the tapped maps.
+        """Compute the tapped maps, (B, channels, rows, columns) each, of images (B, 3, H, W) in [0, 1].
 
-        Parameters
-        ----------
-        images
-            (B, 3, H, W) in [0, 1].
-
-        Returns
-        -------
-        (B, channels, rows, columns) of each tap. In float32 on a CPU they err by at most 1e-4 of their largest value; under bfloat16's
-        autocast by 5 % in evaluation with batch normalisation, by half after 25 layers of instance normalisation.
-
-        Raises
-        ------
-        InvalidInput
-            The images hold NaN, leave [0, 1], or are so small that a layer has nothing left to see, or normalisation a single value per
-            channel.
-        ValueError
-            The images have not three channels.
-
-        Notes
-        -----
-        A map without contrast, as of a black image, is normalised to rounding noise (batch normalisation in training, instance
-        normalisation always): finite and repeatable, but not the same in float32 and float64.
+        In float32 on a CPU they err by at most 1e-4 of their largest value; under bfloat16's autocast by 5 % in
+        evaluation with batch normalisation, by half after 25 layers of instance normalisation. A map without contrast,
+        as of a black image, is normalised to rounding noise (batch normalisation in training, instance normalisation
+        always): finite and repeatable, but not the same in float32 and float64.
         """
         if images.ndim != 4 or images.shape[1] != COLOURS:
             raise ValueError(f"images are {tuple(images.shape)}, but an image encoder takes (B, {COLOURS}, H, W)")

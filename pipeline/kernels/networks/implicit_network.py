@@ -1,7 +1,5 @@
 """Implicit networks: signed distances to an object's surface from an image and touches."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -43,28 +41,17 @@ TANH_SLOPE = 0.05
 
 
 class ImplicitConfig(NetworkInputs):
-    """The inputs and sizes of an `ImplicitNetwork`.
-
-    Attributes
-    ----------
-    features, blocks
-        The decoder: features of each layer, and residual blocks of two layers.
-    band
-        Distances beyond this many m, on either side, count the same.
-    spacing
-        Of the grid that a reconstruction's mesh is made on, m.
-    touch_reach
-        Largest distance, m, to which a reconstruction follows touches: the weight there is 1/e. 0 uses the network alone.
-    """
+    """The inputs and sizes of an `ImplicitNetwork`."""
 
     encoder_layers: Literal[12, 15, 18, 25] = 12
     encoder_kernel: Literal[3, 5] = 5
     encoder_width: float = Field(default=0.25, gt=0, le=64)
-    features: int = Field(default=128, ge=2, le=2**12)
-    blocks: int = Field(default=3, ge=0, le=100)
-    band: float = Field(default=0.03, gt=0)
-    spacing: float = Field(default=0.004, gt=0)
+    features: int = Field(default=128, ge=2, le=2**12)  # of each layer of the decoder
+    blocks: int = Field(default=3, ge=0, le=100)  # of the decoder: residual, of two layers
+    band: float = Field(default=0.03, gt=0)  # m: distances beyond, on either side, count the same
+    spacing: float = Field(default=0.004, gt=0)  # of the grid that a reconstruction's mesh is made on, m
     touch_reach: float = Field(default=0.01, ge=0, le=1)
+    """Largest distance, m, to which a reconstruction follows touches: the weight is 1/e there. 0: the network alone."""
 
 
 IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
@@ -80,27 +67,13 @@ IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
 
 @dataclass(frozen=True)
 class Encoding:
-    """Encoded images and touches of B items.
+    """Encoded images and touches of B items; the K with an image are all, unless the network takes any inputs."""
 
-    Attributes
-    ----------
-    maps
-        (K, channels, rows, columns) of each map that queries pool, the image itself first, of the K items with an image; none without.
-    cameras
-        (K, 3, 4) projection matrices; None without an image.
-    with_image
-        (K,) int64: the items that have an image; all of them, except for a network that takes any inputs.
-    overall
-        (B, G) global features.
-    touches
-        The points of the items' touch charts; None without touch.
-    """
-
-    maps: list[Tensor]
-    cameras: Tensor | None
-    with_image: Tensor
-    overall: Tensor
-    touches: TouchPoints | None
+    maps: list[Tensor]  # (K, channels, rows, columns) of each map that queries pool, the image itself first; or none
+    cameras: Tensor | None  # (K, 3, 4) projection matrices; None without an image
+    with_image: Tensor  # (K,) int64: the items that have an image
+    overall: Tensor  # (B, G) global features
+    touches: TouchPoints | None  # the points of the items' touch charts; None without touch
 
 
 class ImplicitNetwork(nn.Module):
@@ -109,12 +82,7 @@ class ImplicitNetwork(nn.Module):
     A query takes the image features at the pixel where it is seen (Saito et al., PIFu, 2019), which tell whether it is visibly free; the
     features of the touch nearest to it; and global features of the image and of all touches. A residual network predicts its distance.
 
-    Parameters
-    ----------
-    config
-        Inputs and sizes.
-    generator
-        Draws the initial weights: equal generators give equal networks. Torch's own if None.
+    `generator` draws the initial weights: equal generators give equal networks. Torch's own if None.
     """
 
     def __init__(self, config: ImplicitConfig, generator: torch.Generator | None = None) -> None:
@@ -148,50 +116,31 @@ class ImplicitNetwork(nn.Module):
 
     def forward(
         self,
-        queries: Tensor,
+        queries: Tensor,  # (B, N, 3) world, m
         *,
         images: Tensor | None,
         camera: Tensor | None,
         touch_vertices: Tensor,
         touched: Tensor,
         counts: Sequence[int],
-    ) -> Tensor:
-        """Predict signed distances.
-
-        Parameters
-        ----------
-        queries
-            (B, N, 3) world, m.
-        images, camera, touch_vertices, touched, counts
-            As `encode` takes them.
-
-        Returns
-        -------
-        (B, N) m, outside positive.
-        """
+    ) -> Tensor:  # (B, N) m, outside positive
+        """Predict signed distances; the other parameters are those of `encode`."""
         code = self.encode(images=images, camera=camera, touch_vertices=touch_vertices, touched=touched, counts=counts)
         return self.decode(code, queries)
 
     def encode(
-        self, *, images: Tensor | None, camera: Tensor | None, touch_vertices: Tensor, touched: Tensor, counts: Sequence[int]
+        self,
+        *,
+        images: Tensor | None,
+        camera: Tensor | None,
+        touch_vertices: Tensor,
+        touched: Tensor,
+        counts: Sequence[int],
     ) -> Encoding:
         """Encode a batch of B items, once for all queries.
 
-        Parameters
-        ----------
-        images, camera, touch_vertices, touched, counts
-            As `DeformationNetwork.forward` takes them. Of a network that takes any image, items without one have zeros for a camera.
-
-        Returns
-        -------
-        The encoding, from which `decode` predicts.
-
-        Raises
-        ------
-        InvalidInput
-            An input is not finite, or an image leaves [0, 1].
-        ValueError
-            An input is missing or superfluous.
+        Parameters are those of `DeformationNetwork.forward`. Of a network that takes any image, items without one have
+        zeros for a camera.
         """
         optional = self.config.image == "any"
         if ((images is not None) != (self.encoder is not None) and not optional) or (any(counts) and not self.config.touch):
@@ -247,15 +196,20 @@ class ImplicitNetwork(nn.Module):
         last: Tensor = self.last(hidden.relu())[..., 0]
         return self.config.band * (torch.tanh(last) + TANH_SLOPE * last), touch_features
 
-    def errors_at_touches(self, code: Encoding) -> Tensor | None:
-        """Predict the distances, (B, P) m, of touched points, which are truly 0; 0 for other points, None if no touch is followed."""
+    def errors_at_touches(self, code: Encoding) -> Tensor | None:  # (B, P) m; None if no touch is followed
+        """Predict the distances of touched points, which are truly 0; 0 for other points."""
         touches = code.touches
         if touches is None or self.config.touch_reach < SMALLEST_REACH or not bool(touches.touched.any()):
             return None
         predicted = self.decode(code, touches.points * self.config.radius + touches.points.new_tensor(self.config.centre))
         return predicted * (touches.touched & touches.normals.any(dim=2))
 
-    def decode_with_touches(self, code: Encoding, queries: Tensor, errors: Tensor | None) -> Tensor:
+    def decode_with_touches(
+        self,
+        code: Encoding,
+        queries: Tensor,  # (B, N, 3) world, m
+        errors: Tensor | None,  # (B, P) from `errors_at_touches`
+    ) -> Tensor:  # (B, N) m
         """Predict distances as `decode`, corrected by the touches nearby: for reconstructions.
 
         A network learns from few points near touches, and misses them by millimetres where charts miss them by tenths. Its error at the
@@ -263,13 +217,6 @@ class ImplicitNetwork(nn.Module):
         above it, the height above its tangent plane has the weight exp(-(d / reach)⁴), and the network the remaining weight. Near the point
         this weight is flat: the height decides on the sign, however wrong the network is. The reach grows with the error: where the network
         is right, its curved surface is better than a plane, and a thin object has another side.
-
-        Parameters
-        ----------
-        code, queries
-            As for `decode`.
-        errors
-            From `errors_at_touches`.
         """
         (predicted, touch_features), radius = self._decode(code, queries), self.config.radius
         if touch_features is None or errors is None:
@@ -283,8 +230,8 @@ class ImplicitNetwork(nn.Module):
         heights, weights = heights_above_touches(features, own_reach, finger=FINGER_DEPTH / radius, below=below)
         return torch.lerp(predicted, radius * heights, weights)
 
-    def touched_points(self, code: Encoding) -> NDArray[np.float64]:
-        """List the touched points of the items, (M, 3) world, m: distances change fast around them."""
+    def touched_points(self, code: Encoding) -> NDArray[np.float64]:  # (M, 3) world, m
+        """List the touched points of the items: distances change fast around them."""
         touches = code.touches
         touched = self.last.weight.new_zeros(0, 3) if touches is None else touches.points[touches.touched]
         return np.asarray(self.config.radius * touched.double().cpu().numpy() + np.array(self.config.centre))

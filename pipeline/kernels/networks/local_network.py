@@ -3,8 +3,6 @@
 It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch
@@ -20,11 +18,11 @@ CONTACT_FEATURES = 8
 
 
 class LocalShape(NamedTuple):
-    """The output of a `LocalNetwork`: (B, 2, H, W) slopes; (B, H, W) depth of the gel's surface below its rest, mm; contact logits."""
+    """The output of a `LocalNetwork`."""
 
-    slopes: Tensor
-    depth: Tensor
-    contact: Tensor
+    slopes: Tensor  # (B, 2, H, W)
+    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
+    contact: Tensor  # (B, H, W) logits
 
 
 class LocalNetwork(nn.Module):
@@ -32,10 +30,7 @@ class LocalNetwork(nn.Module):
 
     Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in depth and slopes.
 
-    Parameters
-    ----------
-    width
-        Features of the hidden layers; 20 make 6,500 parameters, 26 kB.
+    `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
     """
 
     def __init__(self, width: int = 20) -> None:
@@ -58,24 +53,17 @@ class LocalNetwork(nn.Module):
         )
         nn.Module.to(self, memory_format=torch.channels_last)  # type: ignore[call-overload]  # on a CPU three times as fast with so few features
 
-    def forward(self, change: Tensor, position: Tensor, pitch: tuple[float, float], true_depth: Tensor | None = None) -> LocalShape:
+    def forward(
+        self,
+        change: Tensor,  # (B, 3, H, W) image minus untouched image, levels
+        position: Tensor,  # (B, 2, H, W) or (1, 2, H, W) x and y of the pixels, -1 to 1 from rim to rim of the sensor
+        pitch: tuple[float, float],  # size of a pixel along y and x, mm
+        true_depth: Tensor | None = None,  # (B, H, W) mm, in training on windows of images
+    ) -> LocalShape:
         """Read slopes, depth and contact.
 
-        Parameters
-        ----------
-        change
-            (B, 3, H, W) image minus untouched image, levels.
-        position
-            (B, 2, H, W) or (1, 2, H, W) x and y of the pixels, -1 to 1 from rim to rim of the sensor.
-        pitch
-            Size of a pixel along y and x, mm.
-        true_depth
-            (B, H, W) true depth, mm, in training on windows of images. The integration assumes a depth of 0 at the rim, which a window does
-            not have: the error of slopes is integrated instead.
-
-        Notes
-        -----
-        Contact is read from depth and slopes; the gradient of its loss does not reach them.
+        The integration assumes a depth of 0 at the rim, which a window does not have: the error of slopes is integrated
+        instead, with `true_depth`. Contact is read from depth and slopes; the gradient of its loss does not reach them.
         """
         slopes = self.slopes(change, position)
         if true_depth is None:
@@ -84,8 +72,8 @@ class LocalNetwork(nn.Module):
             depth = true_depth + integrate_slopes(slopes - surface_slopes(true_depth, pitch), pitch)
         return LocalShape(slopes, depth, self.contact(depth.detach(), slopes.detach()))
 
-    def slopes(self, change: Tensor, position: Tensor) -> Tensor:
-        """Read (B, 2, H, W) slopes of depth along x and y; parameters as `forward`."""
+    def slopes(self, change: Tensor, position: Tensor) -> Tensor:  # (B, 2, H, W)
+        """Read the slopes of depth along x and y; parameters as `forward`."""
         inputs = torch.cat([change / CHANGE_SCALE, position.expand(len(change), -1, -1, -1)], dim=1)
         slopes: Tensor = self.colours(inputs.contiguous(memory_format=torch.channels_last))
         return slopes
@@ -97,7 +85,7 @@ class LocalNetwork(nn.Module):
         return logits
 
 
-def pixel_positions(rows: int, cols: int) -> Tensor:
-    """Compute the positions of pixels for a `LocalNetwork`, (1, 2, rows, cols) float32: x and y, -1 to 1 from rim to rim."""
+def pixel_positions(rows: int, cols: int) -> Tensor:  # (1, 2, rows, cols) float32
+    """Compute the positions of pixels for a `LocalNetwork`: x and y, -1 to 1 from rim to rim."""
     x, y = (2 * (torch.arange(count, dtype=torch.float32) + 0.5) / count - 1 for count in (cols, rows))
     return torch.stack([x.expand(rows, cols), y[:, None].expand(rows, cols)])[None]

@@ -1,7 +1,5 @@
 """The loss of a local network: on slopes, on the depth that they integrate to over all pixels, and on the contact."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import torch
@@ -22,29 +20,18 @@ STEEPEST = 4.0
 
 
 class GelState(NamedTuple):
-    """The true state of a batch of presses: (B, H, W) depth of the gel's surface below its rest, mm; and contact, bool."""
+    """The true state of a batch of presses."""
 
-    depth: Tensor
-    contact: Tensor
+    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
+    contact: Tensor  # (B, H, W) bool
 
 
-def local_loss(shape: LocalShape, truth: GelState, pitch: tuple[float, float]) -> Tensor:
-    """Compute the loss of a batch: a scalar, the mean over all pixels.
-
-    Parameters
-    ----------
-    shape
-        The network's output.
-    truth
-        The true state of the gel.
-    pitch
-        Size of a pixel along y and x, mm.
-
-    Raises
-    ------
-    InvalidInput
-        The network reads NaN or infinity.
-    """
+def local_loss(
+    shape: LocalShape,
+    truth: GelState,
+    pitch: tuple[float, float],  # size of a pixel along y and x, mm
+) -> Tensor:
+    """Compute the loss of a batch: a scalar, the mean over all pixels."""
     if not bool(torch.isfinite(shape.slopes).all()):
         raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
     depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()

@@ -1,7 +1,5 @@
 """The supplement's deformation networks as data: the inputs and the size of each (Tables 6-11)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal, Self
 
@@ -21,36 +19,23 @@ RADIUS = DIAGONAL / 2
 
 
 class NetworkInputs(BaseModel):
-    """The inputs of any network that reconstructs, and its image encoder; a family adds its own sizes.
-
-    Attributes
-    ----------
-    image
-        The image it takes, if any; "rendering" is one of several images of the object, each with its own camera; "any" is an occluded
-        image, an unoccluded one or none, which may differ between items.
-    touch
-        Whether it takes touch charts and which of them touched.
-    encoder_layers, encoder_kernel, encoder_norm, encoder_width
-        The image encoder: its plan by number of layers, pixels per side of its kernels, its normalisation, its channels over the plan's.
-    side
-        Vertices along a side of a touch chart.
-    centre, radius
-        The ball that objects lie in, m, world. Networks see positions in units of the radius from the centre.
-    """
+    """The inputs of any network that reconstructs, and its image encoder; a family adds its own sizes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     image: ImageKind | None = None
-    touch: bool = False
-    encoder_layers: Literal[12, 15, 18, 25] = 18
-    encoder_kernel: Literal[3, 5] = 3
+    """The image it takes, if any; "rendering" is one of several images of the object, each with its own camera; "any"
+    is an occluded image, an unoccluded one or none, which may differ between items."""
+    touch: bool = False  # whether it takes touch charts and which of them touched
+    encoder_layers: Literal[12, 15, 18, 25] = 18  # of the image encoder, whose plan it names
+    encoder_kernel: Literal[3, 5] = 3  # pixels per side
     encoder_norm: Norm = "batch"
-    encoder_width: float = Field(default=1.0, gt=0, le=64)
-    side: int = Field(default=9, ge=3, le=MAX_SIDE)
-    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)
-    radius: float = Field(default=RADIUS, gt=0)
+    encoder_width: float = Field(default=1.0, gt=0, le=64)  # channels over the plan's
+    side: int = Field(default=9, ge=3, le=MAX_SIDE)  # vertices along a side of a touch chart
+    centre: tuple[float, float, float] = (0.0, 0.0, 0.6)  # of the ball that objects lie in, m, world
+    radius: float = Field(default=RADIUS, gt=0)  # m; networks see positions in radii from the centre
 
-    def restricted_to(self, inputs: NetworkInputs) -> Self:
+    def restricted_to(self, inputs: "NetworkInputs") -> Self:
         """Describe this network with no other inputs than these."""
         return self.model_copy(update={"image": inputs.image, "touch": inputs.touch})
 
@@ -67,33 +52,20 @@ INPUT_CHOICES: Mapping[str, NetworkInputs] = {
 
 
 class NetworkConfig(NetworkInputs):
-    """The inputs and sizes of a `DeformationNetwork`, whose sphere of vision charts starts as the ball that objects lie in.
+    """The inputs and sizes of a `DeformationNetwork`, whose sphere of vision charts starts as the ball of `radius`."""
 
-    Attributes
-    ----------
-    encoder_linear
-        Features that a linear layer with ReLU makes of the pooled ones (Table 11); none where it is None.
-    gcn_layers, gcn_features, mixed
-        The graph network: layers in all, features of each but the last, and the share of them averaged over neighbours.
-    passes
-        How often the vertices are moved, with the same weights.
-    splits
-        Vision charts: 24 · 4^splits of them.
-    seams
-        "tied": vision vertices that coincide move as one, by the mean of their predicted displacements; "open": each by its own.
-    touch_edges
-        "all": each vision vertex has the centres of its item's touch charts as neighbours, but not the reverse; "centres": the centres of
-        vision charts and of touch charts are each other's neighbours.
-    """
-
-    encoder_linear: int | None = Field(default=None, gt=0, le=2**16)
-    gcn_layers: int = Field(default=20, ge=2, le=1000)
-    gcn_features: int = Field(default=200, ge=1, le=2**16)
-    mixed: float = Field(default=1 / 3, ge=0, le=1)
-    passes: int = Field(default=3, ge=1, le=100)
-    splits: int = Field(default=1, ge=0, le=MAX_SPLITS)
+    encoder_linear: int | None = Field(default=None, gt=0, le=2**16)  # of a layer with ReLU after pooling (Table 11)
+    gcn_layers: int = Field(default=20, ge=2, le=1000)  # in all
+    gcn_features: int = Field(default=200, ge=1, le=2**16)  # of each layer but the last
+    mixed: float = Field(default=1 / 3, ge=0, le=1)  # share of these features that are averaged over neighbours
+    passes: int = Field(default=3, ge=1, le=100)  # how often the vertices are moved, with the same weights
+    splits: int = Field(default=1, ge=0, le=MAX_SPLITS)  # there are 24 · 4^splits vision charts
     seams: Seams = "open"
+    """Whether vision vertices that coincide move as one ("tied"), by the mean of their predicted displacements, or each
+    by its own ("open")."""
     touch_edges: TouchEdges = "centres"
+    """Whether each vision vertex has the centres of its item's touch charts as neighbours, but not the reverse ("all"),
+    or the centres of vision charts and of touch charts are each other's neighbours ("centres")."""
 
 
 CONFIGURATIONS: Mapping[str, NetworkConfig] = {

@@ -1,7 +1,5 @@
 """Perceptual feature pooling: each vertex takes the image features at the pixel where it is seen (supplement 3.1)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch
@@ -16,30 +14,15 @@ NEAREST_DEPTH = 0.01
 """m; nearer points are moved to this depth. Cameras are farther than 0.5 m from objects of the size that networks see."""
 
 
-def project_to_pixels(camera: Tensor, points: Tensor) -> Tensor:
+def project_to_pixels(
+    camera: Tensor,  # (3, 4) or, one per item, (B, 3, 4): world points to pixels; its third row measures depth in m
+    points: Tensor,  # (B, N, 3) world, m; float32 or float64, as the camera
+) -> Tensor:  # (B, N, 2) column and row, pixels, pixel centres at 1/2
     """Project world points into an image.
 
-    A point nearer to the camera than `NEAREST_DEPTH`, or behind it, is first moved along the viewing direction to that depth: it falls
-    far outside the image on its own side, and each coordinate and gradient is finite.
-
-    Parameters
-    ----------
-    camera
-        (3, 4) projection matrix of world points to pixels, or one per item, (B, 3, 4). Its third row measures depth in m.
-    points
-        (B, N, 3) world, m; float32 or float64, as the camera.
-
-    Returns
-    -------
-    (B, N, 2) column and row, pixels, pixel centres at 1/2. In float32 a coordinate errs by at most 1e-6 · Σ |camera| |point| / depth:
-    1e-3 pixels in the scene.
-
-    Raises
-    ------
-    InvalidInput
-        A point or the camera holds NaN or infinity.
-    ValueError
-        Shapes or types do not fit.
+    A point nearer to the camera than `NEAREST_DEPTH`, or behind it, is first moved along the viewing direction to that
+    depth: it falls far outside the image on its own side, and each coordinate and gradient is finite. In float32 a
+    coordinate errs by at most 1e-6 · Σ |camera| |point| / depth: 1e-3 pixels in the scene.
     """
     if camera.shape not in {(3, 4), (len(points), 3, 4)} or points.ndim != 3 or points.shape[2] != 3:
         raise ValueError(
@@ -60,30 +43,16 @@ def project_to_pixels(camera: Tensor, points: Tensor) -> Tensor:
     return (homogeneous[..., :2] + (depth - homogeneous[..., 2:]) * principal) / depth
 
 
-def pool_features(maps: Sequence[Tensor], grids: Sequence[MapGrid], pixels: Tensor) -> Tensor:
+def pool_features(
+    maps: Sequence[Tensor],  # (B, channels, rows, columns) each
+    grids: Sequence[MapGrid],  # where the elements of each map are centred in the image
+    pixels: Tensor,  # (B, N, 2) column and row, pixels, finite as those of `project_to_pixels`
+) -> Tensor:  # (B, N, C): the features of one map after the other, C channels in all
     """Interpolate feature maps bilinearly at image coordinates.
 
-    A feature belongs to the centre of its receptive field, which unpadded convolutions shift against the map: maps are indexed by these
-    centres, never by the ratio of widths. Beyond the outermost centres, features are those of the nearest point on the border.
-
-    Parameters
-    ----------
-    maps
-        (B, channels, rows, columns) each.
-    grids
-        Where the elements of each map are centred in the image.
-    pixels
-        (B, N, 2) column and row, pixels, finite as those of `project_to_pixels`; gradients flow to them as well, and are zero beyond the
-        outermost centres.
-
-    Returns
-    -------
-    (B, N, C): the features of one map after the other, C channels in all.
-
-    Raises
-    ------
-    ValueError
-        Shapes do not fit.
+    A feature belongs to the centre of its receptive field, which unpadded convolutions shift against the map: maps are
+    indexed by these centres, never by the ratio of widths. Beyond the outermost centres, features are those of the
+    nearest point on the border. Gradients flow to `pixels` as well, and are zero beyond the outermost centres.
     """
     pooled = []
     for features, grid in zip(maps, grids, strict=True):

@@ -1,7 +1,5 @@
 """The drift of a photograph: a smooth difference of light from the untouched photograph, without contact."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import torch
@@ -21,20 +19,10 @@ ROUNDS = 12
 
 
 def without_drift(change: Tensor) -> Tensor:
-    """Subtract the drift: a polynomial of the position, fitted to the pixels without contact.
+    """Subtract the drift from changes (B, 3, H, W), image minus untouched image, levels.
 
-    Parameters
-    ----------
-    change
-        (B, 3, H, W) image minus untouched image, levels.
-
-    Returns
-    -------
-    (B, 3, H, W) levels.
-
-    Notes
-    -----
-    Iteratively reweighted least squares from a drift of 0: a pixel r levels away weighs 1 / (1 + (r / SCALE)²)².
+    The drift is a polynomial of the position, fitted to the pixels without contact by iteratively reweighted least
+    squares from a drift of 0: a pixel r levels away weighs 1 / (1 + (r / SCALE)²)².
     """
     levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
     terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)

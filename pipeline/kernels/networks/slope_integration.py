@@ -1,7 +1,5 @@
 """Depth from slopes: Poisson's equation by sine transforms, differentiable."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 
@@ -9,27 +7,12 @@ import torch
 from torch import Tensor
 
 
-def integrate_slopes(slopes: Tensor, pitch: tuple[float, float]) -> Tensor:
+def integrate_slopes(
+    slopes: Tensor,  # (B, 2, H, W) dz/dx and dz/dy at the pixel centres; +x along columns, +y along rows
+    pitch: tuple[float, float],  # size of a pixel along y and x, in the unit of the result
+) -> Tensor:  # (B, H, W) z, of the slopes' type, differentiable; 0 one pixel beyond the image's rim
     """Compute the surface whose slopes are nearest, in the least-squares sense, to given ones.
 
-    Parameters
-    ----------
-    slopes
-        (B, 2, H, W) dz/dx and dz/dy at the pixel centres; +x along columns, +y along rows.
-    pitch
-        Size of a pixel along y and x, in the unit of the result.
-
-    Returns
-    -------
-    (B, H, W) z, of the slopes' type, differentiable; 0 one pixel beyond the image's rim.
-
-    Raises
-    ------
-    ValueError
-        The slopes have another shape.
-
-    Notes
-    -----
     Between two pixels the surface rises by the mean of their slopes times the pitch. The normal equations of these differences are
     Poisson's equation on the grid, which sine transforms make diagonal; these are products with matrices of at most a few hundred rows,
     which cost less than fast transforms of both axes would.

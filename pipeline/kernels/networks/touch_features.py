@@ -1,7 +1,5 @@
 """Features of touch charts for implicit networks: of the nearest touched point, and of the nearest point that is known to be outside."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,28 +21,19 @@ SCALES = (0.04, 0.2)
 
 @dataclass(frozen=True)
 class TouchPoints:
-    """Hold the vertices of the touch charts of B items, with normals, padded to P, the largest number of vertices of an item.
+    """Hold the vertices of the touch charts of B items, padded to P, the largest number of vertices of an item.
 
-    Attributes
-    ----------
-    points
-        (B, P, 3) in radii from the centre.
-    normals
-        (B, P, 3) unit normals, away from the object.
-    touched
-        (B, P) bool: points that were touched.
-    outside
-        (B, P) bool: points of sensors that touched nothing. Padding is neither touched nor outside.
+    Padding is neither touched nor outside.
     """
 
-    points: Tensor
-    normals: Tensor
-    touched: Tensor
-    outside: Tensor
+    points: Tensor  # (B, P, 3) in radii from the centre
+    normals: Tensor  # (B, P, 3) unit normals, away from the object
+    touched: Tensor  # (B, P) bool: points that were touched
+    outside: Tensor  # (B, P) bool: points of sensors that touched nothing
 
     @property
-    def present(self) -> Tensor:
-        """(B, P) bool: the entries that are no padding."""
+    def present(self) -> Tensor:  # (B, P) bool
+        """Find the entries that are no padding."""
         return self.touched | self.outside
 
     @property
@@ -52,18 +41,10 @@ class TouchPoints:
         """Describe each point: (B, P, `POINT_FEATURES`)."""
         return torch.cat([self.points, self.normals, self.touched.to(self.points)[..., None]], dim=2)
 
-    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the features of queries.
+    def features_at(self, queries: Tensor) -> tuple[Tensor, Tensor]:  # (B, N, `TOUCH_FEATURES`), (B, N) int64
+        """Compute features of queries (B, N, 3), radii from the centre, and the numbers of the nearest touched points.
 
-        Parameters
-        ----------
-        queries
-            (B, N, 3) radii from the centre.
-
-        Returns
-        -------
-        (B, N, `TOUCH_FEATURES`), zeros where there is no such point; and (B, N) int64, the number of the nearest touched point, any
-        number for an item without one.
+        Features are zeros where there is no such point; an item without one gets any number.
         """
         if not self.points.shape[1]:
             return queries.new_zeros(*queries.shape[:2], TOUCH_FEATURES), queries.new_zeros(queries.shape[:2], dtype=torch.int64)
@@ -72,10 +53,10 @@ class TouchPoints:
         return torch.cat(features, dim=2), nearest[0]
 
     @cached_property
-    def _sides(self) -> tuple[NearestPoints, NearestPoints]:
+    def _sides(self) -> "tuple[NearestPoints, NearestPoints]":
         return NearestPoints(self.points, self.touched), NearestPoints(self.points, self.outside)
 
-    def _nearest_features(self, queries: Tensor, nearest: Tensor, side: NearestPoints) -> Tensor:
+    def _nearest_features(self, queries: Tensor, nearest: Tensor, side: "NearestPoints") -> Tensor:
         at = nearest[..., None].expand(-1, -1, 3)
         offset, normal = queries - self.points.gather(1, at), self.normals.gather(1, at)
         height = (offset * normal).sum(dim=2, keepdim=True)
@@ -85,14 +66,10 @@ class TouchPoints:
 
 
 class NearestPoints:
-    """Search for the nearest among a subset of each item's points: in a k-d tree per item on a CPU, by comparing all pairs on a GPU.
+    """Search for the nearest among a subset of each item's points.
 
-    Parameters
-    ----------
-    points
-        (B, P, 3) finite.
-    among
-        (B, P) bool: the points that count.
+    On a CPU a k-d tree per item is searched, on a GPU all pairs are compared. `points` are (B, P, 3), finite; `among`,
+    (B, P) bool, those that count.
     """
 
     def __init__(self, points: Tensor, among: Tensor) -> None:
@@ -117,23 +94,16 @@ class NearestPoints:
         return [(numbers, SearchCloud(points[numbers]) if len(numbers) else None) for points, numbers in clouds]
 
 
-def heights_above_touches(features: Tensor, reach: Tensor, *, finger: float, below: float) -> tuple[Tensor, Tensor]:
+def heights_above_touches(
+    features: Tensor,  # (..., `TOUCH_FEATURES`) of the queries
+    reach: Tensor,  # (...) distance at which a height's weight is 1/e, radii
+    *,
+    finger: float,  # depth of the finger above the plane, radii: height up to it adds nothing to the distance
+    below: float,  # depth below the plane at which a height's weight is 1/e, radii: the object may be thin
+) -> tuple[Tensor, Tensor]:  # heights (...), radii; weights (...)
     """Compute the heights of queries above the tangent planes of the touched points nearest to them.
 
-    Parameters
-    ----------
-    features
-        (..., `TOUCH_FEATURES`) features of the queries.
-    reach
-        (...) distance at which a height's weight is 1/e, radii.
-    finger
-        Depth of the finger above the plane, radii: the object is not there, so height up to it adds nothing to the distance.
-    below
-        Depth below the plane at which a height's weight is 1/e, radii: the object may be thin.
-
-    Returns
-    -------
-    Heights (...), radii, and their weights (...): exp(-(distance / reach)⁴), zeros where nothing was touched.
+    Weights are exp(-(distance / reach)⁴), zeros where nothing was touched. The object cannot be where the finger is.
     """
     offset, normal, height = features[..., :3], features[..., 3:6], features[..., 6]
     across = offset.square().sum(dim=-1) - height.square()
@@ -142,16 +112,9 @@ def heights_above_touches(features: Tensor, reach: Tensor, *, finger: float, bel
 
 
 def chart_normals(vertices: Tensor) -> Tensor:
-    """Compute unit normals at the vertices of touch charts, away from the object.
+    """Compute unit normals (T, S, 3), away from the object, at the vertices (T, S, 3) of touch charts.
 
-    Parameters
-    ----------
-    vertices
-        (T, S, 3) charts of S = side² vertices, row by row as `chart_square` has them.
-
-    Returns
-    -------
-    (T, S, 3); zeros where a chart has no area.
+    The S = side² vertices are row by row, as `chart_square` has them. Normals are zeros where a chart has no area.
     """
     side = round(vertices.shape[1] ** 0.5)
     if not len(vertices):
@@ -161,22 +124,12 @@ def chart_normals(vertices: Tensor) -> Tensor:
     return torch.nn.functional.normalize(across, dim=-1, eps=1e-20).reshape(vertices.shape)
 
 
-def touches_by_item(vertices: Tensor, touched: Tensor, counts: Sequence[int]) -> TouchPoints:
-    """Group the touch charts of a batch by item.
-
-    Parameters
-    ----------
-    vertices
-        (T, S, 3) of all items' charts, radii from the centre.
-    touched
-        (T,) bool, whether each chart touched the object.
-    counts
-        Charts of each of B items.
-
-    Returns
-    -------
-    The points of the items: P is S times the most charts.
-    """
+def touches_by_item(
+    vertices: Tensor,  # (T, S, 3) of all items' charts, radii from the centre
+    touched: Tensor,  # (T,) bool: whether each chart touched the object
+    counts: Sequence[int],  # charts of each of B items
+) -> TouchPoints:  # P is S times the most charts
+    """Group the touch charts of a batch by item."""
     item = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
     place = torch.cat([torch.arange(0), *map(torch.arange, counts)])
     where = torch.stack([item, place]).to(vertices.device)

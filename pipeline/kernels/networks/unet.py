@@ -1,7 +1,5 @@
 """The U-Net that turns a tactile image into a depth map (Table 5)."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 
@@ -21,10 +19,7 @@ class UNet(nn.Module):
     Where the table does not add up, layer (10) takes (9), and a deconvolution gives the size of the features it meets: (18) goes from
     12 to 25.
 
-    Parameters
-    ----------
-    width
-        Features of the first level; each level has twice those of the one before. 64 is the supplement's.
+    `width` counts the features of the first level, 64 in the supplement; each level has twice those of the one before.
     """
 
     def __init__(self, width: int = 64) -> None:
@@ -44,25 +39,12 @@ class UNet(nn.Module):
         self.head = nn.Conv2d(width, 1, 1)
 
     def forward(self, images: Tensor) -> Tensor:
-        """Predict the depth of each pixel as a share of the gel's thickness w.
+        """Predict the depth of each pixel of tactile images, (B, H, W), as a share of the gel's thickness w.
 
-        Parameters
-        ----------
-        images
-            (B, 3, H, W) tactile images in [0, 1], of the parameters' type and device; H and W at least 16.
-
-        Returns
-        -------
-        (B, H, W) in [0, 1]; times w it is D, the distance from the sensor plane. In evaluation on a CPU, with initial weights, float32
-        errs by at most 1e-6, bfloat16 under autocast by 1e-3 (7 µm of 6.8 mm).
-
-        Raises
-        ------
-        InvalidInput
-            Images are too small, hold NaN or leave [0, 1]; or, in training, batch normalisation meets a single value per channel, as for
-            one image of less than 32 pixels per side.
-        ValueError
-            The shape is another one, or the parameters are of half precision.
+        Images (B, 3, H, W) are in [0, 1], of the parameters' type and device; H and W are at least 16. Shares are in
+        [0, 1]: times w they are D, the distance from the sensor plane. In evaluation on a CPU, with initial weights,
+        float32 errs by at most 1e-6, bfloat16 under autocast by 1e-3 (7 µm of 6.8 mm). In training, batch normalisation
+        refuses a single value per channel, as for one image of less than 32 pixels per side.
         """
         self._check(images)
         features, skips = images, []

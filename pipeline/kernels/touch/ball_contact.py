@@ -3,8 +3,6 @@
 Valid range: balls larger than their contacts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,43 +22,28 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Circle:
-    """A contact in an image: centre and radius, pixels; the centre of pixel (0, 0) is (0, 0)."""
+    """A contact in an image, in pixels; the centre of pixel (0, 0) is (0, 0)."""
 
-    x: float
+    x: float  # of the centre
     y: float
     radius: float
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A photograph of a ball in the gel: (rows, cols, 3) uint8, and its contact."""
+    """A photograph of a ball in the gel, and its contact."""
 
     name: str
-    image: NDArray[np.uint8]
+    image: NDArray[np.uint8]  # (rows, cols, 3)
     contact: Circle
 
 
-def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDArray[np.float64]:
-    """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel.
-
-    Parameters
-    ----------
-    sensor
-        Gives pixels and gel.
-    contact
-        The circle; its radius is one along x where pixels are not square.
-    ball_radius
-        m, more than the contact's.
-
-    Returns
-    -------
-    (rows, cols) float64, m.
-
-    Raises
-    ------
-    ValueError
-        The contact is as large as the ball.
-    """
+def ball_impression(
+    sensor: Sensor,
+    contact: Circle,  # its radius is one along x where pixels are not square
+    ball_radius: float,  # m, more than the contact's
+) -> NDArray[np.float64]:  # (rows, cols) m
+    """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel."""
     reach = contact.radius * sensor.pitch[1]
     if reach >= ball_radius:
         raise ValueError(f"a contact of {MM * reach:.3g} mm radius is too large for a ball of {MM * ball_radius:.3g} mm")
@@ -77,8 +60,8 @@ def ball_impression(sensor: Sensor, contact: Circle, ball_radius: float) -> NDAr
     return np.asarray(np.maximum(height - (low + high) / 2, 0))
 
 
-def distance_from(sensor: Sensor, contact: Circle) -> NDArray[np.float64]:
-    """Compute the distance of every pixel from a contact's centre, (rows, cols) float64, m."""
+def distance_from(sensor: Sensor, contact: Circle) -> NDArray[np.float64]:  # (rows, cols) m
+    """Compute the distance of each pixel from a contact's centre."""
     x, y = (np.arange(count) - middle for count, middle in ((sensor.cols, contact.x), (sensor.rows, contact.y)))
     return np.asarray(np.hypot(x[None] * sensor.pitch[1], y[:, None] * sensor.pitch[0]))
 

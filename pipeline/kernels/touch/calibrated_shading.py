@@ -1,7 +1,5 @@
 """The colours of a calibrated sensor, compiled: a polynomial of the gel's normal, and its depth; coefficients depend on the position."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -17,25 +15,21 @@ FLAT = 1e-7
 """m: pixels at the ends of a row whose indentation is smaller, as it is above and below them, are not shaded."""
 
 
-def calibrated_change(pressed: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
-    """Compute the change of colours that an impression makes.
-
-    Parameters
-    ----------
-    pressed
-        (rows, cols) float64, the impression D', m.
-    sensor, calibration
-        The sensor and its optics.
-
-    Returns
-    -------
-    (rows, cols, 3) float64, levels of 255; 0 where the gel stays flat and lit.
-    """
+def calibrated_change(
+    pressed: NDArray[np.float64],  # (rows, cols) the impression D', m
+    sensor: Sensor,
+    calibration: Calibration,
+) -> NDArray[np.float64]:  # (rows, cols, 3) levels of 255
+    """Compute the change of colours that an impression makes; 0 where the gel stays flat and lit."""
     return indentation_change(gel_under(pressed, sensor).indentation, sensor, calibration)
 
 
-def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
-    """Compute the change of colours of a gel whose surface lies `bump` (rows, cols), m, below its rest; else as `calibrated_change`."""
+def indentation_change(
+    bump: NDArray[np.float64],  # (rows, cols) how far the gel's surface lies below its rest, m
+    sensor: Sensor,
+    calibration: Calibration,
+) -> NDArray[np.float64]:  # (rows, cols, 3) levels of 255
+    """Compute the change of colours of a gel whose surface is known; 0 where it stays flat and lit."""
     change = np.zeros((*sensor.shape, 3))
     casting = np.minimum(bump, calibration.deepest)
     if bump.any():
@@ -51,21 +45,11 @@ def indentation_change(bump: NDArray[np.float64], sensor: Sensor, calibration: C
     return change
 
 
-def fitted_positions(sensor: Sensor, within: tuple[float, float, float, float] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the positions at which the coefficients of pixels are evaluated: the nearest ones in the fitted part of the gel.
-
-    Parameters
-    ----------
-    sensor
-        Gives the pixels.
-    within
-        As in `Calibration`.
-
-    Returns
-    -------
-    x, y
-        (cols,) and (rows,) float64, sensor widths.
-    """
+def fitted_positions(
+    sensor: Sensor,
+    within: tuple[float, float, float, float] | None,  # as in `Calibration`
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # x (cols,) and y (rows,), sensor widths
+    """Compute where the coefficients of pixels are evaluated: at the nearest position in the fitted part of the gel."""
     x, y = pixel_centres(sensor)
     if within is not None:
         x, y = np.clip(x, within[0], within[2]), np.clip(y, within[1], within[3])
@@ -73,8 +57,11 @@ def fitted_positions(sensor: Sensor, within: tuple[float, float, float, float] |
 
 
 @lru_cache(maxsize=8)
-def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float, float], ...]) -> NDArray[np.float64]:
-    """Compute an untouched image, (rows, cols, 3) float64 levels, read-only, from coefficients by term of the position."""
+def polynomial_background(
+    sensor: Sensor,
+    coefficients: tuple[tuple[float, float, float], ...],  # levels by term of the position
+) -> NDArray[np.float64]:  # (rows, cols, 3) levels, read-only
+    """Compute an untouched image from its polynomial."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     image = np.zeros((*sensor.shape, 3))
     for (i, j), levels in zip(powers(POSITION_TERMS[len(coefficients)]), coefficients, strict=True):
@@ -90,7 +77,7 @@ def powers(degree: int) -> list[tuple[int, int]]:
 
 @compiled
 def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArray[np.float64]) -> None:
-    """Add the change of colours in the shade."""
+    """Add the change of colours in the shade: `gain` (3,) levels per m of `depth`."""
     rows, cols = depth.shape
     for row in range(rows):
         for col in range(cols):
@@ -101,15 +88,15 @@ def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArr
 
 @compiled
 def _shade(
-    bump: NDArray[np.float64],
-    casting: NDArray[np.float64],
-    pitch: tuple[float, float],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    shading: NDArray[np.float64],
-    degrees: tuple[int, int],
+    bump: NDArray[np.float64],  # (rows, cols) m
+    casting: NDArray[np.float64],  # (rows, cols) m, at most the deepest that was fitted
+    pitch: tuple[float, float],  # along y and x, m
+    x: NDArray[np.float64],  # (cols,) sensor widths
+    y: NDArray[np.float64],  # (rows,) sensor widths
+    shading: NDArray[np.float64],  # (3, terms of the normal and, if there is one, the depth, terms of the position)
+    degrees: tuple[int, int],  # in the normal and in the position
     steepest: float,
-    change: NDArray[np.float64],
+    change: NDArray[np.float64],  # (rows, cols, 3) changed in place
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
     rows, cols = bump.shape

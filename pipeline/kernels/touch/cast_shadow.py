@@ -1,7 +1,5 @@
 """Shadows that bumps of the gel cast, by a sweep along the lamp's direction."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -10,26 +8,15 @@ from numpy.typing import NDArray
 from pipeline.kernels.compiled import compiled
 
 
-def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direction: float, slope: float) -> NDArray[np.float64]:
+def shade_depth(
+    bump: NDArray[np.float64],  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
+    pitch: tuple[float, float],  # size of a pixel along y and x, m
+    *,
+    direction: float,  # towards the lamp, rad from +x to +y
+    slope: float,  # height over length of the lamp's rays, > 0
+) -> NDArray[np.float64]:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
     """Compute how deep each point of the gel lies in the shade of a distant lamp.
 
-    Parameters
-    ----------
-    bump
-        (rows, cols) float64, height of the gel towards the camera, m; negative where an elastic gel rises.
-    pitch
-        Size of a pixel along y and x, m.
-    direction
-        Towards the lamp, rad from +x to +y.
-    slope
-        Height over length of the lamp's rays, > 0.
-
-    Returns
-    -------
-    (rows, cols) float64, m, >= 0: how far below the edge of the shade a point lies, along the height.
-
-    Notes
-    -----
     The edge of the shade is carried from line to line towards the far side, a line per step, with linear interpolation within a line.
     Beyond the image the gel is at rest, at height 0.
     """
@@ -48,7 +35,7 @@ def shade_depth(bump: NDArray[np.float64], pitch: tuple[float, float], *, direct
 
 @compiled
 def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray[np.float64]) -> None:
-    """From line 0, which is nearest to the lamp: the line before lies `shift` pixels aside, and its rays fall by `drop` per line."""
+    """Sweep from line 0, nearest to the lamp; the line before lies `shift` pixels aside, rays fall `drop` per line."""
     lines, length = image.shape
     offset = math.floor(shift)
     share = shift - offset

@@ -3,8 +3,6 @@
 Valid range: contacts of 8 pixels radius or more.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -38,28 +36,15 @@ DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 
 @dataclass(frozen=True)
 class ColourFitOptions:
-    """Options of a fit.
+    """Options of a fit."""
 
-    Attributes
-    ----------
-    normal_degree, position_degree
-        Degrees of the polynomials; None for the one in the position that predicts best.
-    shadows
-        Number of shadows to fit.
-    elastic
-        Whether the gel is an elastic layer, whose thickness is fitted, or a membrane; None for what predicts best.
-    poisson
-        Poisson's ratio of an elastic gel.
-    contact_weight
-        Weight of a pixel in the contact, where slopes are those of the ball, relative to one around it, where they are the gel model's.
-    """
-
-    normal_degree: int = 3
-    position_degree: int | None = None
-    shadows: int = 3
-    elastic: bool | None = None
-    poisson: float = 0.48
+    normal_degree: int = 3  # of the polynomial in the normal
+    position_degree: int | None = None  # of the one in the position; None for the one that predicts best
+    shadows: int = 3  # how many to fit
+    elastic: bool | None = None  # an elastic layer of fitted thickness, or a membrane; None for what predicts best
+    poisson: float = 0.48  # Poisson's ratio of an elastic gel
     contact_weight: float = CONTACT_WEIGHT
+    """Weight of a pixel in the contact (slopes of the ball) relative to one around it (slopes of the gel model)."""
 
 
 FIT_FOR_DEPTH = ColourFitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
@@ -69,24 +54,12 @@ gel is the one that best predicts the rings around them. A membrane leaves a ste
 
 @dataclass(frozen=True, eq=False)
 class ColourFit:
-    """Hold the result of a fit.
+    """Hold the result of a fit."""
 
-    Attributes
-    ----------
-    sensor
-        The sensor with its membrane or elastic gel.
-    calibration
-        Its optics; the background is the untouched photograph's mean, a constant.
-    position_degree
-        Of the polynomial in the position.
-    at_end
-        A sentence for each fitted value at the end of the searched range.
-    """
-
-    sensor: Sensor
-    calibration: Calibration
+    sensor: Sensor  # with its membrane or elastic gel
+    calibration: Calibration  # its optics; the background is the untouched photograph's mean, a constant
     position_degree: int
-    at_end: tuple[str, ...]
+    at_end: tuple[str, ...]  # a sentence for each fitted value at the end of the searched range
 
 
 @dataclass(frozen=True)
@@ -104,29 +77,14 @@ class _GelShape:
 
 
 def fit_colours(
-    sensor: Sensor, photographs: Sequence[Photograph], untouched: NDArray[np.uint8], ball_radius: float, options: ColourFitOptions
+    sensor: Sensor,  # gives the geometry; its optics are not used
+    photographs: Sequence[Photograph],  # two or more
+    untouched: NDArray[np.uint8],  # (rows, cols, 3) the photograph with nothing in the gel
+    ball_radius: float,  # m
+    options: ColourFitOptions,
 ) -> ColourFit:
     """Fit the gel, coefficients and shadows.
 
-    Parameters
-    ----------
-    sensor
-        Gives the geometry; its optics are not used.
-    photographs
-        Two or more.
-    untouched
-        (rows, cols, 3) uint8, the photograph with nothing in the gel.
-    ball_radius
-        m.
-    options
-        Size of the model.
-
-    Returns
-    -------
-    What was fitted.
-
-    Notes
-    -----
     The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
     on average over the photographs; a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`.
     Then all photographs are fitted, and shadows are added, each the one that explains most of what is left.
@@ -237,22 +195,8 @@ def _calibration(
     )
 
 
-def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tuple[Levels, ...]:
-    """Fit a polynomial of the position to an untouched image.
-
-    Parameters
-    ----------
-    image
-        (rows, cols, 3).
-    sensor
-        Gives the pixels.
-    degree
-        Of the polynomial.
-
-    Returns
-    -------
-    Levels of red, green and blue by term.
-    """
+def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tuple[Levels, ...]:  # by term
+    """Fit a polynomial of the position to an untouched image (rows, cols, 3)."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     terms = np.stack([np.broadcast_to(x[None] ** i * y[:, None] ** j, sensor.shape).ravel() for i, j in powers(degree)], axis=1)
     levels = np.linalg.lstsq(terms, image.reshape(-1, 3).astype(float), rcond=None)[0]

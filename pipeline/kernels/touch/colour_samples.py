@@ -1,7 +1,5 @@
 """Pixels of photographs of a ball in the gel, as rows of the linear equations that a sensor's colours are fitted by."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -25,44 +23,28 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Hold n pixels of a photograph.
+    """Hold n pixels of a photograph."""
 
-    Attributes
-    ----------
-    bump
-        (rows, cols) float64, m: the gel's indentation in the whole image.
-    at
-        Rows and columns of the pixels.
-    distance
-        (n,) float64, from the contact's middle, contact radii: less than 1 in the contact.
-    features
-        (n, k) float64, without unit.
-    change
-        (n, 3) float64, levels that the photograph differs from the untouched one.
-    contact_weight
-        Of a pixel in the contact, relative to one around it.
-    """
-
-    bump: NDArray[np.float64]
-    at: tuple[NDArray[np.intp], ...]
-    distance: NDArray[np.float64]
-    features: NDArray[np.float64]
-    change: NDArray[np.float64]
-    contact_weight: float = CONTACT_WEIGHT
+    bump: NDArray[np.float64]  # (rows, cols) m: the gel's indentation in the whole image
+    at: tuple[NDArray[np.intp], ...]  # rows and columns of the pixels
+    distance: NDArray[np.float64]  # (n,) from the contact's middle, contact radii: less than 1 in the contact
+    features: NDArray[np.float64]  # (n, k) without unit
+    change: NDArray[np.float64]  # (n, 3) levels that the photograph differs from the untouched one
+    contact_weight: float = CONTACT_WEIGHT  # of a pixel in the contact, relative to one around it
 
     @property
-    def inside(self) -> NDArray[np.bool_]:
-        """(n,), true in the contact."""
+    def inside(self) -> NDArray[np.bool_]:  # (n,)
+        """Find the pixels in the contact."""
         return self.distance < 1
 
     @cached_property
-    def equations(self) -> NDArray[np.float64]:
-        """(k, k + 3) float64, the normal equations: their matrix, and beside it their right-hand sides."""
+    def equations(self) -> NDArray[np.float64]:  # (k, k + 3)
+        """Compute the normal equations: their matrix, and beside it their right-hand sides."""
         weighted = np.where(self.inside, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
         return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
 
     def error(self, coefficients: NDArray[np.float64]) -> float:
-        """Compute the mean error of colours in the contact plus that in the ring, levels; `coefficients` is (k, 3).
+        """Compute the mean error of colours by coefficients (k, 3): that in the contact plus that in the ring, levels.
 
         In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
         """
@@ -71,38 +53,23 @@ class Sample:
         parts = [part for part in (self.inside, ~self.inside) if part.any()]
         return sum(float(np.average(size[part], weights=weight[part])) for part in parts)
 
-    def with_features(self, features: NDArray[np.float64]) -> Sample:
+    def with_features(self, features: NDArray[np.float64]) -> "Sample":
         """Return a sample with other features, (n, any number)."""
         return replace(self, features=features)
 
 
 def sample_photographs(
-    sensor: Sensor,
+    sensor: Sensor,  # gives the geometry and the gel
     photographs: Sequence[Photograph],
-    untouched: NDArray[np.uint8],
+    untouched: NDArray[np.uint8],  # (rows, cols, 3)
     *,
-    ball_radius: float,
-    degrees: tuple[int, int],
-    within: Box,
-) -> list[Sample]:
+    ball_radius: float,  # m
+    degrees: tuple[int, int],  # of the polynomials in the normal and in the position
+    within: Box,  # from `contact_box`
+) -> list[Sample]:  # one per photograph
     """Take the pixels of contacts and of the rings around them.
 
-    Parameters
-    ----------
-    sensor
-        Gives the geometry and the membrane.
-    photographs, untouched
-        As `fit_colours` takes them.
-    ball_radius
-        m.
-    degrees
-        Of the polynomials in the normal and in the position.
-    within
-        From `contact_box`.
-
-    Returns
-    -------
-    A sample per photograph; features are in the order of `Calibration.coefficients`, then those of its `depth`.
+    Features are in the order of `Calibration.coefficients`, then those of its `depth`.
     """
     stride = max(1, round(float(np.median([photograph.contact.radius for photograph in photographs])) / SAMPLES))
     x, y = fitted_positions(sensor, within)
@@ -124,7 +91,7 @@ def sample_photographs(
 
 
 def solve(equations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solve a sum of `Sample.equations` for the coefficients, (k, 3) float64, levels."""
+    """Solve a sum of `Sample.equations` (k, k + 3) for the coefficients (k, 3), levels."""
     matrix, right = equations[:, :-3], equations[:, -3:]
     ridge = RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix))
     return np.linalg.solve(matrix + ridge, right)

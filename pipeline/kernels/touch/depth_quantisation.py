@@ -1,7 +1,5 @@
 """Quantise depth maps before compression."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,28 +8,18 @@ from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 
-def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int | None, far_bits: int | None) -> NDArray[np.float32]:
+def quantise_depth(
+    depth: NDArray[np.float64],  # (..., rows, cols) m, +inf where nothing is met
+    sensor: Sensor,
+    *,
+    gel_bits: int | None,  # depths in the gel become multiples of 2^-gel_bits m; None keeps float32's precision
+    far_bits: int | None,  # depths beyond it become multiples of 2^-far_bits m
+) -> NDArray[np.float32]:  # (..., rows, cols) m
     """Round depths to multiples of a power of two; digits beyond any use are noise that no codec can compress.
 
-    Parameters
-    ----------
-    depth
-        (..., rows, cols) m, +inf where nothing is met.
-    sensor
-        Gives the height of the gel.
-    gel_bits, far_bits
-        Depths in the gel become multiples of 2^-gel_bits m, depths beyond it of 2^-far_bits m; None keeps float32's precision.
-
-    Returns
-    -------
-    (..., rows, cols) float32, m. The error is at most half a step and half a float32 unit in the last place. Depths beyond the
-    gel's highest point stay beyond it: one that would be rounded into it becomes the least float32 beyond it; where a curved gel is
-    lower, a depth beyond it may be rounded into it. +inf stays.
-
-    Raises
-    ------
-    ValueError
-        `depth` holds NaN.
+    The error is at most half a step and half a float32 unit in the last place. Depths beyond the gel's highest point
+    stay beyond it: one that would be rounded into it becomes the least float32 beyond it; where a curved gel is lower,
+    a depth beyond it may be rounded into it. +inf stays.
     """
     if np.isnan(depth).any():
         raise ValueError("depth holds NaN; where nothing is met it must be +inf")
@@ -48,9 +36,9 @@ def quantise_depth(depth: NDArray[np.float64], sensor: Sensor, *, gel_bits: int 
 def _round(
     depth: NDArray[np.float64], gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: NDArray[np.float32]
 ) -> None:
-    """Round to multiples of 1/near below `gel` and of 1/far beyond; 0 for not at all. Both are powers of two: scaling loses nothing.
+    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond; 0 for not at all.
 
-    `beyond` is the least float32 that is not below `gel`.
+    Both are powers of two: scaling loses nothing. `beyond` is the least float32 that is not below `gel`.
     """
     for i in range(len(depth)):
         steps = gel_steps if depth[i] < gel else far_steps

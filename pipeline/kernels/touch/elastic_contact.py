@@ -3,8 +3,6 @@
 Valid range: impressions that are small beside the gel's thickness; slopes well below 1, as linear elasticity has it.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -27,43 +25,19 @@ MAX_STEPS = 300
 
 
 class ElasticContact(NamedTuple):
-    """Hold the solution of a contact.
+    """Hold the solution of a contact."""
 
-    Attributes
-    ----------
-    indentation
-        (rows, cols) float64, m: how deep the gel's surface lies below its rest; negative where it rises.
-    pressure
-        (rows, cols) float64, Pa; 0 outside the contact.
-    """
-
-    indentation: Array
-    pressure: Array
+    indentation: Array  # (rows, cols) m: how deep the gel's surface lies below its rest; negative where it rises
+    pressure: Array  # (rows, cols) Pa; 0 outside the contact
 
 
-def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
-    """Press a rigid object into an elastic gel.
+def press_elastic(
+    pressed: Array,  # (rows, cols) the impression D': how deep the object lies below the gel's rest, m, 0 elsewhere
+    sensor: Sensor,
+    gel: Gel,  # the sensor's own
+) -> ElasticContact:
+    """Press a rigid object into an elastic gel; nothing presses outside the image.
 
-    Parameters
-    ----------
-    pressed
-        (rows, cols) float64, the impression D': how deep the object lies below the gel's rest, m, 0 elsewhere.
-    sensor, gel
-        A sensor and its own gel.
-
-    Returns
-    -------
-    Surface and pressure. Nothing presses outside the image.
-
-    Raises
-    ------
-    InvalidInput
-        The gel is thinner than the cells on which its contact is solved.
-    ArithmeticError
-        The contact has not settled after `MAX_STEPS`.
-
-    Notes
-    -----
     Pressure p >= 0 minimises p·Gp/2 - p·D' over the cells with D' > 0, where G is `influence`: the gel's surface Gp is nowhere above the
     object, and meets it where p > 0. So the force, the derivative of a minimum by the depth, grows with the depth. Where images have more
     than `MAX_CELLS` per side, squares of pixels share a cell with their mean D', and what lies between is interpolated.
@@ -129,7 +103,7 @@ class _Displacement:
         lines = fft.ifft(waves, axis=0, overwrite_x=True)[: self.shape[0]]
         return np.ascontiguousarray(fft.irfft(lines, self.padded[1])[:, : self.shape[1]])
 
-    def restricted(self, shape: tuple[int, ...]) -> _Displacement:
+    def restricted(self, shape: tuple[int, ...]) -> "_Displacement":
         """Return the displacements on a smaller grid."""
         return self if shape == self.shape else _Displacement(self.kernel[: shape[0], : shape[1]])
 

@@ -4,8 +4,6 @@ Valid range: linear elasticity, small slopes; cells no larger than the layer is 
 layer is a half-space.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import product
 
@@ -26,27 +24,18 @@ GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)
 
 
 @lru_cache(maxsize=8)
-def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float, thickness: float) -> Array:
+def influence(
+    shape: tuple[int, int],  # rows and columns of the grid
+    pitch: tuple[float, float],  # size of a cell along y and x, m
+    poisson: float,  # 0 to 0.5
+    thickness: float,  # of the layer, m
+) -> Array:  # (rows, cols) m, read-only
     """Compute the displacements that a uniform pressure on one cell causes in the cells of a grid.
 
-    Parameters
-    ----------
-    shape
-        Rows and columns of the grid.
-    pitch
-        Size of a cell along y and x, m.
-    poisson
-        Poisson's ratio, 0 to 0.5.
-    thickness
-        Of the layer, whose base is bonded to a rigid plate and whose surface is free of friction, m.
+    [i, j] is the displacement into the layer in the middle of the cell i rows and j columns away, of a pressure of 1 Pa
+    where the layer's plane-strain modulus E / (1 - poisson²) is 1 Pa. The layer's base is bonded to a rigid plate, its
+    surface is free of friction.
 
-    Returns
-    -------
-    (rows, cols) float64, read-only: [i, j] is the displacement into the layer, m, in the middle of the cell i rows and j columns away,
-    of a pressure of 1 Pa where the layer's plane-strain modulus E / (1 - poisson²) is 1 Pa.
-
-    Notes
-    -----
     The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love 1929). The layer's is the inverse Hankel
     transform of `layer_factor` - 1, which is smooth on the scale of the thickness.
     """
@@ -60,24 +49,17 @@ def influence(shape: tuple[int, int], pitch: tuple[float, float], poisson: float
     return np.asarray(displacement)
 
 
-def layer_factor(wave: NDArray[np.floating], poisson: float) -> Array:
+def layer_factor(
+    wave: NDArray[np.floating],  # (...) wave number times thickness, > 0
+    poisson: float,  # 0 to 0.5
+) -> Array:  # (...) 0 to 1
     """Compute the displacement of a bonded layer under a wave of pressure, relative to that of a half-space.
 
-    Parameters
-    ----------
-    wave
-        (...) wave number times thickness, > 0.
-    poisson
-        Poisson's ratio, 0 to 0.5.
+    The displacement's amplitude over that of a half-space, 2 p / (q E / (1 - poisson²)), in plane strain, on a rigid
+    base, is
 
-    Returns
-    -------
-    (...) float64, 0 to 1: the displacement's amplitude over that of a half-space, 2 p / (q E / (1 - poisson²)).
-
-    Notes
-    -----
-    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²) with k = 3 - 4 poisson and a = wave: plane strain of a layer that is bonded to a rigid
-    base (Johnson, Contact Mechanics, 1985, 5.8).
+    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²), k = 3 - 4 poisson, a = wave (Johnson, Contact Mechanics, 1985,
+    5.8).
     """
     k, small = 3 - 4 * poisson, np.exp(-2 * np.asarray(wave, np.longdouble))  # extended: the same bits on every processor
     above = k * (1 - small**2) - 4 * wave * small

@@ -3,8 +3,6 @@
 Valid range: objects and sensors within 100 m of the origin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,39 +17,17 @@ SLACK = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class BoxedFaces:
-    """The faces of a mesh with their bounding boxes.
+    """The faces of a mesh with their axis-aligned bounding boxes, world frame, m."""
 
-    Attributes
-    ----------
-    corners
-        (3 axes, 3 corners, F) float64, world frame, m.
-    centre, half
-        (3, F) float64, m: centre and half extent of every face's axis-aligned bounding box.
-    """
-
-    corners: NDArray[np.float64]
-    centre: NDArray[np.float64]
-    half: NDArray[np.float64]
+    corners: NDArray[np.float64]  # (3 axes, 3 corners, F)
+    centre: NDArray[np.float64]  # (3, F) of each box
+    half: NDArray[np.float64]  # (3, F) half extent
 
 
 def box_faces(triangles: np.ndarray) -> BoxedFaces:
     """Compute the bounding boxes of a mesh's faces, once per object.
 
-    Parameters
-    ----------
-    triangles
-        (F, 3, 3) float64 corner positions, world frame, m; F may be 0. Winding, duplicates and holes do not matter.
-
-    Returns
-    -------
-    Corners and bounding boxes, float64, world frame, m.
-
-    Raises
-    ------
-    ValueError
-        The shape is not (F, 3, 3).
-    InvalidInput
-        A corner is NaN or too far away (`check_coordinates`).
+    `triangles` are (F, 3, 3) corner positions, world, m; F may be 0. Winding, duplicates and holes do not matter.
     """
     triangles = np.asarray(triangles, np.float64)
     if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
@@ -62,22 +38,15 @@ def box_faces(triangles: np.ndarray) -> BoxedFaces:
     return BoxedFaces(corners, (low + high) / 2, (high - low) / 2)
 
 
-def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
+def cull_faces(
+    faces: BoxedFaces,
+    pose: np.ndarray,  # (4, 4) sensor frame to world frame
+    sensor: Sensor,
+) -> NDArray[np.float64]:  # (3 axes, 3 corners, N) sensor frame, m
     """Select the faces that a sensor's rays can meet, and transform them to the sensor frame.
 
-    Parameters
-    ----------
-    faces
-        The object, from `box_faces`, world frame, m.
-    pose
-        (4, 4) float64, sensor frame to world frame.
-    sensor
-        Gives the sides of the bundle of rays and its range.
-
-    Returns
-    -------
-    (3 axes, 3 corners, N) float64, sensor frame, m: all faces that a ray can meet, and few others. The same corner has the same bits
-    in every face, so shared edges stay shared.
+    All faces that a ray can meet within the sensor's range are selected, and few others. The same corner has the same
+    bits in every face, so shared edges stay shared.
     """
     pose = check_pose(pose)
     rotation, origin = pose[:3, :3], pose[:3, 3]

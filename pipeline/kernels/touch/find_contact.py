@@ -33,6 +33,8 @@ FADES = (0.3, 0.15)
 """Largest shifts of the rim, in radii, of the rounds that search where the strength of the change falls most."""
 REFINED = 0.05
 """Largest shift of the rim, in radii, of the round that searches where colours jump most: in the middle of a blurred rim."""
+ROUNDNESS, LEAST_ROUND, ROUNDS = 0.2, 0.8, 10
+"""Largest shift of the rim, in radii, where its width and height are measured; share that must be in the image; rounds of the fit."""
 RIM = 2.0
 """Largest distance of a point of the rim from the circle, pixels; and pixels on either side of it that are compared."""
 
@@ -95,6 +97,37 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
     return Circle(x, y, radius)
 
 
+def contact_aspect(image: NDArray[np.uint8], untouched: NDArray[np.uint8], contact: Circle) -> float | None:
+    """Measure width over height of a contact's rim, in pixels.
+
+    Parameters
+    ----------
+    image, untouched
+        As in `find_contact`.
+    contact
+        The circle next to the rim.
+
+    Returns
+    -------
+    About 1 where pixels are square; None if less than `LEAST_ROUND` of the rim shows.
+
+    Notes
+    -----
+    The rim lies, in each direction θ, where colours jump most within a fifth of the radius. a + b cos 2θ and the terms of 2θ and θ
+    that shift and turn it are fitted to its radius by reweighted least squares; the ratio is (a + b)/(a - b).
+    """
+    change = gaussian(image.astype(float) - untouched, 1.5, channel_axis=2)
+    angles, radii, visible = _rim_points(change, (contact.x, contact.y, contact.radius), ROUNDNESS)
+    if visible < LEAST_ROUND:
+        return None
+    terms = np.stack([np.ones_like(angles), np.cos(2 * angles), np.sin(2 * angles), np.cos(angles), np.sin(angles)], axis=1)
+    weights = np.ones(len(angles))
+    for _ in range(ROUNDS):
+        fitted = np.linalg.lstsq(terms * weights[:, None], radii * weights, rcond=None)[0]
+        weights = 1 / (1 + ((radii - terms @ fitted) / RIM) ** 2)
+    return float((fitted[0] + fitted[1]) / (fitted[0] - fitted[1]))
+
+
 def _checked(circle: Round) -> Round:
     if circle[2] < SMALLEST:
         raise InvalidInput(f"the contact's radius is {circle[2]:.1f} pixels; {SMALLEST:g} are needed")
@@ -126,6 +159,23 @@ def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> fl
 def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> Round:
     """Fit a circle to the points within `largest_shift` radii of `start`, one per direction, where strength falls or colours jump most."""
     x, y, radius = start
+    angles, at, visible = _rim_points(values, start, largest_shift)
+    if visible < LEAST_SEEN:
+        raise InvalidInput(
+            f"the image shows {100 * visible:.0f} % of the rim of the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius; "
+            f"{100 * LEAST_SEEN:.0f} % are needed"
+        )
+    points = np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=1)
+    aside = max(RIM, largest_shift * radius / 2) if values.shape[2] == 1 else RIM
+    circle, _ = ransac(points, CircleModel, min_samples=3, residual_threshold=aside, max_trials=200, rng=0)
+    if not circle:
+        raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")
+    return float(circle.center[0]), float(circle.center[1]), float(circle.radius)
+
+
+def _rim_points(values: NDArray[np.float64], start: Round, largest_shift: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Find the rim near a circle: angles, and the radius at each where strength falls or colours jump most; and the share in the image."""
+    x, y, radius = start
     across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + largest_shift) + RIM) + 2
     rays = _polar(values, x, y, reach, PER_PIXEL)
     fall = rays[:, :-across] - rays[:, across:]
@@ -133,19 +183,8 @@ def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> 
     radii = RIM + np.arange(jump.shape[1]) / PER_PIXEL
     in_range = np.abs(radii - radius) <= largest_shift * radius
     visible = np.isfinite(jump[:, in_range]).all(axis=1)
-    if visible.mean() < LEAST_SEEN:
-        raise InvalidInput(
-            f"the image shows {100 * visible.mean():.0f} % of the rim of the contact at ({x:.0f}, {y:.0f}), of {radius:.0f} pixels radius; "
-            f"{100 * LEAST_SEEN:.0f} % are needed"
-        )
     angles = np.linspace(0, 2 * np.pi, ANGLES, endpoint=False)[visible]
-    at = radii[in_range][jump[visible][:, in_range].argmax(axis=1)]
-    points = np.stack([x + at * np.cos(angles), y + at * np.sin(angles)], axis=1)
-    aside = max(RIM, largest_shift * radius / 2) if values.shape[2] == 1 else RIM
-    circle, _ = ransac(points, CircleModel, min_samples=3, residual_threshold=aside, max_trials=200, rng=0)
-    if not circle:
-        raise InvalidInput(f"no circle fits the rim of the contact at ({x:.0f}, {y:.0f}); give it in circles.csv")
-    return float(circle.center[0]), float(circle.center[1]), float(circle.radius)
+    return angles, radii[in_range][jump[visible][:, in_range].argmax(axis=1)], float(visible.mean())
 
 
 def _polar(image: NDArray[np.float64], x: float, y: float, reach: int, per_pixel: int) -> NDArray[np.float64]:

@@ -1,7 +1,5 @@
 """The range in which a sensor's colours were fitted to photographs, and the photographs that would widen it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -28,22 +26,15 @@ def fitted_range(calibration: Calibration) -> list[str]:
     ]
 
 
-def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequence[Circle]) -> list[str]:
-    """List the photographs that a calibration lacks.
+def missing_photographs(
+    sensor: Sensor,
+    calibration: Calibration,
+    contacts: Sequence[Circle],  # that it was fitted to
+) -> list[str]:
+    """List the photographs that a calibration lacks, as lines of text.
 
-    Parameters
-    ----------
-    sensor
-        Gives the size of the image.
-    calibration
-        What was fitted.
-    contacts
-        Those that it was fitted to.
-
-    Returns
-    -------
-    Lines that name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and the
-    slopes that are missing.
+    They name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and
+    the slopes that are missing.
     """
     thirds = {(math.floor(3 * (circle.y + 0.5) / sensor.rows), math.floor(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
     empty = [(row, column) for row in range(3) for column in range(3) if (row, column) not in thirds]

@@ -1,7 +1,5 @@
 """The gel around a contact: a membrane that the contact pulls in, less with distance."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -13,23 +11,14 @@ PASSES = 2
 """Passes of the exponential filter along each axis: with two its response is nearly round."""
 
 
-def membrane_indentation(pressed: NDArray[np.float64], sigma: tuple[float, float]) -> NDArray[np.float64]:
-    """Compute the indentation of the membrane in and around a contact.
+def membrane_indentation(
+    pressed: NDArray[np.float64],  # (rows, cols) the impression D', m
+    sigma: tuple[float, float],  # standard deviation of the smoothing along y and x, pixels, > 0
+) -> NDArray[np.float64]:  # (rows, cols) m
+    """Compute the indentation of the membrane in and around a contact: the larger of D' and of D' smoothed.
 
-    Parameters
-    ----------
-    pressed
-        (rows, cols) float64, the impression D', m.
-    sigma
-        Standard deviation of the smoothing along y and x, pixels, > 0.
-
-    Returns
-    -------
-    (rows, cols) float64, m: the larger of D' and of D' smoothed. In the middle of a contact it is D', outside it decays.
-
-    Notes
-    -----
-    Smoothing is a recursive two-sided exponential filter, `PASSES` times along each axis; the gel is flat beyond the image.
+    In the middle of a contact it is D', outside it decays. Smoothing is a recursive two-sided exponential filter,
+    `PASSES` times along each axis; the gel is flat beyond the image.
     """
     smooth = np.ascontiguousarray(pressed).copy()
     decays = [math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma]

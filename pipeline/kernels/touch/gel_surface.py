@@ -1,7 +1,5 @@
 """The undeformed surface of a gel: flat, curved, or a height map; and the impression in it."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np
@@ -12,18 +10,8 @@ from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 
 @lru_cache(maxsize=16)
-def gel_surface(sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the height of the undeformed gel above the sensor plane.
-
-    Parameters
-    ----------
-    sensor
-        Gives the gel's thickness w and shape.
-
-    Returns
-    -------
-    (rows, cols) float64, m, read-only; () where the gel is flat: w everywhere.
-    """
+def gel_surface(sensor: Sensor) -> NDArray[np.float64]:  # (rows, cols) m, read-only; () where the gel is flat, w
+    """Compute the height of the undeformed gel above the sensor plane."""
     if sensor.surface is None:
         return np.array(sensor.w)
     x, y = pixel_centres(sensor)
@@ -45,33 +33,18 @@ def gel_top(sensor: Sensor) -> float:
     return max(sensor.w, float(gel_surface(sensor).max()))
 
 
-def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:
-    """Find the pixels where a surface lies in the gel: D < w, (..., rows, cols) in m; for shapes. `pressed_pixels` decides what touches."""
+def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:  # (..., rows, cols), as depth, m
+    """Find the pixels where a surface lies in the gel: D < w; for shapes. `pressed_pixels` decides what touches."""
     return np.asarray(depth < gel_surface(sensor))
 
 
-def impression(depth: np.ndarray, sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the impression D' of an object in the gel.
+def impression(
+    depth: np.ndarray,  # (rows, cols) D from the sensor plane, m; float32 or float64, +inf where nothing is met
+    sensor: Sensor,
+) -> NDArray[np.float64]:  # (rows, cols) m; 0 where the gel is not pressed in
+    """Compute the impression of an object in the gel, D' = ReLU(w - D), equation 1.
 
-    Parameters
-    ----------
-    depth
-        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
-    sensor
-        Gives the shape and the surface of the gel.
-
-    Returns
-    -------
-    (rows, cols) float64, m; 0 where the gel is not pressed in.
-
-    Raises
-    ------
-    ValueError
-        `depth` holds NaN or negative values, or has another shape.
-
-    Notes
-    -----
-    D' = ReLU(w - D), equation 1; where the gel is curved, w is its height at the pixel.
+    Where the gel is curved, w is its height at the pixel.
     """
     if depth.shape != sensor.shape:
         raise ValueError(f"depth has shape {depth.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")

@@ -1,7 +1,5 @@
 """Equations 2 to 5 per pixel, compiled: from the impression to the intensities of three lamps."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,30 +13,14 @@ WHITE = 255
 
 @compiled
 def shade(
-    z: NDArray[np.float64],
-    rest: NDArray[np.float64],
-    aspect: float,
-    diffuse: float,
-    lamps: NDArray[np.float64],
-    image: NDArray[np.uint8],
+    z: NDArray[np.float64],  # (rows, cols) contiguous, the gel's surface in sensor widths, growing towards the camera
+    rest: NDArray[np.float64],  # (rows, cols) the same where nothing presses
+    aspect: float,  # height of the sensor plane over its width
+    diffuse: float,  # lambda of equation 2
+    lamps: NDArray[np.float64],  # (3, 3) positions of the red, green and blue lamp, sensor widths
+    image: NDArray[np.uint8],  # (rows, cols, 3) holds the untouched image; changed in place
 ) -> None:
-    """Shade the pixels where the gel is not at rest, and leave the others.
-
-    Parameters
-    ----------
-    z
-        (rows, cols) float64, contiguous, the gel's surface in sensor widths, growing towards the camera.
-    rest
-        (rows, cols) float64, the same where nothing presses.
-    aspect
-        Height of the sensor plane over its width.
-    diffuse
-        Lambda of equation 2.
-    lamps
-        (3, 3) float64, positions of the red, green and blue lamp, sensor widths.
-    image
-        (rows, cols, 3) uint8, changed in place; holds the untouched image, which a pixel keeps that is at rest with its neighbours.
-    """
+    """Shade the pixels where the gel is not at rest, and leave those that are at rest with their neighbours."""
     rows, cols = z.shape
     slope_x, slope_y, light = np.empty(cols), np.empty(cols), np.empty(cols)
     for row in range(rows):

@@ -1,7 +1,5 @@
 """Descriptions of a tactile sensor's optics: lamps (equations 2 to 5), or coefficients that were fitted to photographs."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -73,7 +71,7 @@ class Calibration(_Entry):
     ] = None
 
     @model_validator(mode="after")
-    def _are_polynomials(self) -> Calibration:
+    def _are_polynomials(self) -> "Calibration":
         slopes, places = {len(color) for color in self.coefficients}, {len(term) for color in self.coefficients for term in color}
         fits = len(slopes) == len(places) == 1 and slopes <= SLOPE_TERMS.keys() and places <= POSITION_TERMS.keys()
         if len(self.coefficients) != 3 or not fits:

@@ -1,7 +1,5 @@
 """Patches of an object as reliefs: what a gel meets when it is pressed onto the object from outside."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -17,39 +15,17 @@ from pipeline.kernels.touch.sensor import Sensor
 
 def random_patch(
     faces: BoxedFaces,
-    points: NDArray[np.floating],
-    normals: NDArray[np.floating],
+    points: NDArray[np.floating],  # (N, 3) of the object's surface, frame of the faces, m
+    normals: NDArray[np.floating],  # (N, 3) outward unit normals there
     sensor: Sensor,
     rng: np.random.Generator,
     *,
-    ranges: PressRanges | None = None,
-    scale: tuple[float, float] = (0.04, 0.5),
+    ranges: PressRanges | None = None,  # of depth and tilt; by default those of `PressRanges`
+    scale: tuple[float, float] = (0.04, 0.5),  # least and greatest size of the pressed object, of its own size
 ) -> Press:
-    """Draw a press of a patch of an object, made smaller so that more of it fits on the gel.
+    """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel.
 
-    Parameters
-    ----------
-    faces
-        The object, from `box_faces`, m.
-    points, normals
-        (N, 3) points of its surface and outward unit normals there, in the same frame, m.
-    sensor
-        Gives the gel and its pixels.
-    rng
-        Draws the point, the direction, the scale and the depth.
-    ranges
-        Of depth and tilt; by default those of `PressRanges`.
-    scale
-        Least and greatest size of the pressed object, of its own size.
-
-    Returns
-    -------
-    The shape "patch", and its depth map.
-
-    Raises
-    ------
-    InvalidInput
-        At `ATTEMPTS` points, no ray meets the object, or it is deeper than the gel.
+    `InvalidInput` if, at `ATTEMPTS` points, no ray meets the object, or it is deeper than the gel.
     """
     ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)

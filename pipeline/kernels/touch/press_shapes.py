@@ -3,8 +3,6 @@
 A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,52 +27,29 @@ TILTED = 0.3
 
 @dataclass(frozen=True)
 class PressRanges:
-    """Ranges from which random presses are drawn.
+    """Ranges from which random presses are drawn: least and greatest values."""
 
-    Attributes
-    ----------
-    size
-        Least and greatest radius of a shape, m.
-    depth
-        Least and greatest depth of the deepest point in the gel, m.
-    tilt
-        Greatest angle by which a shape is tilted, rad.
-    """
-
-    size: tuple[float, float] = (0.0015, 0.008)
-    depth: tuple[float, float] = (0.0001, 0.0012)
-    tilt: float = math.radians(8)
+    size: tuple[float, float] = (0.0015, 0.008)  # radius of a shape, m
+    depth: tuple[float, float] = (0.0001, 0.0012)  # of the deepest point in the gel, m
+    tilt: float = math.radians(8)  # greatest angle by which a shape is tilted, rad
 
 
 class Press(NamedTuple):
-    """A random press: the name of its shape, and its depth map (rows, cols) float64 D, m, +inf where nothing is met."""
+    """A random press."""
 
-    shape: str
-    depth: Array
+    shape: str  # its name
+    depth: Array  # (rows, cols) D, m, +inf where nothing is met
 
 
-def press_relief(relief: Array, sensor: Sensor, depth: float) -> Array:
-    """Press a relief into a gel.
+def press_relief(
+    relief: Array,  # (rows, cols) heights towards the gel, m; -inf where there is no surface
+    sensor: Sensor,
+    depth: float,  # of the deepest point in the gel, m
+) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
+    """Press a relief into a gel; a constant added to the relief changes nothing.
 
-    Parameters
-    ----------
-    relief
-        (rows, cols) heights towards the gel, m; -inf where there is no surface. A constant added to it changes nothing.
-    sensor
-        Gives the shape and surface of the gel.
-    depth
-        How deep the deepest point lies in the gel, m.
-
-    Returns
-    -------
-    (rows, cols) float64 D from the sensor plane, m; +inf where nothing is met within the sensor's range.
-
-    Raises
-    ------
-    ValueError
-        The relief has another shape, or holds NaN or +inf.
-    InvalidInput
-        The relief has no surface, or the depth is not between 0 and the thickness of the gel where the deepest point lies.
+    A relief without surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is
+    `InvalidInput`.
     """
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
@@ -91,32 +66,18 @@ def press_relief(relief: Array, sensor: Sensor, depth: float) -> Array:
     return np.where(distance > sensor.range, np.inf, np.maximum(distance, 0.0))
 
 
-def random_press(sensor: Sensor, rng: np.random.Generator, ranges: PressRanges | None = None, shapes: Sequence[str] | None = None) -> Press:
+def random_press(
+    sensor: Sensor,
+    rng: np.random.Generator,
+    ranges: PressRanges | None = None,  # by default those of `PressRanges`
+    shapes: Sequence[str] | None = None,  # names from `SHAPES` to choose from; by default all
+) -> Press:
     """Draw a press: a shape of random size, place, turn, tilt and depth.
 
-    Parameters
-    ----------
-    sensor
-        Gives the gel and its pixels. Positions lie anywhere on it: shapes may be cut by its rim.
-    rng
-        Draws everything. Equal states give equal presses, also with other pixel counts, except for a shape at the rim that lies between
-        the pixels, or deeper than the gel is thick there: another is drawn in its place.
-    ranges
-        By default those of `PressRanges`.
-    shapes
-        Names from `SHAPES` to choose from; by default all.
+    Positions lie anywhere on the gel: shapes may be cut by its rim. Equal states of `rng` give equal presses, also with
+    other pixel counts, except for a shape at the rim that lies between the pixels, or deeper than the gel is thick
+    there: another is drawn in its place, up to `ATTEMPTS` times.
 
-    Returns
-    -------
-    Name of the shape, and depth map.
-
-    Raises
-    ------
-    InvalidInput
-        A shape is unknown, or no shape of `ATTEMPTS` meets a pixel and is less deep than the gel.
-
-    Examples
-    --------
     >>> sensor = load_sensor("gelsight", shape=(240, 320))
     >>> press = random_press(sensor, np.random.default_rng(0))
     >>> image = tactile_image(press.depth, sensor)
@@ -153,10 +114,10 @@ def draw_direction(rng: np.random.Generator) -> tuple[float, float]:
 
 
 class ShapeDraw(NamedTuple):
-    """The drawn radius and depth in the gel of a shape, m, and the generator of its other properties."""
+    """The drawn properties of a shape, and the generator of the others."""
 
-    size: float
-    depth: float
+    size: float  # radius, m
+    depth: float  # in the gel, m
     rng: np.random.Generator
 
 
@@ -246,7 +207,7 @@ def _relief(x: Array, y: Array, draw: ShapeDraw) -> Array:
 
 
 def _dome(radius: float, squared: Array) -> Array:
-    """Heights of a ball's or cylinder's upper half over its middle plane, at squared distances from the axis."""
+    """Compute heights of a ball's or cylinder's upper half over its middle plane, by squared distance from the axis."""
     inside = radius**2 - squared
     return np.where(inside > 0, np.sqrt(np.maximum(inside, 0)), -np.inf)
 

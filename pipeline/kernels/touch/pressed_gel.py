@@ -1,7 +1,5 @@
 """The gel that an object is pressed into: its surface, and where the object touches it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -14,42 +12,18 @@ from pipeline.kernels.touch.sensor import Sensor
 
 
 class PressedGel(NamedTuple):
-    """Hold the state of a gel.
+    """The surface of a gel, and where an object touches it."""
 
-    Attributes
-    ----------
-    indentation
-        (rows, cols) float64, m: how deep the gel's surface lies below its rest; negative where an elastic gel rises.
-    contact
-        (rows, cols): where the object touches it.
-    pressure
-        (rows, cols) float64, Pa, of an elastic gel; None of another.
-    """
-
-    indentation: NDArray[np.float64]
-    contact: NDArray[np.bool_]
-    pressure: NDArray[np.float64] | None = None
+    indentation: NDArray[np.float64]  # (rows, cols) m: how deep it lies below its rest; negative where it rises
+    contact: NDArray[np.bool_]  # (rows, cols) where the object touches it
+    pressure: NDArray[np.float64] | None = None  # (rows, cols) Pa, of an elastic gel; else None
 
 
-def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
-    """Compute the state of a gel under an object.
-
-    Parameters
-    ----------
-    depth
-        (rows, cols) D of the object in m from the sensor plane, float32 or float64, +inf where nothing is met.
-    sensor
-        Gives the gel: elastic, or with a membrane. A gel with neither is indented only under the object.
-
-    Returns
-    -------
-    Surface, contact and pressure.
-
-    Raises
-    ------
-    ValueError
-        As `impression`.
-    """
+def press_gel(
+    depth: np.ndarray,  # (rows, cols) D from the sensor plane, m; float32 or float64, +inf where nothing is met
+    sensor: Sensor,  # whose gel is elastic, or has a membrane; a gel with neither is indented only under the object
+) -> PressedGel:
+    """Compute the state of a gel under an object."""
     return gel_under(impression(depth, sensor), sensor)
 
 

@@ -1,7 +1,5 @@
 """Sensors with other numbers of pixels."""
 
-from __future__ import annotations
-
 import io
 from typing import Any
 
@@ -15,21 +13,7 @@ from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor
 def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
     """Change a sensor's number of pixels; its gel, its optics, its noise per pixel and the view of its background stay.
 
-    Parameters
-    ----------
-    sensor
-        The sensor; a photograph of its background is resized with it: averaged where pixels become larger, else interpolated.
-    rows, cols
-        Pixels along y and x.
-
-    Returns
-    -------
-    The sensor with these pixels.
-
-    Raises
-    ------
-    InvalidInput
-        The numbers are not from 2 to `MAX_PIXELS_PER_SIDE`.
+    A photograph of its background is resized with it: averaged where pixels become larger, else interpolated.
     """
     if not all(isinstance(count, int | np.integer) and 2 <= count <= MAX_PIXELS_PER_SIDE for count in (rows, cols)):
         raise InvalidInput(f"a sensor has from 2 to {MAX_PIXELS_PER_SIDE} rows and columns of pixels; these are {rows} x {cols}")

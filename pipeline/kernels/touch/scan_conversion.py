@@ -1,7 +1,5 @@
 """Scan conversion of faces in float64, compiled: faces to rows of pixels, rows to depths."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -18,7 +16,7 @@ Point = tuple[float, float, float]
 
 @compiled
 def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
-    """Column and depth at which an edge crosses a row."""
+    """Compute the column and depth at which an edge crosses a row."""
     if row == high[1]:
         return high[0], high[2]
     share = (row - low[1]) / (high[1] - low[1])
@@ -27,7 +25,7 @@ def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
 
 @compiled
 def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
-    """Columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
+    """Compute the columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
 
     An edge is always followed from its lower to its upper row and meets its corners exactly. So two faces that share an edge cross
     it at the same column to the last bit: no ray passes between them.
@@ -38,18 +36,13 @@ def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float
 
 
 @compiled
-def scan_convert(faces: NDArray[np.float64], width: float, height: float, depth: NDArray[np.float64]) -> None:
-    """Lower a depth map where faces are nearer.
-
-    Parameters
-    ----------
-    faces
-        (3 axes, 3 corners, N) float64, contiguous, sensor frame, m.
-    width, height
-        Sides of the sensor plane along x and y, m.
-    depth
-        (rows, cols) float64, contiguous, m; changed in place.
-    """
+def scan_convert(
+    faces: NDArray[np.float64],  # (3 axes, 3 corners, N) contiguous, sensor frame, m
+    width: float,  # of the sensor plane along x, m
+    height: float,  # along y, m
+    depth: NDArray[np.float64],  # (rows, cols) contiguous, m; changed in place
+) -> None:
+    """Lower a depth map where faces are nearer."""
     rows, cols = depth.shape
     for face in range(faces.shape[2]):
         a, b, c = [((x / width + 0.5) * cols - 0.5, (y / height + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]

@@ -4,8 +4,6 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
@@ -46,7 +44,7 @@ class Surface(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _has_one_form(self) -> Surface:
+    def _has_one_form(self) -> "Surface":
         if (self.radius is None) == (self.heights is None):
             raise ValueError("give either a radius or heights")
         if self.radius is None and self.along != "both":
@@ -99,7 +97,7 @@ class Sensor(BaseModel):
     ] = None
 
     @model_validator(mode="after")
-    def _is_consistent(self) -> Sensor:
+    def _is_consistent(self) -> "Sensor":
         if (self.lights is None) == (self.calibrated is None):
             raise ValueError("give either lights (equations 2 to 5) or calibrated (coefficients fitted to photographs)")
         if self.calibrated is not None:
@@ -171,20 +169,8 @@ def _filled_in(sensor: Sensor) -> Sensor:
 
 
 def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the positions of the pixel centres on the sensor plane.
+    """Compute the positions x (cols,) and y (rows,) of the pixel centres on the sensor plane, sensor frame, m.
 
-    Parameters
-    ----------
-    sensor
-        Gives width, height, rows and columns.
-
-    Returns
-    -------
-    x, y
-        (cols,) and (rows,) float64, sensor frame, m.
-
-    Notes
-    -----
     x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · height.
     """
     x = ((np.arange(sensor.cols) + 0.5) / sensor.cols - 0.5) * sensor.width
@@ -192,47 +178,21 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
     return x, y
 
 
-def masked_points(depth: np.ndarray, mask: NDArray[np.bool_], sensor: Sensor) -> NDArray[np.float64]:
-    """Compute the points that the pixels of a mask see.
-
-    Parameters
-    ----------
-    depth
-        (rows, cols) D, m.
-    mask
-        (rows, cols), true at n pixels.
-    sensor
-        Gives the pixels' positions.
-
-    Returns
-    -------
-    (n, 3) float64, sensor frame, m, in row-major order of the pixels.
-    """
+def masked_points(
+    depth: np.ndarray,  # (rows, cols) D, m
+    mask: NDArray[np.bool_],  # (rows, cols) true at n pixels
+    sensor: Sensor,
+) -> NDArray[np.float64]:  # (n, 3) sensor frame, m, in row-major order of the pixels
+    """Compute the points that the pixels of a mask see."""
     row, col = np.nonzero(mask)
     x, y = pixel_centres(sensor)
     return np.stack([x[col], y[row], depth[row, col]], axis=1, dtype=np.float64)
 
 
 def check_pose(pose: np.ndarray, name: str = "sensor pose") -> NDArray[np.float64]:
-    """Check that a pose is a rigid motion.
+    """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion; `name` is for messages.
 
-    Parameters
-    ----------
-    pose
-        (4, 4), sensor frame to world frame, m.
-    name
-        Of the pose in messages.
-
-    Returns
-    -------
-    The pose as (4, 4) float64.
-
-    Raises
-    ------
-    ValueError
-        The shape is not (4, 4).
-    InvalidInput
-        An entry is NaN or infinite, the axes are not orthonormal and right-handed, or the last row is not 0 0 0 1.
+    A wrong shape is a `ValueError`; other faults are `InvalidInput`.
     """
     pose = np.asarray(pose, np.float64)
     if pose.shape != (4, 4):
@@ -254,22 +214,14 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> NDArray[np.float6
     return pose
 
 
-def sensor_to_world(pose: NDArray[np.float64], x: np.ndarray, y: np.ndarray, z: np.ndarray) -> NDArray[np.float64]:
+def sensor_to_world(
+    pose: NDArray[np.float64],  # (4, 4) sensor frame to world frame
+    x: np.ndarray,  # coordinates that broadcast to one shape (...), sensor frame, m
+    y: np.ndarray,
+    z: np.ndarray,
+) -> NDArray[np.float64]:  # (..., 3) world, m
     """Transform points from the sensor frame to the world frame.
 
-    Parameters
-    ----------
-    pose
-        (4, 4) float64, sensor frame to world frame.
-    x, y, z
-        Coordinates that broadcast to one shape (...), sensor frame, m.
-
-    Returns
-    -------
-    (..., 3) float64, world frame, m.
-
-    Notes
-    -----
     Element by element, not by a matrix product: a point has the same bits in an array of any size.
     """
     return np.stack([row[3] + (row[0] * x + row[1] * y + row[2] * z) for row in pose[:3]], axis=-1)

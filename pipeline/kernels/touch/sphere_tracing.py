@@ -3,8 +3,6 @@
 Valid range: that of `ray_depth`.
 """
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 from numpy.typing import NDArray
@@ -27,26 +25,15 @@ SLIVER = 1e-3
 `TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
 
 
-def sphere_traced_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, *, tolerance: float = TOLERANCE) -> NDArray[np.float64]:
+def sphere_traced_depth(
+    faces: BoxedFaces,
+    pose: np.ndarray,  # (4, 4) sensor frame to world frame
+    sensor: Sensor,
+    *,
+    tolerance: float = TOLERANCE,  # m, > 0: a ray ends at most this far before the surface, measured along the ray
+) -> NDArray[np.float64]:  # (rows, cols) m from the sensor plane; +inf where nothing is met within the sensor's range
     """Compute the depth map of a sensor by sphere tracing; the result is that of `ray_depth` to within `tolerance`.
 
-    Parameters
-    ----------
-    faces
-        The object, from `box_faces`, world frame, m.
-    pose
-        (4, 4) float64, sensor frame to world frame.
-    sensor
-        Gives the grid of rays and their range.
-    tolerance
-        m, > 0: a ray ends at most this far before the surface, measured along the ray.
-
-    Returns
-    -------
-    (rows, cols) float64, m from the sensor plane; +inf where nothing is met within the sensor's range.
-
-    Notes
-    -----
     The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than the free length of
     the ray. Rays that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
     """
@@ -58,31 +45,16 @@ def sphere_traced_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, *, 
 
 
 def trace_spheres(
-    local: NDArray[np.float64], sensor: Sensor, *, tolerance: float, max_steps: int = MAX_STEPS
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    local: NDArray[np.float64],  # (3 axes, 3 corners, N) from `cull_faces`, sensor frame, m, none flatter than `SLIVER`
+    sensor: Sensor,
+    *,
+    tolerance: float,  # as in `sphere_traced_depth`
+    max_steps: int = MAX_STEPS,  # after which a ray counts as unsettled
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:  # depth (rows, cols) m, +inf for a miss; settled (rows, cols)
     """Trace spheres along every ray, without exact intersection of unsettled rays.
 
-    Parameters
-    ----------
-    local
-        (3 axes, 3 corners, N) faces from `cull_faces`, sensor frame, m, none flatter than `SLIVER`.
-    sensor, tolerance
-        As in `sphere_traced_depth`.
-    max_steps
-        Steps after which a ray counts as unsettled.
-
-    Returns
-    -------
-    depth
-        (rows, cols) float64, m; +inf for a miss.
-    settled
-        (rows, cols) bool. A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss
-        when the ray has passed every face or the range.
-
-    Raises
-    ------
-    ValueError
-        `tolerance` is not above 0, or `max_steps` is below 1.
+    A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when
+    the ray has passed every face or the range.
     """
     if not tolerance > 0 or max_steps < 1:
         raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")
@@ -120,8 +92,8 @@ def trace_spheres(
     return depth.reshape(sensor.shape), settled.reshape(sensor.shape)
 
 
-def _gap_along_ray(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) m along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through the face."""
+def _gap_along_ray(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:  # (n,) m
+    """Compute the distance along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through."""
     edge = corners - points[:, None]  # the point as the origin
     weight = np.cross(np.roll(edge, -1, 1), np.roll(edge, -2, 1))[:, :, 2]  # (n, 3)
     area = weight.sum(axis=1)

@@ -3,8 +3,6 @@
 Valid range: sensors of any size from 10 µm to 10 m, lamps at any position above the sensor plane, depths from 0 to +inf.
 """
 
-from __future__ import annotations
-
 import io
 from functools import lru_cache
 from typing import Any
@@ -22,29 +20,15 @@ from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import Sensor
 
 
-def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+def tactile_image(
+    depth: np.ndarray,  # (rows, cols) D from the sensor plane, m; float32 or float64, +inf where nothing is met
+    sensor: Sensor,
+    rng: np.random.Generator | None = None,  # draws the pixel noise of a sensor that has some; None for no noise
+) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
     """Compute the tactile image R of a depth map: equations 1 to 5, or the colours that were fitted to photographs.
 
-    Parameters
-    ----------
-    depth
-        (rows, cols) D in m from the sensor plane, float32 or float64, +inf where nothing is met.
-    sensor
-        Gives shape, gel and optics.
-    rng
-        Draws the pixel noise of a sensor that has some; None for an image without noise.
+    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest.
 
-    Returns
-    -------
-    (rows, cols, 3) uint8, red, green, blue: intensity 0..1, clipped, times 255, rounded to the nearest.
-
-    Raises
-    ------
-    ValueError
-        As `impression`; or the sensor's background is a photograph that was not loaded.
-
-    Notes
-    -----
     With lamps, all lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are
     central differences, one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32
     instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
@@ -53,20 +37,12 @@ def tactile_image(depth: np.ndarray, sensor: Sensor, rng: np.random.Generator | 
     return image_of_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
-def image_of_gel(indentation: NDArray[np.float64], sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
-    """Compute the tactile image of a gel whose surface is known.
-
-    Parameters
-    ----------
-    indentation
-        (rows, cols) float64, how deep the gel's surface lies below its rest, m: from `press_gel`.
-    sensor, rng
-        As in `tactile_image`.
-
-    Returns
-    -------
-    (rows, cols, 3) uint8, red, green, blue.
-    """
+def image_of_gel(
+    indentation: NDArray[np.float64],  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
+    sensor: Sensor,
+    rng: np.random.Generator | None = None,  # as in `tactile_image`
+) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
+    """Compute the tactile image of a gel whose surface is known."""
     if sensor.calibrated is None:
         image: NDArray[Any] = _lamp_image(indentation, sensor)
     else:
@@ -88,29 +64,13 @@ def _round(image: NDArray[np.float64], levels: NDArray[np.uint8]) -> None:
         levels[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
 
 
-def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:
-    """Compute the tactile image of a sensor that nothing touches, without noise.
-
-    Parameters
-    ----------
-    sensor
-        Gives the shape, gel and optics.
-
-    Returns
-    -------
-    (rows, cols, 3) uint8, red, green, blue.
-    """
+def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
+    """Compute the tactile image of a sensor that nothing touches, without noise."""
     return tactile_image(np.full(sensor.shape, np.inf), sensor)
 
 
-def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
-    """Read or compute the untouched image of a calibrated sensor, (rows, cols, 3) float64, levels; do not change it.
-
-    Raises
-    ------
-    ValueError
-        It is a photograph that was not loaded, or one of another size.
-    """
+def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:  # (rows, cols, 3) levels
+    """Read or compute the untouched image of a calibrated sensor; do not change it."""
     if not isinstance(calibration.background, str):
         return polynomial_background(sensor, calibration.background)
     if sensor.photograph is None:
@@ -135,8 +95,8 @@ def _lamp_image(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=8)
-def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Compute the surface at rest, (rows, cols) below w in sensor widths, and its image (rows, cols, 3)."""
+def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:  # (rows, cols), (rows, cols, 3)
+    """Compute the surface at rest, below w in sensor widths, and its image."""
     rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
     image = np.zeros((*sensor.shape, 3), np.uint8)
     _shade(rest, np.full(sensor.shape, np.nan), sensor, image)  # NaN equals no height: every pixel is shaded

@@ -1,7 +1,5 @@
 """Find the background of an image: it has the colour of most of the border."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

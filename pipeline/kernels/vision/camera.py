@@ -6,8 +6,6 @@ Image coordinates are (column, row) in pixels from the image's top left corner: 
 Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are then right to 1e-9 pixels.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Self
 
 import numpy as np
@@ -59,38 +57,17 @@ class Camera(BaseModel):
         return self.model_copy(update={"focal": focal, "centre": centre})
 
 
-def camera_pose(camera: Camera) -> NDArray[np.float64]:
-    """Compute the pose of a camera.
-
-    Parameters
-    ----------
-    camera
-        Gives position and rotation.
-
-    Returns
-    -------
-    (4, 4) float64, camera frame to world frame, m: columns right, up, backwards, position.
-    """
+def camera_pose(camera: Camera) -> NDArray[np.float64]:  # (4, 4)
+    """Compute the camera's frame in the world, m: columns right, up, backwards, position."""
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_euler(np.deg2rad(camera.rotation))
     pose[:3, 3] = camera.position
     return pose
 
 
-def projection_matrix(camera: Camera) -> NDArray[np.float64]:
-    """Compute the matrix that projects world points to pixels.
+def projection_matrix(camera: Camera) -> NDArray[np.float64]:  # (3, 4)
+    """Compute the matrix M that projects world points, m, to pixels.
 
-    Parameters
-    ----------
-    camera
-        Gives pose, focal lengths and principal point.
-
-    Returns
-    -------
-    (3, 4) float64 M, world frame, m, to pixels.
-
-    Notes
-    -----
     (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows; w is the distance along the viewing direction, m. Points with
     w <= 0 lie behind the camera.
     """
@@ -99,25 +76,11 @@ def projection_matrix(camera: Camera) -> NDArray[np.float64]:
     return compose(intrinsic * [1.0, -1.0, -1.0], to_camera)
 
 
-def project_points(matrix: NDArray[np.float64], points: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Project world points to image coordinates.
-
-    Parameters
-    ----------
-    matrix
-        (3, 4) from `projection_matrix`.
-    points
-        (..., 3) world frame, m, finite.
-
-    Returns
-    -------
-    (..., 2) float64 (column, row), pixels; NaN for points at or behind the camera.
-
-    Raises
-    ------
-    ValueError
-        A point is NaN or infinite.
-    """
+def project_points(
+    matrix: NDArray[np.float64],  # (3, 4) from `projection_matrix`
+    points: NDArray[np.floating],  # (..., 3) world, m, finite
+) -> NDArray[np.float64]:  # (..., 2) (column, row), pixels
+    """Project world points to image coordinates; NaN for points at or behind the camera."""
     if not np.isfinite(points).all():
         raise ValueError("points hold NaN or infinity; drop them before projecting")
     homogeneous = np.asarray(points, np.float64) @ matrix[:, :3].T + matrix[:, 3]  # (..., 3)
@@ -126,23 +89,9 @@ def project_points(matrix: NDArray[np.float64], points: NDArray[np.floating]) ->
 
 
 def look_at(camera: Camera, position: Vector, target: Vector) -> Camera:
-    """Move a camera to a position and point its optical axis at a target, without roll (the world's z is up).
+    """Move a camera to a position and point it at a target, both world, m, without roll (the world's z is up).
 
-    Parameters
-    ----------
-    camera
-        Gives the intrinsics.
-    position, target
-        World frame, m.
-
-    Returns
-    -------
-    The camera at the new position, world frame, m, with the same intrinsics.
-
-    Raises
-    ------
-    ValueError
-        One of them is NaN or infinite, or the target is straight above or below the position: "without roll" means nothing there.
+    A target straight above or below the position is refused: "without roll" means nothing there.
     """
     if not np.isfinite([position, target]).all():
         raise ValueError(f"camera position {position} and target {target} must be finite")

@@ -3,8 +3,6 @@
 Valid range: meshes from 1 µm to 1 km large, within 100 m of the origin; the error of a normal grows with offset over size.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,27 +20,12 @@ PAIRS_PER_CHUNK = 1_000_000
 """Pairs of neighbouring corners processed together; they take about 100 MB."""
 
 
-def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+def corner_normals(
+    vertices: NDArray[np.float64],  # (V, 3); vertices at equal positions count as one
+    faces: NDArray[np.int32],  # (F, 3)
+) -> NDArray[np.float64]:  # (F, 3, 3) unit (face, corner, xyz), on the side to which the face is wound
     """Compute a shading normal for every corner of every face.
 
-    Parameters
-    ----------
-    vertices
-        (V, 3) float64. Vertices at equal positions count as one.
-    faces
-        (F, 3) int32.
-
-    Returns
-    -------
-    (F, 3, 3) float64 unit normals (face, corner, xyz), on the side to which the face is wound.
-
-    Raises
-    ------
-    InvalidInput
-        A vertex is NaN or too far away (`check_coordinates`).
-
-    Notes
-    -----
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
     `CREASE` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
     influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
@@ -74,7 +57,7 @@ def corner_normals(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> N
 
 
 def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(F, 3) angle at every corner, rad."""
+    """Compute the angle at every corner, (F, 3) rad."""
     ahead = np.roll(triangles, -1, axis=1) - triangles
     behind = np.roll(triangles, 1, axis=1) - triangles
     cross = np.linalg.norm(np.cross(ahead, behind), axis=2)

@@ -3,8 +3,6 @@
 Valid range: positions become float32, hence meshes belong within a few metres of the origin (error 0.1 µm at 2 m).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,46 +24,21 @@ MAX_TEXTURE_SIDE = 2048
 class Primitive:
     """Triangles of one material.
 
-    Attributes
-    ----------
-    positions, normals, uv
-        (V, 3), (V, 3), (V, 2) float32.
-    indices
-        (2F, 3) uint32: every face once as it is wound and once turned over, so that a renderer that culls back faces shows both sides.
-    color
-        (3,) float64, linear RGB.
-    texture
-        (height, width, 4) uint8, opaque, first row at the top; or None.
-    vertex_color
-        (V, 4) float32 in 0..1, sRGB, opaque, by which colour and texture are multiplied; or None.
+    `indices` hold every face once as it is wound and once turned over, so that a renderer that culls back faces shows
+    both sides.
     """
 
-    positions: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    uv: NDArray[np.float32]
-    indices: NDArray[np.uint32]
-    color: NDArray[np.float64]
-    texture: NDArray[np.uint8] | None
-    vertex_color: NDArray[np.float32] | None = None
+    positions: NDArray[np.float32]  # (V, 3)
+    normals: NDArray[np.float32]  # (V, 3)
+    uv: NDArray[np.float32]  # (V, 2)
+    indices: NDArray[np.uint32]  # (2F, 3)
+    color: NDArray[np.float64]  # (3,) linear RGB
+    texture: NDArray[np.uint8] | None  # (height, width, 4) opaque, first row at the top
+    vertex_color: NDArray[np.float32] | None = None  # (V, 4) sRGB in 0..1, opaque: multiplies colour and texture
 
 
 def mesh_primitives(mesh: Mesh) -> list[Primitive]:
-    """Group a mesh's faces by colour and texture, and prepare each group for rendering.
-
-    Parameters
-    ----------
-    mesh
-        Vertices in m, any frame; with its look.
-
-    Returns
-    -------
-    One primitive per colour and texture that some face has, in the mesh's frame, m.
-
-    Raises
-    ------
-    ValueError
-        A corner or texture coordinate is NaN or infinite: graphics cards do not define the result.
-    """
+    """Group a mesh's faces by colour and texture, and prepare each group for rendering, in the mesh's frame, m."""
     if not (np.isfinite(mesh.triangles).all() and np.isfinite(mesh.look.uv).all()):
         raise ValueError(f"of {len(mesh.faces)} faces some have NaN or infinite corners or texture coordinates; clean the mesh first")
     normals = corner_normals(mesh.vertices, mesh.faces)
@@ -77,16 +50,9 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
 
 
 def faces_by_material(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
-    """Group faces by appearance; materials of equal colour and texture are one group.
+    """Group faces by appearance: [red, green, blue, texture index or -1], and the numbers of the faces that have it.
 
-    Parameters
-    ----------
-    look
-        Materials of F faces.
-
-    Returns
-    -------
-    For every group its [red, green, blue, texture index or -1] and the numbers of its faces.
+    Materials of equal colour and texture are one group.
     """
     materials, material_of = np.unique(
         np.column_stack([look.base_color[:, :3], look.material_texture]).astype(np.int64), axis=0, return_inverse=True
@@ -125,16 +91,9 @@ def _opaque(colors: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Average a texture down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side.
+    """Average a texture (height, width, 4) down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side.
 
-    Parameters
-    ----------
-    texture
-        (height, width, 4) uint8, sRGB and opacity.
-
-    Returns
-    -------
-    (height / factor, width / factor, 4) uint8, rounded up; the texture itself where it is small enough.
+    Sides are rounded up; a texture that is small enough is returned as it is.
     """
     height, width = texture.shape[:2]
     factor = -(-max(height, width) // MAX_TEXTURE_SIDE)
@@ -142,18 +101,10 @@ def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def flatten_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Blend a texture with white by its opacity, so that the base colour shows where it is transparent.
+    """Blend a texture (height, width, 4) with white by its opacity: the base colour shows where it is transparent.
 
-    Every surface is rendered opaque: surfaces that the fingers touch are visible, and a segmentation has one label per pixel.
-
-    Parameters
-    ----------
-    texture
-        (height, width, 4) uint8, sRGB and opacity.
-
-    Returns
-    -------
-    (height, width, 4) uint8, with opacity 255; the texture itself where it is opaque.
+    Every surface is rendered opaque: surfaces that the fingers touch are visible, and a segmentation has one label per
+    pixel. An opaque texture is returned as it is.
     """
     if (texture[..., 3] == 255).all():
         return texture

@@ -1,7 +1,5 @@
 """The description of a scene: cameras, lamp, constant light and background."""
 
-from __future__ import annotations
-
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -41,7 +39,7 @@ class NamedCamera(Camera):
     )
 
     @model_validator(mode="after")
-    def _has_one_size(self) -> NamedCamera:
+    def _has_one_size(self) -> "NamedCamera":
         if self.size is not None and self.resolution != type(self).model_fields["resolution"].default:  # which a stored scene has
             raise ValueError(f"resolution {self.resolution} and size {list(self.size)} are two sizes of one image; leave resolution out")
         return self

@@ -1,7 +1,5 @@
 """The colours of a surface in an image."""
 
-from __future__ import annotations
-
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
@@ -18,27 +16,16 @@ OFFSET = 1e-3
 
 
 def seen_colors(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], image: NDArray[np.uint8], matrix: NDArray[np.float64], shown: NDArray[np.bool_]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Look up the colour of each vertex of a closed mesh in an image.
+    vertices: NDArray[np.float64],  # (V, 3) world, m
+    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    image: NDArray[np.uint8],  # (rows, cols, 3)
+    matrix: NDArray[np.float64],  # (3, 4) the image's projection matrix, from `projection_matrix`
+    shown: NDArray[np.bool_],  # (rows, cols) where the image shows the object, and no background or hand
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:  # (V, 3), (V,)
+    """Look up the colour of each vertex of a closed mesh in an image, and whether it was seen.
 
-    Parameters
-    ----------
-    vertices, faces
-        (V, 3) m, world frame, and (F, 3), normals outwards.
-    image
-        (rows, cols, 3) uint8.
-    matrix
-        (3, 4) the image's projection matrix, from `projection_matrix`.
-    shown
-        (rows, cols) bool: where the image shows the object, and no background or hand.
-
-    Returns
-    -------
-    colors
-        (V, 3) uint8: the colour of the pixel that a vertex is in; 0 where it was not seen.
-    seen
-        (V,) bool: whether the vertex faces the camera, nothing of the mesh is between them, and its pixel shows the object.
+    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object. It
+    then has the colour of the pixel that it is in, else 0.
     """
     rows, cols = shown.shape
     to_camera = optical_centre(matrix) - vertices

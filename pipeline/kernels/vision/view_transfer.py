@@ -5,8 +5,6 @@ Projection matrices are those of `projection_matrix`: world, m, to (column, row)
 Valid range: cameras within 1 km of the origin, at least 1 mm from the point they look at.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,11 +21,11 @@ OVERHEAD = 1e-3
 
 
 class Direction(NamedTuple):
-    """Where a camera is, seen from a point: azimuth about +z and elevation above the horizon, rad, and distance, m."""
+    """Where a camera is, seen from a point."""
 
-    azimuth: float
-    elevation: float
-    distance: float
+    azimuth: float  # rad, about +z
+    elevation: float  # rad, above the horizon
+    distance: float  # m
 
 
 def optical_centre(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -35,17 +33,12 @@ def optical_centre(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return -solve_3x3(matrix[:, :3], matrix[:, 3])
 
 
-def split_projection(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Split a projection matrix without skew.
+def split_projection(
+    matrix: NDArray[np.float64],  # (3, 4), whose third row measures depth in m
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # (3, 3), (3, 3)
+    """Split a projection matrix without skew into intrinsic matrix and rotation from world to camera.
 
-    Parameters
-    ----------
-    matrix
-        (3, 4), whose third row measures depth in m.
-
-    Returns
-    -------
-    The intrinsic matrix (3, 3), and the rotation (3, 3) from the world to the camera: x right, y down, z forward.
+    The camera's axes are x right, y down, z forward.
     """
     forward = matrix[2, :3]
     centre = matrix[:2, :3] @ forward  # column and row of the principal point
@@ -56,17 +49,8 @@ def split_projection(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], 
 
 
 def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> Direction:
-    """Compute where a camera is, seen from a point.
+    """Compute where the camera of a projection matrix (3, 4) is, seen from a point (3,), world, m.
 
-    Parameters
-    ----------
-    matrix
-        (3, 4) projection matrix.
-    target
-        (3,) world, m.
-
-    Notes
-    -----
     The azimuth of a camera straight above or below is that of a camera nearby whose image has the same top.
     """
     offset = optical_centre(matrix) - target
@@ -84,23 +68,16 @@ def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64
     return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
-def carried_camera(training: NDArray[np.float64], real: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def carried_camera(
+    training: NDArray[np.float64],  # (3, 4) projection matrix
+    real: NDArray[np.float64],  # (3, 4) projection matrix
+    target: NDArray[np.float64],  # (3,) middle of the object, world, m
+) -> NDArray[np.float64]:  # (3, 4) projection matrix
     """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
-    Parameters
-    ----------
-    training, real
-        (3, 4) projection matrices.
-    target
-        (3,) world, m: the middle of the object.
+    It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
+    world's up has the same direction.
 
-    Returns
-    -------
-    (3, 4) projection matrix of a camera with the real one's optical centre. The target is at the same pixel as in training, is as large
-    there, and the world's up has the same direction.
-
-    Notes
-    -----
     R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
     the ratio of the distances about the target's pixel.
     """
@@ -124,32 +101,16 @@ def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDA
 
 
 def transfer_view(
-    image: NDArray[np.uint8],
-    real: NDArray[np.float64],
-    other: NDArray[np.float64],
-    shape: tuple[int, int],
-    fill: tuple[int, int, int],
-) -> tuple[NDArray[np.uint8], float]:
+    image: NDArray[np.uint8],  # (rows, cols, 3) sRGB
+    real: NDArray[np.float64],  # (3, 4) projection matrix of its camera
+    other: NDArray[np.float64],  # (3, 4) projection matrix of the other camera
+    shape: tuple[int, int],  # rows and columns of the other camera's image
+    fill: tuple[int, int, int],  # sRGB of pixels that the image does not show
+) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
     """Resample an image as another camera with the same optical centre would have taken it.
 
-    Parameters
-    ----------
-    image
-        (rows, cols, 3) sRGB.
-    real, other
-        (3, 4) projection matrices of its camera and of the other.
-    shape
-        Rows and columns of the other camera's image.
-    fill
-        sRGB of pixels that the image does not show.
+    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first.
 
-    Returns
-    -------
-    The other camera's image, and the share of it that the image shows. An image that would move by less than `UNCHANGED` is returned
-    as it is; one that shrinks is smoothed first.
-
-    Notes
-    -----
     The homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])

@@ -3,8 +3,6 @@
 The renderings are Blender's, of ShapeNetCore meshes as their files have them: y up, about the origin, in units of the file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,38 +19,22 @@ FARTHEST = 1.75
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where a rendering was made from: a line of `rendering_metadata.txt`.
+    """Where a rendering was made from: a line of `rendering_metadata.txt`."""
 
-    Attributes
-    ----------
-    azimuth, elevation
-        Degrees; azimuth 0 is +x, 90 is +z, elevation 90 straight above.
-    in_plane
-        Rotation about the viewing direction, degrees: 0 in all renderings.
-    distance
-        Over `FARTHEST`.
-    """
-
-    azimuth: float
-    elevation: float
-    in_plane: float
-    distance: float
+    azimuth: float  # degrees; 0 is +x, 90 is +z
+    elevation: float  # degrees; 90 is straight above
+    in_plane: float  # degrees, rotation about the viewing direction: 0 in all renderings
+    distance: float  # over `FARTHEST`
 
 
-def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float64]:
-    """Compute the projection matrix of a rendering.
+def viewpoint_camera(
+    viewpoint: Viewpoint,
+    resolution: int,  # pixels per side
+) -> NDArray[np.float64]:  # (3, 4)
+    """Compute the projection matrix of a rendering, whose camera looks at the origin, without roll.
 
-    Parameters
-    ----------
-    viewpoint
-        Azimuth, elevation and distance; the camera looks at the origin, without roll.
-    resolution
-        Pixels per side.
-
-    Returns
-    -------
-    (3, 4) float64, homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth; pixel centres at 1/2. Depth is in
-    units of the file.
+    It takes homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth; pixel centres at
+    1/2. Depth is in units of the file.
     """
     a, e = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
     backward = np.array([np.cos(a) * np.cos(e), np.sin(e), np.sin(a) * np.cos(e)])  # from the origin to the camera
@@ -65,18 +47,9 @@ def viewpoint_camera(viewpoint: Viewpoint, resolution: int) -> NDArray[np.float6
     return compose(intrinsic, to_camera)
 
 
-def placed_camera(camera: NDArray[np.float64], placement: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the projection matrix that shows a placed object as a camera shows its file.
-
-    Parameters
-    ----------
-    camera
-        (3, 4) points of the mesh file to pixels.
-    placement
-        (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved.
-
-    Returns
-    -------
-    (3, 4) float64, world points, m, to pixels; its depth is in m.
-    """
+def placed_camera(
+    camera: NDArray[np.float64],  # (3, 4) points of the mesh file to pixels
+    placement: NDArray[np.float64],  # (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved
+) -> NDArray[np.float64]:  # (3, 4) world points, m, to pixels; its depth is in m
+    """Compute the projection matrix that shows a placed object as a camera shows its file."""
     return length(placement[:3, 0]) * compose(camera, invert_similarity(placement))

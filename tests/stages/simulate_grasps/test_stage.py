@@ -22,7 +22,7 @@ from pipeline.toy_objects import CATEGORIES, generate
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
 from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.stage import SimulateGrasps
+from stages.simulate_grasps.stage import HOLD_TESTS, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages import ball_dataset
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -38,14 +38,19 @@ def test_row_has_the_arrays_of_the_schema(hold_test: str) -> None:
     settings = SETTINGS.model_copy(update={"attempts": 3, "grasps": 2, "hold_test": hold_test})
     with SimulateGrasps().session(settings, {}) as process:
         row = process(*unit_of(bar(), *points_on(bar(), 1000, seed=3)))
-    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4, "xyz": 3, "direction": 6}
+    sizes = {"grasp": 2, "sensor": 4, "joint": 16, "pose_row": 4, "pose_column": 4, "xyz": 3, "direction": 6 if hold_test == "six" else 1}
     declared = {name: array for name, array in GRASPS.arrays.items() if name not in COMMON and array.dims[0] == "object"}
-    tested = {"none": set(), "lift": {"held"}, "six": {"held", "held_directions"}}[hold_test]
-    declared = {name: array for name, array in declared.items() if name in tested or not name.startswith("held")}
+    lift = {"held", "hold_distance", "hold_speed"}
+    tested = {"none": set(), "lift": lift, "six": lift | {"held_directions"}}[hold_test]
+    declared = {name: array for name, array in declared.items() if name in tested or not name.startswith(("held", "hold_"))}
     assert set(row) == set(declared)
     for name, array in declared.items():
         assert row[name].dtype == np.dtype(array.dtype), name
         assert row[name].shape == tuple(sizes[dim] for dim in array.dims[1:]), name
+    if tested:
+        stays = HOLD_TESTS[hold_test].stays(row["hold_distance"], row["hold_speed"])
+        np.testing.assert_array_equal(row["held"], stays[:, 4 if hold_test == "six" else 0])
+        np.testing.assert_array_equal(row.get("held_directions", stays), stays)
 
 
 @pytest.mark.parametrize(("hand", "size"), [("allegro_right", (0.05, 0.06, 0.12)), ("two_finger_gripper", (0.03, 0.03, 0.1))])
@@ -56,6 +61,7 @@ def test_hold_search_keeps_grasps_that_oppose_each_other_and_hold(hand: str, siz
         rows = [process(*unit_of(box, *points_on(box, 2000, seed=3))) for _ in range(2)]
     row = rows[0]
     assert row["held"].all()
+    assert HOLD_TESTS["lift"].stays(row["hold_distance"], row["hold_speed"]).all()
     assert row["opposition"].min() > 150
     assert row["closure"].min() > 0
     touched = row["touch_success"]
