@@ -66,6 +66,21 @@ def test_pointer_in_place_of_a_file_is_named(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", MESH_SUFFIXES)
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"<!DOCTYPE html><title>404</title>", "a web page"),
+        (b"404: Not Found", "an error message of a server"),
+        (b"\x1f\x8b\x08\0", "compressed, or an archive"),
+    ],
+)
+def test_other_content_in_place_of_a_mesh_is_named(tmp_path: Path, suffix: str, content: bytes, words: str) -> None:
+    (tmp_path / f"a{suffix}").write_bytes(content)
+    with pytest.raises(PipelineError, match=rf"^a{suffix} is {words}"):
+        parse_mesh(tmp_path / f"a{suffix}", tmp_path)
+
+
+@pytest.mark.parametrize("suffix", MESH_SUFFIXES)
 def test_pointer_in_place_of_a_mesh_is_named_by_its_reader_and_its_key(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     path.write_text(POINTER)

@@ -10,14 +10,25 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
 
 IMAGE = re.compile(rb"<image\b([^>]*)>(?:(?!</?image\b).)*?<init_from>([^<]*)</init_from>", re.DOTALL)
 """An image with its file. Surfaces contain `init_from` too, but with the id of an image."""
 
 ID = re.compile(rb"\bid\s*=\s*[\"']([^\"']*)")
+COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 ENCODING = re.compile(rb"^\s*<\?xml[^>]*\bencoding\s*=\s*[\"']([\w-]+)")
 EFFECTS = re.compile(rb"<library_effects\b.*?</library_effects>", re.DOTALL)
+NOT_READ = {
+    rb"instance_controller\b": "a skin or a morph (instance_controller)",
+    rb"skew\b": "a skewed node",
+    rb"lookat\b[^<]*</(\w+:)?lookat>((?!</?(\w+:)?node\b).)*<(\w+:)?instance_(geometry|node)\b": "a node that looks at a point",
+    rb"ph\b": "polygons with holes",
+    rb"brep\b": "curved surfaces (brep)",
+}
+"""What changes the shape and is not read, by the first element of it."""
+SCENE = re.compile(rb"<(\w+:)?instance_visual_scene\b")
 SHADERS = ("phong", "lambert", "blinn", "constant")
 LUMINANCE = np.array([0.212671, 0.71516, 0.072169])
 """Of linear red, green and blue, as COLLADA 1.4.1 weighs them for RGB_ZERO."""
@@ -28,6 +39,16 @@ def image_names(content: bytes) -> Iterator[tuple[str, str]]:
     for attributes, name in IMAGE.findall(content):
         found = ID.search(attributes)
         yield _text(found[1]) if found else "", _text(name)
+
+
+def check_shape(content: bytes) -> None:
+    """Refuse a file without a scene, or with shapes that are not read."""
+    text = COMMENT.sub(b"", content)
+    for pattern, name in NOT_READ.items():
+        if re.search(rb"<(\w+:)?" + pattern, text, re.DOTALL):
+            raise InvalidInput(f"it has {name}, which cannot be read; export it as GLB")
+    if b"COLLADA" in text and not SCENE.search(text):
+        raise InvalidInput("it shows no scene (instance_visual_scene); export it again")
 
 
 def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]:
@@ -55,6 +76,8 @@ def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]
             return effects[0]
         for effect in library.iter("effect"):
             params = {param.get("sid"): param for param in effect.iter("newparam")}
+            for name, wrap in _wraps(effect, params):
+                unread.append(f"{files.get(name, name)} repeats where coordinates are outside 0 to 1; the file says {wrap}")
             for shader in [part for part in effect.iter() if part.tag in SHADERS]:
                 _show_emission(shader)
                 image = _set_opacity(shader)
@@ -106,6 +129,14 @@ def _set_opacity(shader: Element) -> str | None:
     opacity = float(np.clip(1 - amount if mode.endswith("ZERO") else amount, 0, 1))
     SubElement(SubElement(shader, "transparent"), "color").text = f"1 1 1 {opacity!r}"
     return image
+
+
+def _wraps(effect: Element, params: Mapping[str | None, Element]) -> Iterator[tuple[str, str]]:
+    """List the images that an effect does not repeat in both directions, and what it does."""
+    for sampler in effect.iter("sampler2D"):
+        wraps = [wrap for axis in "st" if (wrap := sampler.findtext(f"wrap_{axis}", "WRAP").strip()) != "WRAP"]
+        if wraps:
+            yield _image_id(sampler.findtext("source", ""), params), wraps[0]
 
 
 def _image_id(name: str, params: Mapping[str | None, Element]) -> str:

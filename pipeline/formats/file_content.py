@@ -41,6 +41,9 @@ PROLOGUE = rb"\s*(<\?xml[^>]*>\s*)?(<!--((?!-->).)*-->\s*)*"
 FOREIGN = {
     PROLOGUE + rb"<((?i:!doctype\s+html|html|head|body)\b)": "a web page (HTML); download the file itself",
     PROLOGUE + rb"(<!DOCTYPE svg[^>]*>\s*)?<svg\b": "an SVG drawing; convert it to PNG",
+    rb"\s*(40[134]: |Entry not found|\{\s*\"(message|error)\"\s*:)|"
+    + PROLOGUE
+    + rb"<Error>\s*<Code>": "an error message of a server; download the file itself",
     rb"/annex/objects/": "a git-annex pointer; run `git annex get`",
     rb"PK(\x03\x04|\x05\x06)": "a ZIP archive; unpack it",
     rb"\x1f\x8b|BZh\d1AY|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf|Rar!|.{257}ustar": "compressed, or an archive; unpack it",

@@ -7,6 +7,7 @@ import re
 from contextlib import suppress
 from pathlib import Path
 
+from pipeline.formats.collada import COMMENT
 from pipeline.formats.file_content import without_mark
 from pipeline.formats.threemf_package import HEAD_BYTES, Package
 
@@ -50,7 +51,7 @@ def stated_units(file: Path) -> tuple[float | None, str | None]:
 def _collada(file: Path) -> tuple[float | None, str]:
     with file.open("rb") as stream:
         head = without_mark(file, stream.read(HEAD_BYTES))
-    head = re.sub(rb"<!--.*?-->", b"", head, flags=re.DOTALL)
+    head = COMMENT.sub(b"", head)
     unit = _attribute(head, rb"unit", rb"meter")
     axis = re.search(rb"<up_axis>\s*([XYZ])_UP", head)
     return _unit(unit) if unit else None, axis[1].decode().lower() if axis else "y"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import refuse_foreign
 
 MAX_ENTRIES = 1_000_000
 """Maximum number of commas and opening brackets in the JSON: each may take a hundred bytes."""
@@ -184,7 +185,9 @@ class Document:
         if number not in self._contents:
             uri = buffer.get("uri")
             inside = self._binary if number == 0 and not compression(buffer) else b""
-            self._contents[number] = inside if uri is None else self._resource(str(uri)) or b""
+            self._contents[number] = content = inside if uri is None else self._resource(str(uri)) or b""
+            if uri is not None and content and content[:4].isascii():  # numbers may begin like a compressed file
+                refuse_foreign(one_line(uri), content)
         return self._contents[number]
 
     def _resource(self, uri: str) -> bytes | None:

@@ -54,6 +54,8 @@ class Looks:
         if primitive.material is not None:
             with self._noting(f"material {primitive.material}"):
                 return self._painted(look, primitive)
+        elif colors is not None:
+            colors[:, 3] = 255  # the default material is opaque
         return look
 
     def _painted(self, look: Look, primitive: Primitive) -> Look:

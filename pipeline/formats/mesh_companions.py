@@ -19,6 +19,7 @@ from pipeline.formats import collada
 from pipeline.formats.file_content import decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.gltf import file_names, read_document
 from pipeline.formats.mtl import OPTIONS, read_library
+from pipeline.formats.obj_lines import LIBRARY
 from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
@@ -27,8 +28,8 @@ MAX_BYTES = 256 * 2**20
 MAX_NAMES = 1000
 """Maximum number of file names in a mesh file."""
 
-MATERIAL_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE)
-"""A line of an OBJ that names material libraries."""
+WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)
+"""How the text of an STL begins in UTF-16 and UTF-32."""
 
 ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
@@ -113,7 +114,7 @@ class Companions(Mapping[str, bytes]):
             case ".ply":
                 yield from _names_after(b"texturefile", content.partition(b"end_header")[0])
             case ".obj":
-                for line in MATERIAL_LIBRARY.finditer(content):
+                for line in LIBRARY.finditer(content):
                     name = _decode(line[1])
                     for library in [name] if self._find(name) else name.split():  # a name may have blanks, a line several names
                         yield library
@@ -159,7 +160,11 @@ def check_file(file: Path) -> None:
 
 def _is_binary_stl(file: Path, content: bytes) -> bool:
     """Check whether a file is a binary STL, whose first 80 bytes may be anything."""
-    return file.suffix.lower() == ".stl" and len(content) >= 84 + 50 * int.from_bytes(content[80:84], "little")
+    return (
+        file.suffix.lower() == ".stl"
+        and not WIDE_SOLID.match(content)
+        and len(content) >= 84 + 50 * int.from_bytes(content[80:84], "little")
+    )
 
 
 def _names_after(word: bytes, content: bytes) -> Iterator[str]:

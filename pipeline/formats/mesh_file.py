@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
-from pipeline.formats.collada import rewrite_effects
-from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign
+from pipeline.formats.collada import check_shape, rewrite_effects
+from pipeline.formats.collada_polygons import cut_concave
+from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
-from pipeline.formats.mesh_parts import GREY, MAX_UV, check_mesh
+from pipeline.formats.mesh_parts import GREY, MAX_UV, check_corners, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
-from pipeline.formats.obj_lines import rewrite_lines, rewrite_uses
+from pipeline.formats.obj_lines import check_statements, rewrite_lines, rewrite_uses, usual_text
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
 from pipeline.formats.stl import read_stl
@@ -70,6 +71,7 @@ def parse_mesh(file: Path, root: Path) -> Mesh:
     try:
         meshes = [mesh for mesh in _read_parts(file, companions) if len(mesh.faces)]
     except InvalidInput as error:
+        refuse_foreign(file.name, companions.content)
         raise InvalidInput(f"{file.name}: {error}") from error
     except MemoryError:
         raise
@@ -101,16 +103,17 @@ def _read_parts(file: Path, companions: Companions) -> list[Mesh]:
         case ".3mf":
             return read_threemf(content, Textures(companions).read, unread)
         case ".obj":
+            content = usual_text(content)
+            check_statements(content, unread)
             content = rewrite_uses(rewrite_lines(content), companions[ALL_LIBRARIES], unread)
             content = b"mtllib %s\n%s" % (ALL_LIBRARIES.encode(), content)
         case ".dae":
-            content, transparent = rewrite_effects(content, unread)
+            check_shape(content)
+            content, transparent = rewrite_effects(cut_concave(content), unread)
     try:
         return _read(content, file, companions, transparent)
     except (InvalidInput, MemoryError):
         raise
-    except (ModuleNotFoundError, UnicodeDecodeError):  # text that is not UTF-8: trimesh needs a package to guess its encoding
-        return _read(decode_text(content).encode(), file, companions, transparent)
     except Exception as error:
         parts = _read(content, file, companions, transparent, skip_materials=True)
         unread.append(f"materials are not read ({type(error).__name__}: {first_line(error)})")
@@ -135,8 +138,7 @@ def _placed(part: Any, pose: NDArray[np.float64], look: Look) -> Mesh:
     part = part.copy(include_visual=False)
     if np.ndim(part.vertices) != 2 or part.vertices.shape[1] != 3:
         raise ValueError(f"vertices have shape {np.shape(part.vertices)}, not (n, 3)")
-    if len(part.faces) and not (part.faces.min() >= 0 and part.faces.max() < len(part.vertices)):
-        raise ValueError(f"a face names a vertex outside 0..{len(part.vertices) - 1}")
+    check_corners(part.faces, len(part.vertices))
     part.apply_transform(pose)
     return Mesh(np.asarray(part.vertices, np.float64), np.asarray(part.faces, np.int32), look)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -39,6 +40,12 @@ def check_mesh(faces: int, vertices: int) -> None:
     check_count("vertices", vertices, 3 * MAX_FACES, "decimate the mesh")
 
 
+def check_corners(corners: NDArray[np.integer], vertices: int) -> None:
+    """Refuse faces that name a vertex beyond the number that there is."""
+    if corners.size and not (corners.min() >= 0 and corners.max() < vertices):
+        raise InvalidInput(f"a face names a vertex outside 0..{vertices - 1}; the file is damaged")
+
+
 def read_numbers(text: bytes) -> NDArray[np.float64]:
     """Read the numbers between blanks; refuse other text."""
     with warnings.catch_warnings():
@@ -46,7 +53,17 @@ def read_numbers(text: bytes) -> NDArray[np.float64]:
         try:
             return np.fromstring(text, np.float64, sep=" ")
         except (ValueError, DeprecationWarning) as error:
-            raise InvalidInput("it has other text where numbers are expected; the file is damaged") from error
+            other = next((word for word in text.split() if not _is_number(word)), b"")[:40].decode("latin-1")
+            remedy = "write decimal points in place of commas" if re.fullmatch(r"[-+\d]+,\d+", other) else "the file is damaged"
+            raise InvalidInput(f"it has {other!r} where a number is expected; {remedy}") from error
+
+
+def _is_number(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def eight_bits(colors: NDArray[Any], *, fractions: bool) -> NDArray[np.uint8]:
@@ -70,8 +87,7 @@ def build_part(
     textures: Sequence[NDArray[np.uint8] | None] = (),
 ) -> Mesh:
     """Build a mesh; faces without a colour of their own are grey, or white where vertices or a texture colour them."""
-    if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
-        raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+    check_corners(faces, len(vertices))
     check_mesh(len(faces), len(vertices))
     page = np.full(len(faces), -1) if page is None or uv is None else page
     kept = [number for number in np.unique(page[page >= 0]).tolist() if textures[number] is not None]

@@ -75,8 +75,9 @@ def _numbers(words: Sequence[str]) -> list[float]:
 
 
 def opacity(values: Values) -> float:
-    """Read the opacity of a material, 0 to 1: `d`, else 1 - `Tr`."""
-    stated = float(values["d"][0]) if "d" in values else 1 - float(values["tr"][0]) if "tr" in values else 1.0
+    """Read the opacity of a material, 0 to 1: `d`, else 1 - `Tr`, where 1 is opaque too, as early versions of MeshLab write it."""
+    transparency = float(values["tr"][0]) if "tr" in values else 0.0
+    stated = float(values["d"][0]) if "d" in values else 1 - transparency if transparency < 1 else 1.0
     return float(np.clip(stated, 0, 1))
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import decode_text
 from pipeline.formats.polygons import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
@@ -22,10 +23,30 @@ VERTEX = re.compile(rb"^v +(\S+)[ \t]+(\S+)[ \t]+(\S+)", re.MULTILINE)
 FACE = re.compile(rb"^f((?:[ \t]+-?\d+(?:/-?\d*){0,2}){3,})[ \t]*\r?$", re.MULTILINE)
 MISREAD = re.compile(rb"^f(?:(?:[ \t]+[\d/-]+){4}|[ \t\d/]*-)", re.MULTILINE)
 """A face of more than three corners, or with relative numbers."""
-USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE)
+USE = re.compile(rb"^usemtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+"""A line that names material libraries."""
 DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
+WRONG = re.compile(rb"^(?:[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]|f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d]))", re.MULTILINE)
+"""A surface that is no polygon, a statement of the first version of the format, or a face that names vertex 0."""
 NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
 """Names that programs write where faces have no material."""
+
+
+def usual_text(content: bytes) -> bytes:
+    """Write an OBJ file in UTF-8, with line feeds where it has carriage returns alone, as its readers need it."""
+    text = content if content.isascii() else decode_text(content).encode()
+    return text if b"\n" in text else text.replace(b"\r", b"\n")
+
+
+def check_statements(content: bytes, unread: list[str]) -> None:
+    """Refuse an OBJ file with surfaces that are no polygons or with vertices 0, and note colours that are not read."""
+    if (wrong := WRONG.search(content)) and wrong[1]:
+        raise InvalidInput(f"it has free-form or outdated surfaces ({wrong[1].decode()}), which cannot be read; export it as polygons")
+    if wrong:
+        raise InvalidInput("a face names vertex 0, the first one is 1; write it again with another program")
+    if b"\n#MRGB " in content:  # as ZBrush writes them
+        unread.append("colours of vertices in comments (#MRGB) are not read")
 
 
 def rewrite_lines(content: bytes) -> bytes:
@@ -140,7 +161,7 @@ def rewrite_uses(content: bytes, libraries: bytes, unread: list[str]) -> bytes:
         return b"usemtl " + name
 
     content = USE.sub(named, content)
-    if definitions and undefined:
+    if undefined and (definitions or not LIBRARY.search(content)):  # a library that is not read is listed by itself
         unread.append(f"materials that no library defines are not read: {_list_names(undefined)}")
     if several:
         unread.append(f"materials with several definitions have the last one: {_list_names(several)}")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, build_part, check_mesh, eight_bits, read_numbers
+from pipeline.formats.mesh_parts import GREY, build_part, check_corners, check_mesh, eight_bits, read_numbers
 from pipeline.formats.polygons import triangulate
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -33,14 +33,13 @@ def read_off(content: bytes, unread: list[str]) -> list[Mesh]:
         raise InvalidInput("it does not begin with OFF and the numbers of its vertices and faces")
     vertex_count, face_count = int(counts[0]), int(counts[1])
     if (rows := len(lines) - 1) < vertex_count + face_count:
-        raise InvalidInput(f"{vertex_count} vertices and {face_count} faces take as many lines, and {rows} follow; it is cut off")
+        raise InvalidInput(f"{vertex_count} vertices and {face_count} faces take as many lines, and {rows} follow; is it cut off?")
     if rest := rows - vertex_count - face_count:
         unread.append(f"{rest} lines after the last of {face_count} faces are ignored")
     check_mesh(face_count, vertex_count)
     vertices, colors = _vertices(lines[1 : 1 + vertex_count], columns, unread)
     corners, sizes, face_colors = _faces(lines[1 + vertex_count : 1 + vertex_count + face_count], unread)
-    if len(corners) and not (corners.min() >= 0 and corners.max() < vertex_count):
-        raise InvalidInput(f"a face names a vertex outside 0..{vertex_count - 1}; the file is damaged")
+    check_corners(corners, vertex_count)
     triangles, polygon = triangulate(corners, sizes, vertices)
     if colors is not None and face_colors is not None:
         unread.append("colours of faces are not read beside those of vertices")

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import Decode, build_part, check_mesh, eight_bits, split_vertices
+from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices
 from pipeline.formats.ply_elements import Element, read_elements
 from pipeline.formats.polygons import triangulate
 from pipeline.kernels.geometry.mesh import Mesh
@@ -22,7 +22,7 @@ COLORS = [
 ]
 """Names of the properties of a colour, the last of which may be missing."""
 
-COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|material_index$")
+COLOR_LIKE = re.compile(r"(?!ambient|specular|emissive).*(?:red|green|blue|colou?r|rgb)|intensity$|gr[ae]y$|material_index$")
 """Names of properties that look like a colour."""
 
 COORDINATES = (("texture_u", "texture_v"), ("u", "v"), ("s", "t"))
@@ -47,8 +47,7 @@ def read_ply(content: bytes, files: Mapping[str, bytes], decode: Decode, unread:
     corners, sizes, indices = _polygons(face)
     strips = np.concatenate([np.empty((0, 3), np.int64), *(_cut_strips(named.pop(name)) for name in list(named) if "strip" in name)])
     _check_elements(named.values(), unread)
-    if len(corners) and not (corners.min() >= 0 and corners.max() < len(vertices)):
-        raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+    check_corners(corners, len(vertices))
     if lines := np.count_nonzero(sizes < 3):
         unread.append(f"faces of fewer than three corners are not read ({lines})")
     check_mesh(int(np.maximum(sizes - 2, 0).sum()) + len(strips), len(vertices))

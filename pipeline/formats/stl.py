@@ -15,7 +15,10 @@ HEAD = 84
 """Bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles."""
 
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-VERTEX = re.compile(rb"[\r\n][ \t]*vertex[ \t]+([^\r\n]*)", re.IGNORECASE)
+NAME = re.compile(rb"(?:^|[\r\n])[ \t]*(?:end[ \t]*)?solid\b(?:(?!\bfacet\b)[^\r\n])*", re.IGNORECASE)
+"""The begin or the end of a solid with its name, which may be any words."""
+
+VERTEX = re.compile(rb"\bvertex((?:\s+[-+.\d]\S*)*)", re.IGNORECASE)
 SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 """How text begins. A binary file may too, but has a zero byte in the number of its triangles."""
 
@@ -55,11 +58,14 @@ def _soup(corners: NDArray[np.floating], colors: NDArray[np.uint8] | None = None
 
 def _read_text(content: bytes) -> list[Mesh]:
     """Read the triangles of all solids of a text file."""
-    lines = VERTEX.findall(content)
-    check_count("vertices", len(lines), 3 * MAX_FACES, "decimate the mesh")
-    numbers, loops = read_numbers(b" ".join(lines)), len(re.findall(rb"\bendloop\b", content, re.IGNORECASE))
-    if len(numbers) != 3 * len(lines) or len(lines) % 3 or (loops and len(lines) != 3 * loops):
-        raise InvalidInput(f"{len(numbers)} numbers in {len(lines)} vertices in {loops} facets are no triangles; it is damaged or cut off")
+    text = NAME.sub(b"", content)
+    vertices = VERTEX.findall(text)
+    check_count("vertices", len(vertices), 3 * MAX_FACES, "decimate the mesh")
+    numbers, loops = read_numbers(b" ".join(vertices)), len(re.findall(rb"\bendloop\b", text, re.IGNORECASE))
+    if len(numbers) != 3 * len(vertices) or len(vertices) % 3 or (loops and len(vertices) != 3 * loops):
+        raise InvalidInput(
+            f"{len(numbers)} numbers in {len(vertices)} vertices in {loops} facets are no triangles; it is damaged or cut off"
+        )
     if not re.search(rb"\bend[ \t]*solid\b", content[-HEAD * TRIANGLE.itemsize :], re.IGNORECASE):
         raise InvalidInput(f"it ends after {loops} facets without the word endsolid; it is cut off")
     return _soup(numbers.reshape(-1, 3, 3))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_count, check_mesh, split_vertices
+from pipeline.formats.mesh_parts import GREY, WHITE, Decode, build_part, check_corners, check_count, check_mesh, split_vertices
 from pipeline.formats.threemf_package import Element, Model, Package, parse_model
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -34,23 +34,36 @@ COLORS = {"basematerials": "displaycolor", "colorgroup": "color"}
 UNREAD = {"compositematerials": "mixtures of materials", "multiproperties": "layers of properties"}
 """Groups of properties that are not read."""
 
-MODIFIERS = (b"ParameterModifier", b"NegativeVolume", b"SupportEnforcer", b"SupportBlocker")
-SLICER_VOLUMES = "Metadata/Slic3r_PE_model.config"
-"""Where PrusaSlicer states which triangles of an object are no part of its shape."""
+SLICER_VOLUMES = {
+    "Metadata/Slic3r_PE_model.config": re.compile(rb"ParameterModifier|NegativeVolume|SupportEnforcer|SupportBlocker"),
+    "Metadata/model_settings.config": re.compile(rb"modifier_part|negative_part|support_enforcer|support_blocker"),
+}
+"""Where PrusaSlicer, and Bambu Studio and its like, state which parts of an object are none of its shape, and their words for these."""
+
+FILAMENTS = "Metadata/project_settings.config"
+"""Where Bambu Studio and its like state the colours of filaments."""
+
+CURA_VOLUMES = ("support_mesh", "anti_overhang_mesh", "cutting_mesh", "infill_mesh")
+"""Cura's settings of an object that is no part of the shape."""
+
+SETTINGS = ("metadatagroup", "settings")
+"""Elements of an object that hold its settings; the latter is of early versions of Cura."""
 
 
 def read_threemf(content: bytes, decode: Decode, unread: list[str]) -> list[Mesh]:
     """Read the meshes of a 3MF file where its build places them; append what is not read to `unread`."""
     package = Package(BytesIO(content))
-    if SLICER_VOLUMES in package:
-        with package.open(SLICER_VOLUMES) as stream:
-            config = stream.read()
-        if any(kind in config for kind in MODIFIERS):
-            raise InvalidInput("it has volumes that modify others, as PrusaSlicer draws them; export its parts as STL")
+    for name, words in SLICER_VOLUMES.items():
+        if name in package:
+            with package.open(name) as stream:
+                if word := words.search(stream.read()):
+                    raise InvalidInput(f"it has volumes that modify others ({word[0].decode()} in {name}); export its parts as STL")
+    if FILAMENTS in package:
+        unread.append(f"colours of filaments ({FILAMENTS}) are not read")
     builder = _Builder(package, decode, unread)
     meshes = list(builder.build())
-    if not meshes and builder.left_out:
-        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.left_out)}")
+    if not meshes:
+        raise InvalidInput(f"nothing of it is built: {'; '.join(builder.left_out) or 'its build has no item with triangles'}")
     unread += [*builder.left_out, *builder.lost]
     return meshes
 
@@ -133,13 +146,18 @@ class _Builder:
         if (kind := thing.attributes.get("type", "model")) in LEFT_OUT:
             self.left_out[f"object {number} is left out; it is {LEFT_OUT[kind]}"] = None
             return
+        for setting in (setting for group in thing.children if group.tag in SETTINGS for setting in group.children):
+            name = setting.attributes.get("name", setting.attributes.get("key", "")).removeprefix("cura:")
+            if name in CURA_VOLUMES and setting.text.lower() == "true":
+                self.left_out[f"object {number} is left out; Cura marks it as {name}"] = None
+                return
         for child in thing.children:
             if child.tag == "components":
                 for component in child.all("component"):
                     yield from self._place(part, component, pose, depth + 1)
             elif child.tag == "mesh":
                 yield from self._mesh(part, thing, child, pose)
-            elif child.tag not in ("metadatagroup",):
+            elif child.tag not in SETTINGS:
                 raise InvalidInput(f"object {number} is a {child.tag}, which cannot be read; export it as triangles")
 
     def _mesh(self, part: _Part, thing: Element, mesh: Element, pose: NDArray[np.float64]) -> Iterator[Mesh]:
@@ -157,8 +175,7 @@ class _Builder:
         self._faces, self._vertices = self._faces + len(triangles), self._vertices + len(vertices)
         check_mesh(self._faces, self._vertices)
         faces = triangles[:, :3]
-        if not (faces.min() >= 0 and faces.max() < len(vertices)):
-            raise InvalidInput(f"a face names a vertex outside 0..{len(vertices) - 1}; the file is damaged")
+        check_corners(faces, len(vertices))
         vertices = vertices @ pose[:3, :3].T + pose[:3, 3]
         turned = [0, 2, 1] if np.linalg.det(pose[:3, :3]) < 0 else [0, 1, 2]  # a mirrored solid keeps its outside
         table = self._table(part)

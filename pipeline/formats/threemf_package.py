@@ -34,7 +34,9 @@ MAIN = re.compile(rb"\sType\s*=\s*[\"'][^\"']*/3dmodel[\"']")
 PAINT = ("paint_color", "mmu_segmentation")
 """Attributes of triangles in which slicers store painted colours in a form of their own."""
 
-CORNERS = ("v1", "v2", "v3")
+TEXTS = ("metadata", "setting")
+"""Elements whose text is kept."""
+
 PROPERTIES = ("pid", "p1", "p2", "p3")
 
 
@@ -47,6 +49,8 @@ class Element:
     children: list[Element] = field(default_factory=list)
     numbers: array[float] = field(default_factory=lambda: array("d"))
     """Positions of `vertices`; of `triangles` three vertices, the group of their properties and three numbers in it, -1 for none."""
+
+    text: str = ""
 
     def all(self, tag: str) -> Iterator[Element]:
         """List the children of a tag."""
@@ -119,20 +123,26 @@ def parse_model(stream: IO[bytes]) -> Model:
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal count
         tag, parent = name.rpartition(" ")[2], open_elements[-1]
-        if tag == "vertex" and parent.tag == "vertices":
-            parent.numbers.extend([float(attributes[axis]) for axis in "xyz"])
-        elif tag == "triangle" and parent.tag == "triangles":
-            parent.numbers.extend([int(attributes[name]) for name in CORNERS])
-            parent.numbers.extend([int(attributes.get(name, -1)) for name in PROPERTIES])
-            model.painted |= len(attributes) > len(CORNERS) and any(name.endswith(PAINT) for name in attributes)
-            check_count("faces", len(parent.numbers) // 7, MAX_FACES, "decimate the mesh")
+        if tag == "triangle" and parent.tag == "triangles":
+            parent.numbers.extend((int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"]), -1, -1, -1, -1))
+            if len(attributes) > 3:
+                parent.numbers[-4:] = array("d", [int(attributes.get(name, -1)) for name in PROPERTIES])
+                model.painted |= any(name.endswith(PAINT) for name in attributes)
+            if len(parent.numbers) > 7 * MAX_FACES:
+                check_count("faces", len(parent.numbers) // 7, MAX_FACES, "decimate the mesh")
+        elif tag == "vertex" and parent.tag == "vertices":
+            parent.numbers.extend((float(attributes["x"]), float(attributes["y"]), float(attributes["z"])))
         else:
+            parser.CharacterDataHandler = data if tag in TEXTS else None
             count += 1
             check_count("elements of XML", count, MAX_ELEMENTS, "merge its objects")
             parent.children.append(Element(tag, {name.rpartition(" ")[2]: value for name, value in attributes.items()}))
             open_elements.append(parent.children[-1])
             return
         open_elements.append(parent)
+
+    def data(text: str) -> None:
+        open_elements[-1].text += text.strip()
 
     def end(_: str) -> None:
         open_elements.pop()

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import codecs
 import re
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.file_content import read_file
+from pipeline.formats.file_content import MARKS, read_file, without_mark
 
 MAX_BYTES, MAX_PARTS = 10 * 2**20, 1000
 """Limits of a URDF file: its size; its number of links, joints and shapes."""
-MARKS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF32_LE: "utf-32",  # before UTF-16, whose mark it begins with
-    codecs.BOM_UTF32_BE: "utf-32",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-    b"<\0": "utf-16-le",
-    b"\0<": "utf-16-be",
-}
-"""Encodings by the first bytes of a file."""
+UNMARKED = {b"<\0": "utf-16-le", b"\0<": "utf-16-be"}
+"""Encodings by the first bytes of a file without a byte-order mark."""
 DECLARATION = re.compile(rb"<\?xml\s[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._:-]+)[\"'][^>]*>")
 OTHER_FORMATS = {
     "mujoco": "MJCF, MuJoCo's format",
@@ -53,8 +44,10 @@ def parse_urdf(path: Path) -> Element:
 
 def _decode(content: bytes) -> str:
     """Decode XML by its byte-order mark, or the encoding that it declares: expat knows four."""
-    encoding = next((encoding for mark, encoding in MARKS.items() if content.startswith(mark)), None)
-    declaration = DECLARATION.match(content.lstrip())
+    marked = content.startswith(tuple(MARKS))
+    content = without_mark("it", content)
+    encoding = UNMARKED.get(content[:2])
+    declaration = None if marked else DECLARATION.match(content.lstrip())
     try:
         if encoding is None and declaration is not None:
             encoding = declaration[1].decode()

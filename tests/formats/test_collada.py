@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_file import parse_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 
@@ -110,3 +111,33 @@ def test_emission_is_shown_where_it_is_the_only_colour(tmp_path: Path) -> None:
 def test_file_in_another_encoding_keeps_its_texture(tmp_path: Path, encoding: str) -> None:
     mesh = painted(tmp_path, TEXTURE + '<transparent><texture texture="sampler1" texcoord="Größe"/></transparent>', encoding=encoding)
     assert mesh.look.textures[0][0, 0].tolist() == [200, 30, 30, 128]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("<node id", '<node id="skinned"><instance_controller url="#skin"/></node><node id', r"a skin or a morph \(instance_controller\)"),
+        ("<instance_geometry", "<skew>45 1 0 0 0 1 0</skew><instance_geometry", "a skewed node"),
+        ("<instance_geometry", "<lookat>0 0 5 0 0 0 0 1 0</lookat><instance_geometry", "a node that looks at a point"),
+        ("<triangles", '<polygons count="1"><ph><p>0 0 1 1 2 2</p><h>0 0 1 1 2 2</h></ph></polygons><triangles', "polygons with holes"),
+        ('<scene><instance_visual_scene url="#scene"/></scene>', "", "shows no scene"),
+    ],
+)
+def test_shapes_that_are_not_computed_are_refused(tmp_path: Path, before: str, after: str, words: str) -> None:
+    (tmp_path / "a.dae").write_text(TRIANGLE.replace(before, after, 1))
+    with pytest.raises(InvalidInput, match=words):
+        parse_mesh(tmp_path / "a.dae", tmp_path)
+
+
+def test_camera_that_looks_at_a_point_and_comments_are_no_shape(tmp_path: Path) -> None:
+    camera = '<node><lookat>0 0 5 0 0 0 0 1 0</lookat><instance_camera url="#camera"/></node><!-- <skew> --><node id'
+    (tmp_path / "a.dae").write_text(TRIANGLE.replace("SHADER", RED).replace("<node id", camera))
+    assert len(parse_mesh(tmp_path / "a.dae", tmp_path).faces) == 1
+
+
+def test_clamped_texture_is_said(tmp_path: Path) -> None:
+    clamped = TRIANGLE.replace("</source></sampler2D>", "</source><wrap_s>CLAMP</wrap_s></sampler2D>", 1).replace("SHADER", TEXTURE)
+    for name in ("a.png", "b.png"):
+        Image.new("RGB", (4, 4)).save(tmp_path / name)
+    (tmp_path / "a.dae").write_text(clamped)
+    assert parse_mesh(tmp_path / "a.dae", tmp_path).unread == ("a.png repeats where coordinates are outside 0 to 1; the file says CLAMP",)

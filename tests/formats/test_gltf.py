@@ -126,11 +126,15 @@ def test_extensions_that_may_change_the_shape_are_listed_or_refused(tmp_path: Pa
         ("accessors/0/byteOffset", 12, "too few for 8 rows"),
         ("bufferViews/0/byteOffset", 12, "is missing or cut off: 108 bytes are needed, there are 96"),
         ("buffers/0/uri", "gone.bin", "gone.bin is missing or cut off: 96 bytes are needed, there are 0"),
+        ("buffers/0/uri", "page.bin", "page.bin is a web page"),
+        ("buffers/0/uri", "pointer.bin", "pointer.bin is a Git LFS pointer; run `git lfs pull`"),
         ("nodes/0/extensions", {"EXT_mesh_gpu_instancing": {"attributes": {"SCALE": 0, "ROTATION": 0}}}, "accessor 0 is VEC3"),
         ("nodes/0/matrix", [1, 2, 3], "cannot be read as GLTF"),
     ],
 )
 def test_damaged_files_are_refused_in_words(tmp_path: Path, path: str, value: object, message: str) -> None:
+    (tmp_path / "page.bin").write_text("<!DOCTYPE html><p>not found</p>" * 9)
+    (tmp_path / "pointer.bin").write_text(f"version https://git-lfs.github.com/spec/v1\noid sha256:{64 * '5'}\nsize 96\n")
     document = Gltf()
     file = document.write(tmp_path / "a.gltf", document.box())
     tree = json.loads(file.read_text())

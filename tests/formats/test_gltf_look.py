@@ -85,6 +85,10 @@ def test_opacity_of_vertices_is_read_for_blending_and_named_for_masks(tmp_path: 
         mesh = painted(tmp_path, {"alphaMode": mode}, COLOR_0=colors)
         assert mesh.look.vertex_color is not None
         assert (mesh.look.vertex_color[0, 3], mesh.unread) == (opacity, unread)
+    document = Gltf()
+    plain = document.read(tmp_path, document.box(COLOR_0=colors)).look.vertex_color
+    assert plain is not None
+    assert (plain[:, 3] == 255).all()
 
 
 DARK = (0, 0, 0, 1)

@@ -53,6 +53,8 @@ def test_library_is_read_in_the_encoding_of_its_mark(tmp_path: Path, encoding: s
         ("Kd 1 0 0", [255, 0, 0, 255]),
         ("Kd 1 0 0\nd 0.5", [255, 0, 0, 128]),
         ("Kd 1 0 0\nTr 0.25", [255, 0, 0, 191]),
+        ("Kd 1 0 0\nTr 1", [255, 0, 0, 255]),
+        ("Kd 1 0 0\nd 0\nTr 1", [255, 0, 0, 0]),
         ("Kd 1 0 0\nd -halo 0.5\nTr 0", [255, 0, 0, 128]),
         ("KD 1 0 0  # red", [255, 0, 0, 255]),
         ("Kd 0.2", [51, 51, 51, 255]),

@@ -93,13 +93,13 @@ def test_what_is_not_read_is_said(tmp_path: Path, lines: tuple[str, ...], said: 
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (("OFF", "4 2 0", *CORNERS, FACES[0]), "4 vertices and 2 faces take as many lines, and 5 follow; it is cut off"),
+        (("OFF", "4 2 0", *CORNERS, FACES[0]), "4 vertices and 2 faces take as many lines, and 5 follow; is it cut off"),
         (("OFF", "4 1 0", *CORNERS, "4 0 1 2"), "line of face 0 has fewer corners than it says"),
         (("OFF", "4 1 0", *CORNERS, "3 0 1 4"), "a face names a vertex outside 0..3"),
         (("OFF", "4 1 0", *CORNERS[:3], "0 1", FACES[0]), "do not have equally many numbers"),
         (("OFF BINARY", "4 1 0"), "binary"),
         (("nOFF", "4", "4 1 0"), "OFF of many dimensions"),
-        (("solid",), "other text where numbers are expected"),
+        (("solid",), "'solid' where a number is expected"),
         (("OFF",), "does not begin with OFF and the numbers"),
         (("OFF", "4 0 0", *CORNERS), "holds no triangle mesh"),
     ],

@@ -129,6 +129,7 @@ def test_opacity_has_a_range_of_its_own(tmp_path: Path) -> None:
     ("options", "said"),
     [
         ({"corners": [f"{corner} 99" for corner in CORNERS], "of_vertex": ("uint rgb",)}, "colours of each vertex (rgb) are not read"),
+        ({"corners": [f"{corner} 9" for corner in CORNERS], "of_vertex": ("uchar intensity",)}, "colours of each vertex (intensity)"),
         ({"faces": [f"{face} 0" for face in FACES], "of_face": (LIST, "int material_index")}, "colours of each face (material_index)"),
         ({"faces": ["3 0 1 2", "2 0 1"]}, "faces of fewer than three corners are not read (1)"),
         ({"comments": PAGES[:1]}, "the texture of the PLY is not read: it has no texture coordinates"),
@@ -253,7 +254,7 @@ def test_texture_coordinates_of_corners_stay_with_their_corners(tmp_path: Path) 
         ("solid", "it has no header that begins with ply"),
         ("\n".join([*header(("vertex", 4, XYZ), ("face", 2, ("int a",))), *CORNERS, "1", "1"]), "2 faces have no list of their vertices"),
         ("\n".join([*header(("vertex", 4, XYZ), ("face", 1, (LIST,))), *CORNERS, "3 0 1 4"]), r"a vertex outside 0\.\.3"),
-        ("\n".join([*header(("vertex", 4, XYZ), ("face", 1, (LIST,))), *CORNERS, "3 0 1 x"]), "other text where numbers are expected"),
+        ("\n".join([*header(("vertex", 4, XYZ), ("face", 1, (LIST,))), *CORNERS, "3 0 1 x"]), "'x' where a number is expected"),
         ("\n".join([*header(("vertex", 4, XYZ), ("face", 2, (LIST,))), *CORNERS, "3 0 1 2", "-3 0 1 2"]), "a list in row 1 of its element"),
         ("\n".join(header(("vertex", 9_000_000, XYZ))), "9000000 rows of vertex, 6000000 are the most"),
         ("\n".join([*header(("vertex", 4, XYZ)), *CORNERS]), "holds no triangle mesh"),

@@ -28,6 +28,11 @@ NAMESPACES = {
 }
 MAIN = "3D/3dmodel.model"
 BUILD = '<item objectid="1"/>'
+BOTH = f'{BUILD}<item objectid="2"/>'
+CURA = (
+    '<metadatagroup><metadata name="cura:cutting_mesh" type="xs:string">True</metadata></metadatagroup>',
+    '<settings><setting key="cutting_mesh">True</setting></settings>',
+)
 RED, BLUE = [220, 20, 20, 255], [20, 20, 220, 255]
 BASES = '<basematerials id="2"><base name="a" displaycolor="#DC1414"/><base name="b" displaycolor="#1414DCFF"/></basematerials>'
 COLORS = '<m:colorgroup id="2"><m:color color="#DC1414FF"/><m:color color="#1414DC"/></m:colorgroup>'
@@ -126,6 +131,10 @@ def test_mirrored_object_keeps_its_outside(tmp_path: Path) -> None:
             "object 2 is left out; it is a helper that is not built",
         ),
         (solid() + solid(2), BUILD + '<item objectid="2" printable="0"/>', "item 2 is left out; it is marked as not printable"),
+        *(
+            (solid() + solid(2).replace("<mesh>", f"{setting}<mesh>"), BOTH, "object 2 is left out; Cura marks it as cutting_mesh")
+            for setting in CURA
+        ),
         (solid(triangle=' paint_color="4"'), BUILD, "colours that a slicer painted on triangles are not read"),
         (
             f'{BASES}<m:compositematerials id="3" matid="2" matindices="0"><m:composite values="1"/></m:compositematerials>{solid()}',
@@ -156,6 +165,7 @@ def test_what_is_left_out_is_said(tmp_path: Path, resources: str, build: str, sa
         (whole(1, 'objectid="1"'), "101 levels of components, 100 are the most; one may contain itself"),
         (whole(1, 'objectid="1" p:path="/none.model"'), "names the part /none.model, which is not in the file"),
         (solid(attributes=' type="support"'), "nothing of it is built: object 1 is left out"),
+        ('<object id="1"><mesh/></object>', "nothing of it is built: its build has no item with triangles"),
         (solid().replace('v1="', 'v1="9'), r"a face names a vertex outside 0\.\.7"),
         (solid().replace('x="0', 'x="a'), "cannot be read as 3MF"),
     ],
@@ -178,7 +188,11 @@ def test_extensions_and_units_that_cannot_be_read_are_refused(tmp_path: Path) ->
         ({"a.txt": "a"}, r"it has no part that ends with \.model"),
         ({MAIN: f"<!DOCTYPE model>{model(solid())}"}, "has a document type, which 3MF forbids"),
         (
-            {MAIN: model(solid()), threemf.SLICER_VOLUMES: '<metadata key="volume_type" value="NegativeVolume"/>'},
+            {MAIN: model(solid()), "Metadata/Slic3r_PE_model.config": '<metadata key="volume_type" value="NegativeVolume"/>'},
+            "volumes that modify others",
+        ),
+        (
+            {MAIN: model(solid()), "Metadata/model_settings.config": '<part id="2" subtype="modifier_part"/>'},
             "volumes that modify others",
         ),
     ],
@@ -248,3 +262,8 @@ def test_textures_are_read_or_said(tmp_path: Path) -> None:
     assert reason.startswith("/3D/bad.png ")
     clamped = read(tmp_path, textured("/3D/a.png", 'tilestyleu="clamp"', 1.5), **parts)
     assert clamped.unread == ("/3D/a.png is repeated where the file says clamp",)
+
+
+def test_colours_of_filaments_are_said(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.3mf", {MAIN: model(solid()), "Metadata/project_settings.config": '{"filament_colour": ["#FF0000"]}'})
+    assert parse_mesh(path, tmp_path).unread == ("colours of filaments (Metadata/project_settings.config) are not read",)
