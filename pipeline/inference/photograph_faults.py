@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +25,8 @@ BALANCE = 0.15
 """Largest difference between the relative brightness of two colours. Those of public sets differ by 0.055."""
 BALANCED = 0.3
 """White balance differs if brightness by colour leaves less than this share of the difference that common brightness leaves."""
+CHROMA = 0.12
+"""Largest relative difference of chroma: of contrast, saturation or hue. Another unit of a sensor differs by 0.07."""
 UNLIKE_PRESSED = 20.0
 """Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
 EXCHANGED, PRESSED_TOO = 0.8, 0.2
@@ -102,8 +106,9 @@ def _background(sensor: Sensor) -> NDArray[np.uint8]:
 def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = True) -> list[str]:
     """Describe an alteration that explains a photograph, each fault with its remedy."""
     faults: list[str] = []
-    if alteration.balanced > UNLIKE:  # nothing explains it
-        return faults
+    chroma = _chroma_faults(alteration) if has_balance else []
+    if alteration.balanced > UNLIKE:  # nothing else explains it
+        return chroma
     if alteration.colours == "grey":
         faults.append("grey: take it in colour")
     elif alteration.colours != "RGB":
@@ -120,7 +125,21 @@ def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = Tru
     if has_balance and np.ptp(relative) > BALANCE and alteration.balanced < BALANCED * alteration.difference:
         colours = ", ".join(f"{name} {100 * (ratio - 1):+.0f} %" for name, ratio in zip(("red", "green", "blue"), relative, strict=True))
         faults.append(f"white balance differs ({colours}): fix the camera's")
-    return faults
+        return faults
+    return faults + chroma
+
+
+def _chroma_faults(alteration: Alteration) -> list[str]:
+    """Describe other contrast, saturation or hue: all colours are as many times as strong, or turned on the colour circle."""
+    strength, hue = abs(alteration.chroma) - 1, math.degrees(cmath.phase(alteration.chroma))
+    if abs(alteration.chroma - 1) <= CHROMA or alteration.colours == "grey":
+        return []
+    if abs(strength) > CHROMA:
+        relation = "stronger" if strength > 0 else "weaker"
+        named = f"contrast, saturation or gamma differs ({100 * abs(strength):.0f} % {relation} colours)"
+    else:
+        named = f"hue differs by {abs(hue):.0f}°"
+    return [f"{named}: fix the camera's, and switch its image enhancement off"]
 
 
 def _has_sides(image: NDArray[np.uint8], rows: int, cols: int) -> bool:
