@@ -72,7 +72,9 @@ class Alteration:
         with the brightness of each colour.
     chroma
         Complex factor of the cells' chromas over those of the altered reference, as bright as the photograph: its size is that of contrast
-        and saturation, its angle that of hue. 1 without a change, or if it does not explain the difference.
+        and saturation, its angle that of hue.
+    chroma_left
+        Share of the median difference of chromas that this factor leaves.
     """
 
     colours: str
@@ -83,6 +85,7 @@ class Alteration:
     difference: float
     balanced: float
     chroma: complex
+    chroma_left: float
 
     @property
     def is_none(self) -> bool:
@@ -176,8 +179,8 @@ def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours
     gain, gains = _gain(cells, altered), _gains(cells, altered)
     unscaled, difference, balanced = (_difference(cells, altered, scale) for scale in (np.ones(1), gain, gains))
     red, green, blue = map(float, gains)
-    chroma = _chroma_factor(cells, gain * altered)
-    return Alteration(colours, orientation, float(gain), (red, green, blue), unscaled, difference, balanced, chroma)
+    chroma = _fit_chroma(cells, gain * altered)
+    return Alteration(colours, orientation, float(gain), (red, green, blue), unscaled, difference, balanced, *chroma)
 
 
 def _difference(cells: NDArray[np.float64], reference: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
@@ -195,12 +198,12 @@ def _gains(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArra
     return np.array([_gain(cells[..., colour], reference[..., colour]) for colour in range(3)])
 
 
-def _chroma_factor(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> complex:
-    """Fit the factor between chromas, with weights of least absolute differences; 1 if what it leaves is larger than its share."""
+def _fit_chroma(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[complex, float]:
+    """Fit the factor between chromas by least absolute differences, and compute the share that it leaves."""
     chroma, reference_chroma = (image @ HUES for image in (cells, reference))
     factor = 1 + 0j
     for _ in range(ROUNDS):
         weights = reference_chroma.conj() / np.maximum(np.abs(chroma - factor * reference_chroma), 1.0)
         factor = complex((weights * chroma).sum() / max((weights * reference_chroma).real.sum(), 1e-9))
     before, after = (float(np.median(np.abs(chroma - scale * reference_chroma))) for scale in (1, factor))
-    return factor if after < abs(factor - 1) * before else 1 + 0j
+    return factor, after / max(before, 1e-9)
