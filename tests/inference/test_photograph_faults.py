@@ -53,8 +53,8 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
         lambda image: noisy(image * np.array([1.25, 1, 0.8]), None),
         r"white balance differs \(red \+2\d %, green .*: fix the camera's",
     ),
-    "contrast": (lambda image: noisy(1.3 * (image - 112.0) + 112, None), r"colours are \d+ % stronger: fix the camera's contrast"),
-    "saturation": (lambda image: noisy((image.astype(float) + grey(image)) / 2, None), r"colours are (4|5)\d % weaker"),
+    "contrast": (lambda image: noisy(1.3 * image.astype(float) - 34, None), r"colours are \d+ % stronger: fix the camera's contrast"),
+    "saturation": (lambda image: noisy(0.5 * image.astype(float) + 0.5 * grey(image).astype(float), None), r"colours are (4|5)\d % weaker"),
     "hue": (lambda image: noisy(np.asarray(image @ turned_hue(30), np.float64), None), r"hue differs by (2|3)\d°: fix the camera's"),
     "bgr, balance": (
         lambda image: noisy(image[..., ::-1] * np.array([1.25, 1, 0.8]), None),
