@@ -96,7 +96,7 @@ class TouchReader:
         Where the network computes.
     accept_photographs
         Whether to read photographs that look altered as a whole, which is an error otherwise: by exchanged colours, turned, mirrored,
-        grey, with another exposure or white balance, of another sensor, or touched and untouched exchanged.
+        grey, with another exposure, white balance, contrast or hue, of another sensor, or touched and untouched exchanged.
 
     Attributes
     ----------
