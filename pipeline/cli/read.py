@@ -12,7 +12,7 @@ import typer
 from rich.markup import escape
 
 from pipeline.cli.failures import fail
-from pipeline.console import errors, pluralise, print_line
+from pipeline.console import NAMED, errors, pluralise, print_line
 from pipeline.errors import InvalidInput
 
 if TYPE_CHECKING:
@@ -59,22 +59,24 @@ def read_touch(
         fail(f"--out {out} is the folder of the photographs, where output files would be read as photographs; name another folder")
     reader = TouchReader(sensor, read_image(untouched), model, accept_photographs=accept_photographs)
     print_line(f"read by {reader.network}")
-    stream: Iterator[NamedPhotograph]
+    stream: Iterator[NamedPhotograph] | Iterator[tuple[str, Path]]
+    left_out: list[str] = []
     if camera is not None:
         stream = camera_frames(camera)
     else:
         assert photographs is not None
         files = [] if watch else photographs_of(photographs, untouched)
-        stream = watched(photographs, untouched) if watch else ((path.stem, read_image(path)) for path in files)
+        stream = watched(photographs, untouched) if watch else ((path.stem, path) for path in files)
     began, count, reading_seconds = time.perf_counter(), 0, 0.0
     for name, image in stream:
         start = time.perf_counter()
         try:
-            reading = reader.read(image)
-        except InvalidInput as error:  # of another size, or altered
-            if not watch:
-                raise InvalidInput(f"{name}: {error}") from error
-            errors.print(f"[yellow]warning:[/] {escape(name)} is left out: {escape(str(error))}")
+            reading = reader.read(read_image(image) if isinstance(image, Path) else image)
+        except InvalidInput as error:  # unreadable, of another size, or altered
+            if watch or camera is not None:
+                errors.print(f"[yellow]warning:[/] {escape(name)} is left out: {escape(str(error))}")
+            else:
+                left_out.append(f"{name}: {error}")
             continue
         reading_seconds += time.perf_counter() - start
         area = MM2 * float(reading.contact.sum()) * float(np.prod(reading.sensor.pitch))
@@ -91,3 +93,6 @@ def read_touch(
     )
     if out is not None:
         print_line(f"{out}: NAME-depth.png (0.1 µm per level), NAME-contact.png, NAME-normals.png, NAME.ply, touches.zarr")
+    if left_out:
+        more = f"\nand {len(left_out) - NAMED} more" if len(left_out) > NAMED else ""
+        raise InvalidInput(f"{pluralise(len(left_out), 'photograph')} left out:\n" + "\n".join(left_out[:NAMED]) + more)

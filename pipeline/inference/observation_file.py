@@ -10,16 +10,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo, WithJsonSchema, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
-from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml, shipped_files
+from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
-from pipeline.formats.image_file import read_depth, read_image, read_mask
-from pipeline.formats.sensor_file import load_sensor
+from pipeline.inference.observed_files import Depth, Image, Mask, SensorName, check_array, size_text
 from pipeline.inference.observed_pose import Entries, Pose, Vector
-from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.background import foreground
 
 NOWHERE = "object.centre is missing"
@@ -29,34 +27,6 @@ TO_ADD = ": add the entry "
 """Precedes the entries that a model needs, at the end of the fault that they are missing."""
 
 MAX_TOUCHES = 256
-
-
-def _read(reader: Callable[[Path], Any], array_type: str) -> BeforeValidator:
-    """Read a file that is named relative to the observation file; take an array as it is."""
-
-    def validate(value: Any, info: ValidationInfo) -> Any:
-        if isinstance(value, str | Path):
-            return reader(((info.context or {}).get("folder") or Path()) / value)
-        if isinstance(value, np.ndarray) or value is None:
-            return value
-        raise ValueError(f"it must be the name of a file, or an array of {array_type}")
-
-    return BeforeValidator(validate)
-
-
-def _sensor(value: Any, info: ValidationInfo) -> Any:
-    if not isinstance(value, str | Path):
-        if isinstance(value, Sensor):
-            return value
-        raise ValueError("it must be the name of a shipped sensor, or of a sensor file")
-    return load_sensor(value if str(value) in shipped_files("sensor") else ((info.context or {}).get("folder") or Path()) / value)
-
-
-_FILE = WithJsonSchema({"type": "file"})
-Image = Annotated[NDArray[np.uint8], _read(read_image, "uint8 (rows, cols, 3)"), _FILE]
-Mask = Annotated[NDArray[np.bool_], _read(read_mask, "bool (rows, cols)"), _FILE]
-Depth = Annotated[NDArray[Any], _read(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
-SensorName = Annotated[Sensor, BeforeValidator(_sensor), WithJsonSchema({"type": "name"})]
 
 
 class ObservedObject(Entries):
@@ -107,16 +77,16 @@ class ObservedCamera(Entries):
 
     @model_validator(mode="after")
     def _is_one_size(self) -> ObservedCamera:
-        _check_array("image", self.image, np.uint8, 3)
+        check_array("image", self.image, np.uint8, 3)
         shape = self.image.shape[:2]
         for name in ("mask", "hand_mask"):
             if (mask := getattr(self, name)) is not None:
-                _check_array(name, mask, np.bool_, 2)
+                check_array(name, mask, np.bool_, 2)
         if self.depth is not None:
-            _check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
+            check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
         for name in ("mask", "hand_mask", "depth"):
             if (array := getattr(self, name)) is not None and array.shape != shape:
-                raise ValueError(f"{name} has {_size(array)} pixels, the image {_size(self.image)}; register them")
+                raise ValueError(f"{name} has {size_text(array)} pixels, the image {size_text(self.image)}; register them")
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
         if lacking := [name for name in ("depth", "mask") if getattr(self, name) is None and self.depth_as_touch]:
@@ -189,10 +159,10 @@ class RobotObservation(Entries):
         images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
         images += [] if self.untouched is None else [("untouched", self.untouched)]
         for name, image in images:
-            _check_array(name, image, np.uint8, 3)
-            first, size = images[0][0], _size(images[0][1])
-            if _size(image) != size:
-                raise ValueError(f"{name} has {_size(image)} pixels, {first} {size}; give photographs by one kind of sensor")
+            check_array(name, image, np.uint8, 3)
+            first, size = images[0][0], size_text(images[0][1])
+            if size_text(image) != size:
+                raise ValueError(f"{name} has {size_text(image)} pixels, {first} {size}; give photographs by one kind of sensor")
         return self
 
     @property
@@ -236,15 +206,6 @@ class RobotObservation(Entries):
         return f"RobotObservation({photograph}, {pluralise(len(self.touches), 'touch')}, {self.unit})"
 
     __str__ = __repr__
-
-
-def _check_array(name: str, array: Any, dtype: Any, dims: int) -> None:
-    if array.dtype != dtype or array.ndim != dims or (dims == 3 and array.shape[2] != 3) or not array.size:
-        raise ValueError(f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(dtype)} (rows, cols{', 3' * (dims == 3)})")
-
-
-def _size(array: NDArray[Any]) -> str:
-    return f"{array.shape[1]} x {array.shape[0]}"
 
 
 def read_entries(path: Path) -> Any:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import cmath
+import math
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +25,12 @@ BALANCE = 0.15
 """Largest difference between the relative brightness of two colours. Those of public sets differ by 0.055."""
 BALANCED = 0.3
 """White balance differs if brightness by colour leaves less than this share of the difference that common brightness leaves."""
+CHROMA = 0.12
+"""Largest relative difference of chroma: of contrast, saturation or hue. Another unit of a sensor differs by 0.07."""
+CHROMA_LEFT = 0.7
+"""Chroma differs if its factor leaves less than this share of the difference; beside a press, less than the factor's own change."""
+STRANGE = 1.5
+"""Chroma that differs by more is no setting of a camera."""
 UNLIKE_PRESSED = 20.0
 """Levels by which a pressed gel may differ in the median of its cells: one that is tilted by 40° as a whole differs by 17."""
 EXCHANGED, PRESSED_TOO = 0.8, 0.2
@@ -86,7 +94,10 @@ def photograph_faults(
         return []
     alteration = find_alteration(photograph, reference)
     is_lit_by_lamps = sensor is not None and sensor.calibrated is None  # under which a tilt of all of the gel looks like white balance
-    faults = [f"{name}, compared with {beside}: {fault}" for fault in _altered(alteration, exposure, has_balance=not is_lit_by_lamps)]
+    faults = [
+        f"{name}, compared with {beside}: {fault}"
+        for fault in _altered(alteration, exposure, is_pressed=True, has_balance=not is_lit_by_lamps)
+    ]
     if faults or alteration.difference <= UNLIKE_PRESSED or is_lit_by_lamps:
         return faults
     return [
@@ -99,11 +110,12 @@ def _background(sensor: Sensor) -> NDArray[np.uint8]:
     return untouched_image(sensor)
 
 
-def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = True) -> list[str]:
+def _altered(alteration: Alteration, exposure: float, *, is_pressed: bool = False, has_balance: bool = True) -> list[str]:
     """Describe an alteration that explains a photograph, each fault with its remedy."""
     faults: list[str] = []
-    if alteration.balanced > UNLIKE:  # nothing explains it
-        return faults
+    chroma = _chroma_faults(alteration, is_pressed=is_pressed) if has_balance else []
+    if alteration.balanced > UNLIKE:  # nothing else explains it
+        return chroma
     if alteration.colours == "grey":
         faults.append("grey: take it in colour")
     elif alteration.colours != "RGB":
@@ -120,7 +132,19 @@ def _altered(alteration: Alteration, exposure: float, *, has_balance: bool = Tru
     if has_balance and np.ptp(relative) > BALANCE and alteration.balanced < BALANCED * alteration.difference:
         colours = ", ".join(f"{name} {100 * (ratio - 1):+.0f} %" for name, ratio in zip(("red", "green", "blue"), relative, strict=True))
         faults.append(f"white balance differs ({colours}): fix the camera's")
-    return faults
+        return faults
+    return faults + chroma
+
+
+def _chroma_faults(alteration: Alteration, *, is_pressed: bool) -> list[str]:
+    """Describe other contrast, saturation or hue: all colours are as many times as strong, or turned on the colour circle."""
+    factor, change = alteration.chroma, abs(alteration.chroma - 1)
+    if alteration.colours == "grey" or not CHROMA < change < STRANGE or alteration.chroma_left > (change if is_pressed else CHROMA_LEFT):
+        return []
+    if abs(abs(factor) - 1) <= CHROMA:
+        return [f"hue differs by {abs(math.degrees(cmath.phase(factor))):.0f}°: fix the camera's"]
+    strength = f"{100 * abs(abs(factor) - 1):.0f} % {'stronger' if abs(factor) > 1 else 'weaker'}"
+    return [f"colours are {strength}: fix the camera's contrast, saturation and gamma, without image enhancement"]
 
 
 def _has_sides(image: NDArray[np.uint8], rows: int, cols: int) -> bool:

@@ -96,7 +96,7 @@ class TouchReader:
         Where the network computes.
     accept_photographs
         Whether to read photographs that look altered as a whole, which is an error otherwise: by exchanged colours, turned, mirrored,
-        grey, with another exposure or white balance, of another sensor, or touched and untouched exchanged.
+        grey, with another exposure, white balance, contrast or hue, of another sensor, or touched and untouched exchanged.
 
     Attributes
     ----------
@@ -152,6 +152,9 @@ class TouchReader:
         """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
         if not self.accept_photographs:
             stop_at(photograph_faults(image, self.untouched, self.described))
+        if image.shape != self.untouched.shape:
+            size, needed = (f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (image, self.untouched))
+            raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
         indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
         rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
         return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)

@@ -131,7 +131,7 @@ def test_photograph_of_another_size_is_named(folder: Path, tmp_path: Path) -> No
     options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
     result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
     assert result.exit_code == 1
-    assert "small: the untouched photograph is" in " ".join(result.output.split())
+    assert "small: it has 7 x 5 pixels, the untouched photograph 48 x 36" in " ".join(result.output.split())
 
 
 def test_new_photographs_of_a_watched_folder_are_read_when_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

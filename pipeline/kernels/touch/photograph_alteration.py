@@ -29,6 +29,10 @@ DARK, BRIGHT = 8, 250
 """Levels between which ratios of brightness are measured."""
 PRESSED = 8.0
 """Levels by which a cell of a contact differs."""
+HUES = np.exp(2j * np.pi * np.arange(3) / 3)
+"""Directions of red, green and blue on the colour circle: their sum with a colour is 0 if it is grey."""
+ROUNDS = 10
+"""Rounds of weighted least squares."""
 LUMA = np.array([0.299, 0.587, 0.114])
 """Shares of red, green and blue in a grey level."""
 
@@ -66,6 +70,11 @@ class Alteration:
     unscaled, difference, balanced
         Median differences of the cells' colours from those of the altered reference, levels: as it is, as bright as the photograph, and
         with the brightness of each colour.
+    chroma
+        Complex factor of the cells' chromas over those of the altered reference, as bright as the photograph: its size is that of contrast
+        and saturation, its angle that of hue.
+    chroma_left
+        Share of the median difference of chromas that this factor leaves.
     """
 
     colours: str
@@ -75,6 +84,8 @@ class Alteration:
     unscaled: float
     difference: float
     balanced: float
+    chroma: complex
+    chroma_left: float
 
     @property
     def is_none(self) -> bool:
@@ -102,11 +113,16 @@ def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8])
     plain = _compare(cells, reference_cells, "RGB", orientations[0])
     if plain.is_none and plain.difference <= ALIKE:
         return plain
-    tried = [_compare(cells, reference_cells, *kind) for kind in sorted(product(COLOURS, orientations), key=_rank)]
-    least = min(alteration.difference for alteration in tried)
-    if plain.is_none and least > min(EXPLAINED * plain.difference, UNLIKE):
-        return plain
-    return next(alteration for alteration in tried if alteration.difference <= least + SIMPLER)
+    kinds = sorted(product(COLOURS, orientations), key=_rank)
+    coarse, coarse_reference = (image.reshape(GRID // 2, 2, GRID // 2, 2, 3).mean(axis=(1, 3)) for image in (cells, reference_cells))
+    candidates = [_altered(coarse_reference, *kind) for kind in kinds]
+    for measure in (_gain, _gains) if plain.balanced > UNLIKE else (_gain,):  # perhaps white balance differs as well
+        remainders = [_difference(coarse, candidate, measure(coarse, candidate)) for candidate in candidates]
+        least = min(remainders)
+        if not plain.is_none or least <= min(EXPLAINED * remainders[0], UNLIKE):
+            kind = next(kind for kind, remainder in zip(kinds, remainders, strict=True) if remainder <= least + SIMPLER)
+            return _compare(cells, reference_cells, *kind)
+    return plain
 
 
 def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], background: NDArray[np.uint8]) -> float:
@@ -122,7 +138,7 @@ def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], b
     0 if the untouched photograph has no contact, 1 if it has the only one, else between; 0 if nothing is pressed.
     """
     first, second, rest = (cell_means(image) for image in (untouched, photograph, background))
-    first, second = (cells / max(_gain(cells, rest), 0.1) for cells in (first, second))
+    first, second = (cells / np.maximum(_gain(cells, rest), 0.1) for cells in (first, second))
     change = np.abs(second - first).mean(axis=2)
     if change.max() < PRESSED:
         return 0.0
@@ -138,13 +154,11 @@ def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> f
 
 def cell_means(image: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Average an image in a grid, (rows, cols, 3) to (GRID, GRID, 3) levels: some pixels of a large one; those of a small one repeat."""
-    step = max(1, min(image.shape[:2]) // (SAMPLES * GRID))
-    means = np.asarray(image[step // 2 :: step, step // 2 :: step], np.float64)
-    for axis in (0, 1):
-        edges = np.arange(GRID + 1) * means.shape[axis] // GRID
-        sums = np.add.reduceat(means, edges[:-1], axis=axis)
-        means = sums / np.maximum(np.diff(edges), 1).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-    return means
+    rows, cols = (((np.arange(SAMPLES * GRID) + 0.5) * side / (SAMPLES * GRID)).astype(int) for side in image.shape[:2])
+    sums = np.zeros((GRID, GRID, 3))
+    for row, col in product(range(SAMPLES), repeat=2):
+        sums += image[rows[row::SAMPLES, None], cols[col::SAMPLES]]
+    return sums / SAMPLES**2
 
 
 def _rank(kind: tuple[str, Orientation]) -> tuple[int, int]:
@@ -153,18 +167,43 @@ def _rank(kind: tuple[str, Orientation]) -> tuple[int, int]:
     return min(colours, 1) + (colours > 2) + (orientation % 4 > 0), colours + orientation
 
 
+def _altered(reference: NDArray[np.float64], colours: str, orientation: Orientation) -> NDArray[np.float64]:
+    turned = _TURNED[orientation](reference)
+    if colours == "grey":
+        return np.repeat((turned @ LUMA)[..., None], 3, axis=2)
+    return turned[..., ["RGB".index(colour) for colour in colours]]
+
+
 def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours: str, orientation: Orientation) -> Alteration:
-    altered = _TURNED[orientation](reference)
-    altered = np.repeat((altered @ LUMA)[..., None], 3, axis=2) if colours == "grey" else altered[..., ["RGB".index(c) for c in colours]]
-    gain = _gain(cells, altered)
-    gains = tuple(_gain(cells[..., channel], altered[..., channel]) for channel in range(3))
-    unscaled, difference, balanced = (
-        float(np.median((np.abs(cells - scale * altered) / np.maximum(scale, 0.1)).mean(axis=2))) for scale in (1.0, gain, np.array(gains))
-    )
-    return Alteration(colours, orientation, gain, (gains[0], gains[1], gains[2]), unscaled, difference, balanced)
+    altered = _altered(reference, colours, orientation)
+    gain, gains = _gain(cells, altered), _gains(cells, altered)
+    unscaled, difference, balanced = (_difference(cells, altered, scale) for scale in (np.ones(1), gain, gains))
+    red, green, blue = map(float, gains)
+    chroma = _fit_chroma(cells, gain * altered)
+    return Alteration(colours, orientation, float(gain), (red, green, blue), unscaled, difference, balanced, *chroma)
 
 
-def _gain(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
+def _difference(cells: NDArray[np.float64], reference: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
+    """Compute the median difference from a reference that is `scale` times as bright, levels of the reference."""
+    return float(np.median((np.abs(cells - scale * reference) / np.maximum(scale, 0.1)).mean(axis=2)))
+
+
+def _gain(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute how many times as bright cells are as their reference: the median where neither is too dark or too bright."""
     usable = (reference > DARK) & (cells < BRIGHT)
-    return float(np.median(cells[usable] / reference[usable]) if usable.any() else cells.mean() / max(reference.mean(), 1.0))
+    return np.asarray(np.median(cells[usable] / reference[usable]) if usable.any() else cells.mean() / max(reference.mean(), 1.0))
+
+
+def _gains(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.array([_gain(cells[..., colour], reference[..., colour]) for colour in range(3)])
+
+
+def _fit_chroma(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[complex, float]:
+    """Fit the factor between chromas by least absolute differences, and compute the share that it leaves."""
+    chroma, reference_chroma = (image @ HUES for image in (cells, reference))
+    factor = 1 + 0j
+    for _ in range(ROUNDS):
+        weights = reference_chroma.conj() / np.maximum(np.abs(chroma - factor * reference_chroma), 1.0)
+        factor = complex((weights * chroma).sum() / max((weights * reference_chroma).real.sum(), 1e-9))
+    before, after = (float(np.median(np.abs(chroma - scale * reference_chroma))) for scale in (1, factor))
+    return factor, after / max(before, 1e-9)
