@@ -30,24 +30,12 @@ from stages.registry import DATASET, load_stage, resolve
 
 @dataclass(frozen=True)
 class Remake:
-    """A recipe that is ready to run, with the user's folders; nothing has been run.
-
-    Attributes
-    ----------
-    recipe
-        What is to be made.
-    items
-        Its objects, or a sample of them.
-    settings
-        By stage.
-    sampled
-        Whether these are a sample.
-    """
+    """A recipe that is ready to run, with the user's folders; nothing has been run."""
 
     recipe: Recipe
-    items: Sequence[Object]
-    settings: Mapping[str, Settings]
-    sampled: bool = False
+    items: Sequence[Object]  # its objects, or a sample of them
+    settings: Mapping[str, Settings]  # by stage
+    sampled: bool = False  # `items` are a sample
 
     def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
         """Yield the request of each stage in turn."""
@@ -65,24 +53,16 @@ class Remake:
             )
 
 
-def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Path | None = None, sample: int | None = None) -> Remake:
+def prepare_remake(
+    recipe: Recipe,  # possibly from an untrusted source
+    objects: Path | None = None,  # folder of its meshes; of the folders, where the recipe names several
+    descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
+    sample: int | None = None,  # how many objects, drawn at random
+) -> Remake:
     """Check everything that a recipe needs before anything is made.
 
-    Parameters
-    ----------
-    recipe
-        Possibly from an untrusted source.
-    objects
-        The folder of its meshes; of the folders, where the recipe names several.
-    descriptions
-        The folder for the hand, sensor and scene files that come with no package; those that the recipe holds are written there.
-    sample
-        How many objects, drawn at random.
-
-    Raises
-    ------
-    InvalidInput
-        A source, setting or description file is missing or is not that of the recipe; the message names it and what to do.
+    An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
+    to do.
     """
     if recipe.texts or recipe.files:
         if descriptions is None:

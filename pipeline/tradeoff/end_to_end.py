@@ -34,24 +34,12 @@ TRAININGS = 3
 
 @dataclass(frozen=True)
 class Variant:
-    """A dataset that differs from the user's in one respect.
+    """A dataset that differs from the user's in one respect."""
 
-    Attributes
-    ----------
-    assignments
-        Settings that differ from the user's.
-    share
-        Share of the training objects that it has.
-    epochs
-        Factor of the epochs of all trainings.
-    coarse
-        Factor of the sensor's rows and columns.
-    """
-
-    assignments: tuple[str, ...] = ()
-    share: float = 1.0
-    epochs: float = 1.0
-    coarse: float = 1.0
+    assignments: tuple[str, ...] = ()  # settings that differ from the user's
+    share: float = 1.0  # of the training objects
+    epochs: float = 1.0  # factor of the epochs of all trainings
+    coarse: float = 1.0  # factor of the sensor's rows and columns
 
 
 USER_SETTINGS = "your settings"
@@ -67,21 +55,14 @@ VARIANTS: Mapping[str, Variant] = {
 }
 
 
-def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> MeasuredTrade:
-    """Measure every variant, or read it where it is measured under the same key; a killed measurement continues.
+def measure_end_to_end(
+    setup: Setup,  # all objects, and the user's settings
+    seconds: float,  # for all of it; the sample is as large as this allows
+    console: Console,
+) -> MeasuredTrade:
+    """Measure every variant, or read it if it is measured under the same key; a killed measurement continues.
 
-    Parameters
-    ----------
-    setup
-        All objects, and the user's settings.
-    seconds
-        For all of it; the sample is as large as this allows.
-    console
-        Shows progress.
-
-    Returns
-    -------
-    The trade, also written below the data directory. Times and sizes are those of all objects and trainings together.
+    The trade is also written below the data directory. Times and sizes are those of all objects and trainings together.
     """
     setup = replace(setup, network=NETWORK)
     variants = _variants(setup)

@@ -25,12 +25,10 @@ class _Sum(torch.autograd.Function):
 
 
 class SharedBatchNorm(_BatchNorm):
-    """Normalise by the mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
+    """Normalise by the mean and variance of the whole batch, as one process would.
 
-    Attributes
-    ----------
-    share
-        1, or 0 if this process has no items of the batch: its results then have no weight.
+    Weights and buffers are those of `nn.BatchNorm2d`. `share` is 1, or 0 if this process has no items of the batch: its
+    results then have no weight.
     """
 
     share = 1.0

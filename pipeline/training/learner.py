@@ -13,15 +13,10 @@ from torch import Tensor, nn
 class Learner(ABC):
     """A network with its training items and its validation.
 
-    Attributes
-    ----------
-    network
-        The network. The loop may train it in a wrapper: `loss` and `validate` take the network as an argument.
-    keeps_last
-        Whether the last epoch's weights are kept instead of the best epoch's, where validation does not tell which are best.
+    The loop may train `network` in a wrapper: `loss` and `validate` take the network as an argument.
     """
 
-    keeps_last: ClassVar[bool] = False
+    keeps_last: ClassVar[bool] = False  # the last epoch's weights, where validation does not tell which are best
 
     def __init__(self, network: nn.Module) -> None:
         self.network = network

@@ -52,15 +52,9 @@ class TrainingSettings(Settings):
 
 
 class ReconstructionSettings(TrainingSettings):
-    """The settings of the training of any network that reconstructs objects, with the definition of an item.
+    """The settings of the training of any network that reconstructs objects, with the definition of an item."""
 
-    Attributes
-    ----------
-    configurations
-        The family's networks by name.
-    """
-
-    configurations: ClassVar[Mapping[str, NetworkInputs]]
+    configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
 
     configuration: str = setting(..., "which network", changes="definition")
     training_seed: int = setting(
