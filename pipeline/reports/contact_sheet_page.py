@@ -37,31 +37,15 @@ MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([
 
 @dataclass(frozen=True)
 class Band:
-    """Hold the content of a sheet for one object in one grasp.
+    """Hold the content of a sheet for one object in one grasp."""
 
-    Attributes
-    ----------
-    title, note
-        The object's name and size, and a line about the grasp (its touches, how deep rigid parts are in the object, …).
-    pictures
-        Captions and (R, R, 3) uint8 images, left to right.
-    fingers
-        (S,) names.
-    touched
-        (S,) bool, M.
-    tactile_images
-        (S, H, W, 3) uint8, R.
-    depths
-        (S, H, W) D, m, +inf where nothing is met.
-    """
-
-    title: str
-    note: str
-    pictures: Sequence[tuple[str, NDArray[np.uint8]]]
-    fingers: Sequence[str]
-    touched: NDArray[np.bool_]
-    tactile_images: NDArray[np.uint8]
-    depths: NDArray[np.float32]
+    title: str  # the object's name and size
+    note: str  # a line about the grasp: its touches, how deep rigid parts are in the object, …
+    pictures: Sequence[tuple[str, NDArray[np.uint8]]]  # captions and (R, R, 3) images, left to right
+    fingers: Sequence[str]  # (S,) names
+    touched: NDArray[np.bool_]  # (S,) M
+    tactile_images: NDArray[np.uint8]  # (S, H, W, 3) R
+    depths: NDArray[np.float32]  # (S, H, W) D, m; +inf where nothing is met
 
 
 def spread_evenly(items: Sequence[T], limit: int) -> list[T]:
@@ -75,14 +59,10 @@ def finger_colors(count: int) -> list[Color]:
 
 
 def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
-    """Draw the bands on as many pages as needed, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
+    """Draw the bands on as many pages as needed; return the PNG files: `path`, then NAME-2.png, NAME-3.png, ….
 
-    Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps' colours.
-
-    Raises
-    ------
-    ValueError
-        Where there is nothing to draw.
+    Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps'
+    colours.
     """
     if not bands:
         raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")

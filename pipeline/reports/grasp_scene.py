@@ -45,14 +45,9 @@ _visual: Any = trimesh.visual
 
 
 class GraspScenes:
-    """Make the scenes of a dataset's objects, for one hand and its sensors.
+    """Make the scenes of a dataset's objects, for one hand and its sensors, one per finger.
 
-    Parameters
-    ----------
-    hand, sensors
-        As the dataset was made with; one sensor per finger.
-    small
-        Whether meshes are simplified and coordinates rounded, for a web page; else they are as stored.
+    If `small`, meshes are simplified and coordinates rounded, for a web page; else they are as stored.
     """
 
     def __init__(self, hand: Hand, sensors: Sequence[Sensor], *, small: bool) -> None:
@@ -60,11 +55,10 @@ class GraspScenes:
         self._shapes = [(link, f"shape-{number}", self._shape(mesh)) for number, (link, mesh) in enumerate(hand.visual_meshes)]
 
     def scene(self, rows: Rows, grasps: Iterable[int] | None = None) -> Scene:
-        """Make the scene of an object from its rows of `surfaces`, `grasps` and, where there are some, `touch` and `charts`.
+        """Make the scene of an object from its rows of `surfaces`, `grasps` and, if made, `touch` and `charts`.
 
-        Returns
-        -------
-        Nodes `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and `grasp-K-charts`; m, y up as glTF is.
+        Its nodes are `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and
+        `grasp-K-charts`; m, y up as glTF is.
         """
         scene = _empty()
         for number, part in enumerate(self._object(rows["surfaces"])):
@@ -124,11 +118,15 @@ class GraspScenes:
                 part = _plain(charts["vertices"][grasp, sensor], charts["chart_faces"], TOUCH_COLOR[:3])
                 self.add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
 
-    def add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
-        """Add a mesh to a scene, below the node `group`, which is made if missing; a mesh of the same name is shared.
-
-        The pose (4, 4), from mesh to group, m, is by default the identity.
-        """
+    def add(
+        self,
+        scene: Scene,
+        name: str,
+        mesh: trimesh.Trimesh,
+        group: str,
+        pose: NDArray[np.float64] | None = None,  # (4, 4) mesh to group, m; by default the identity
+    ) -> None:
+        """Add a mesh to a scene below the node `group`, made if missing; a mesh of the same name is shared."""
         if group not in scene.graph.nodes:
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
         node, matrix = f"{group}-{name}", np.eye(4) if pose is None else pose

@@ -42,9 +42,7 @@ REMEDIES = {
 def trial_grasps(path: Path) -> list[str]:
     """Attempt to grasp a ball with the hand of a file without faults, as `simulate-grasps` does.
 
-    Returns
-    -------
-    Lines: how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
+    The lines say how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
     """
     settings = GraspSettings(hand=str(path))
     prepared = prepare_hand(settings)

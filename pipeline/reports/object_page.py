@@ -55,12 +55,7 @@ PARTS = {
 class ObjectPages:
     """Write the pages of a report's objects into its folder `objects`: ID.html, ID.webp, ID.mesh.js, ID.predictions.js.
 
-    Parameters
-    ----------
-    source, template, folder
-        The dataset, the page's template, and the folder.
-    opened
-        Closes the renderer of thumbnails, which is opened when first needed.
+    `opened` closes the renderer of thumbnails, which is opened when first needed.
     """
 
     def __init__(self, source: ReportSource, template: Template, folder: Path, opened: ExitStack) -> None:

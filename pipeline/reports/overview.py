@@ -20,14 +20,15 @@ GAP = 4
 """Pixels between the tiles of a picture."""
 
 
-def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render an object, a grasp of it and its reconstruction; then the steps between: tactile images, depth maps, touched surface.
+def overview_panels(
+    source: ReportSource,
+    object_id: str,
+    grasp: int,  # from 0
+) -> list[tuple[str, NDArray[np.uint8]]]:  # captions, square images (R, R, 3)
+    """Render an object, a grasp of it and its reconstruction, then the steps between.
 
-    Grasps are counted from 0. The reconstruction is the best of those that are given touches, else the best of all.
-
-    Returns
-    -------
-    Captions, and square images (R, R, 3) uint8; without a reconstruction if the object was not evaluated.
+    These are tactile images, depth maps and touched surface. The reconstruction is the best of those that are given
+    touches, else the best of all; there is none if the object was not evaluated.
     """
     rows, sensors, scene = source.rows(object_id), source.sensors(), shown_scene(source.directory)
     mesh = read_mesh(rows["surfaces"])

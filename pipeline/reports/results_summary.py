@@ -38,29 +38,17 @@ DEFAULT_SERIES = "graph network"
 
 @dataclass(frozen=True)
 class Summary:
-    """The results with one grasp.
+    """The results with one grasp."""
 
-    Attributes
-    ----------
-    sentences
-        Three sentences for the report.
-    errors
-        Mean distances, mm, by series and by way of `INPUT_CHOICES`.
-    retrieved
-        The mean distance of a training object, mm, by way.
-    """
-
-    sentences: list[str]
-    errors: Mapping[str, Mapping[str, Interval]]
-    retrieved: Mapping[str, float]
+    sentences: list[str]  # three, for the report
+    errors: Mapping[str, Mapping[str, Interval]]  # mean distances, mm, by series and by way of `INPUT_CHOICES`
+    retrieved: Mapping[str, float]  # mean distance of a training object, mm, by way
 
 
 def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()) -> Summary | None:
-    """Summarise the results with one grasp of an evaluation or a score, further trainings of its networks, and scores.
+    """Summarise the results with one grasp of an evaluation or a score; None if there are none.
 
-    Returns
-    -------
-    The summary; None if nothing was measured with one grasp.
+    `further` are evaluations of other trainings of its networks, `scored` scores of other methods.
     """
     network_inputs, figures, _ = comparable_figures(folder, scored)
     root = read_root(folder)

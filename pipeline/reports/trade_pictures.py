@@ -92,13 +92,12 @@ def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | Non
     return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
-def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:
-    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder, with the place of the settings, by stage, of its outputs.
-
-    Returns
-    -------
-    File, alternative text and caption of each picture.
-    """
+def report_trades(
+    data: Path,
+    settings: Mapping[str, Mapping[str, Any]],  # of the outputs, by stage; their points are marked
+    folder: Path,
+) -> list[dict[str, str]]:  # file, alternative text and caption of each picture
+    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder."""
     pictures = []
     for trade in read_trades(data, (*TRADED, END_TO_END)):
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
