@@ -61,15 +61,7 @@ class Figure(NamedTuple):
 
 
 class Figures:
-    """The figures of one network, in the order of the objects.
-
-    Attributes
-    ----------
-    object_ids
-        The objects evaluated.
-    rows
-        The figures as they are stored.
-    """
+    """The figures of one network, in the order of the objects; `rows` are as stored."""
 
     def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
         self.object_ids, self.rows = list(object_ids), list(rows)
@@ -117,9 +109,9 @@ class Figures:
         return np.array(self._lookup(metric, grasps)[1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
+        """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
 
-        The distance is 0 if the count is 0.
+        The distance is the mean over these touches, 0 without any.
         """
         places, values = self._lookup(f"local_chamfer_{number}")
         size = len(self.object_ids)
@@ -146,14 +138,12 @@ def evaluations(directory: DataDirectory) -> list[str]:
     return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
-def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
-    """Write `tables.zarr`: the arrays of each group (`objects`, `predictions/touch`, …), by name, and the root's attributes.
-
-    Raises
-    ------
-    StoreError
-        A group holds other arrays than the schema declares, or their shapes disagree.
-    """
+def write_evaluation(
+    folder: Path,
+    groups: Mapping[str, Mapping[str, Any]],  # arrays by name, by group (`objects`, `predictions/touch`, …)
+    attributes: Mapping[str, Any],  # of the root
+) -> None:
+    """Write `tables.zarr`, whose arrays must be those of the schema."""
     checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
     shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
     store = LocalStore(folder / TABLES_ZARR)
@@ -249,13 +239,12 @@ def read_surfaces(folder: Path, configuration: str) -> Arrays:
     return read_table(folder, f"{group}/{configuration}")
 
 
-def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np.ndarray]:
-    """Take one of the surfaces that `read_surfaces` read, by the numbers of its object and of its choice of grasps.
-
-    Returns
-    -------
-    Vertices (V, 3), m, and faces (F, 3).
-    """
+def surface_of(
+    surfaces: Arrays,  # of `read_surfaces`
+    number: int,  # of its object
+    case: int,  # of its choice of grasps
+) -> tuple[np.ndarray, np.ndarray]:  # vertices (V, 3) m, faces (F, 3)
+    """Take one of the surfaces of a network."""
     if "position" in surfaces:
         return surfaces["vertices"][number, case], surfaces["faces"]
     place = (number, case)

@@ -31,19 +31,11 @@ from stages.evaluate.stage import write_measured
 
 @dataclass(frozen=True)
 class Method:
-    """A method that is known only by its files, in the place of a network.
+    """A method that is known only by its files, in the place of a network."""
 
-    Attributes
-    ----------
-    image, touch
-        Whether the baselines that use images and touches are measured beside it.
-    has_charts
-        False: its surfaces are meshes or point clouds.
-    """
-
-    image: str | None
-    touch: bool
-    has_charts: bool = False
+    image: str | None  # baselines that use images are measured beside it
+    touch: bool  # baselines that use touches are measured beside it
+    has_charts: bool = False  # its surfaces are meshes or point clouds
 
 
 class ScoreProtocol(GraspProtocol):
@@ -94,21 +86,17 @@ class ScoreProtocol(GraspProtocol):
 
 
 class Score(DatasetStage):
-    """Measure the files of one method on the test objects.
-
-    Parameters
-    ----------
-    folder
-        Holds the files, as `find_files` takes them.
-    reads
-        The existing artifacts beside `surfaces` and `grasps` that the baselines use.
-    """
+    """Measure the files of one method on the test objects."""
 
     name = "score"
     summary = "Another method's reconstructions on the test objects, from files: the tables of `evaluate`."
     settings_type = ScoreSettings
 
-    def __init__(self, folder: Path, reads: Sequence[Artifact]) -> None:
+    def __init__(
+        self,
+        folder: Path,  # holds the files, as `find_files` takes them
+        reads: Sequence[Artifact],  # existing artifacts beside `surfaces` and `grasps` that the baselines use
+    ) -> None:
         self.folder, self.reads = folder, tuple(reads)
 
     def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:

@@ -71,12 +71,7 @@ def shipped_digest() -> str:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose the inputs that a dataset has for the network that ships.
-
-    Returns
-    -------
-    Rows of `ROWS`, and why the others are left out.
-    """
+    """Choose the rows of `ROWS` whose inputs a dataset has; say why the others are skipped."""
     model = load_reconstructor(DEFAULT, shipped_folder())
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}

@@ -54,11 +54,6 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
     """Make the tables of an evaluation folder of any protocol.
 
     Scores of other methods get rows beside the networks'.
-
-    Raises
-    ------
-    StoreError
-        There is no evaluation, or a score that cannot be read.
     """
     return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder, scored))
 

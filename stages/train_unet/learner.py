@@ -29,22 +29,12 @@ MICROMETRES = 1e6
 
 @dataclass(frozen=True)
 class Touches:
-    """Hold the touches of a split.
+    """Hold the touches of a split."""
 
-    Attributes
-    ----------
-    rows
-        Gives `tactile_image` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
-    where
-        (N, 3) int64: object, grasp and sensor of each touch. Sensors without a touch are left out.
-    sensor, untouched
-        The sensor, and its (H, W, 3) uint8 tactile image without a touch.
-    """
-
-    rows: ObjectRows
-    where: np.ndarray
+    rows: ObjectRows  # per grasp `tactile_image` (sensor, H, W, 3) uint8, `depth` (sensor, H, W) float32, m
+    where: np.ndarray  # (N, 3) int64: object, grasp and sensor of each touch
     sensor: Sensor
-    untouched: np.ndarray
+    untouched: np.ndarray  # (H, W, 3) uint8 tactile image without a touch
 
     def __len__(self) -> int:
         return len(self.where)
@@ -60,15 +50,7 @@ class Touches:
 
 
 def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
-    """Find the touches among a split's sensors; at most `cache_megabytes` of what is read of them stay in memory.
-
-    Raises
-    ------
-    StageError
-        The split has no touch.
-    StoreError
-        As `ObjectRows`.
-    """
+    """Find the touches among a split's sensors; at most `cache_megabytes` of what is read of them stay in memory."""
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
