@@ -3,8 +3,6 @@
 `load_stage` imports a stage's modules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module

@@ -1,7 +1,5 @@
 """Write Croissant metadata of an exported dataset: JSON-LD for search engines and loaders (http://mlcommons.org/croissant/1.1)."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Write the card of an exported dataset, for readers. Croissant metadata says the same to programs."""
 
-from __future__ import annotations
-
 import datetime
 import json
 from collections import Counter

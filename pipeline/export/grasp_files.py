@@ -1,7 +1,5 @@
 """Export grasps for robots: poses and joint angles in the object's own frame, as arrays, or as DexGraspBench reads them."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Iterator

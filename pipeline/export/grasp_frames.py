@@ -1,7 +1,5 @@
 """Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Images are PNG, depth is float32 and poses are float64 in the tables, so nothing
 would lose: MP4 compresses colours, and its depth has 12 bits.
 """
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable, Mapping

@@ -4,8 +4,6 @@ They keep their places relative to one another, so that references between them 
 SHA-256 of others.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,7 +1,5 @@
 """Make a dataset again from its recipe; everything is checked before anything runs."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Grasps in Rerun, a viewer for robots and sensors: object, hand, sensors, images, local points, charts and predictions."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

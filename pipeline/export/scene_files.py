@@ -1,7 +1,5 @@
 """Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

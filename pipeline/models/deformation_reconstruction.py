@@ -1,7 +1,5 @@
 """Trained deformation networks: the vision charts of a sphere, moved around the touch charts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import torch

@@ -1,7 +1,5 @@
 """The families of networks that reconstruct: one entry adds a family to models, evaluation, prediction and reports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Trained implicit networks: from images and touches of an object to a closed mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

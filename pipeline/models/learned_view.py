@@ -1,7 +1,5 @@
 """Compare a camera with that of a network's training; no training depends on it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

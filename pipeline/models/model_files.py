@@ -1,7 +1,5 @@
 """A trained network on disk: weights as safetensors (no pickles), and a description of the network as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Observations of objects: the images and touch charts that networks are given."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -29,7 +27,7 @@ class Observation:
     camera: np.ndarray | None = None  # (3, 4) world, m, to image pixels; None without one, or if it is the training's
     scale: float = 1.0  # about the centre of the network's ball; makes the object as large as those learned from
 
-    def scaled(self, centre: Sequence[float]) -> Observation:
+    def scaled(self, centre: Sequence[float]) -> "Observation":
         """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
         if self.scale == 1:
             return self

@@ -1,7 +1,5 @@
 """Trained networks of any family: from images and touches of an object to its surface."""
 
-from __future__ import annotations
-
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -60,7 +58,7 @@ class Description(BaseModel):
     diagonals: tuple[float, float] | None = None
 
     @model_validator(mode="after")
-    def _of_its_inputs(self) -> Description:
+    def _of_its_inputs(self) -> "Description":
         image, touch = self.network.image is not None, self.network.touch
         camera = image and self.network.image != "rendering"  # each rendering has its own
         if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):

@@ -1,7 +1,5 @@
 """Networks that ship with the package: models in the layout of a training, and one per calibrated sensor; each has a card."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Trained networks that read tactile images: depth maps, contact and local point clouds."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,7 +43,7 @@ class _Description(BaseModel):
     sensor: Sensor
 
     @model_validator(mode="after")
-    def _has_a_threshold(self) -> _Description:
+    def _has_a_threshold(self) -> "_Description":
         if (self.network == "unet") == (self.mask_threshold is None):
             raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
         return self
@@ -66,7 +64,7 @@ def save_touch_model(
     save_model(folder, network, description | kind)
 
 
-def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
+def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
     """Load the network that `train-unet` or `train-touch` saved in `folder`; raise a `StoreError` if it is missing."""
     description = read_description(folder, _Description)
     kind = LocalNetwork if description.network == "local" else UNet

@@ -1,7 +1,5 @@
 """Draw a dataset's contact sheets, the best grasps of objects; they are drawn again only if the shown rows have changed."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The pages of a contact sheet: per object one band of images, tactile images and depth maps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

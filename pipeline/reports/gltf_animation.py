@@ -1,7 +1,5 @@
 """Animations in glTF scenes: poses of nodes over time, which trimesh cannot write."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

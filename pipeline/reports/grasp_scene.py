@@ -1,7 +1,5 @@
 """Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Try a hand: attempt a few grasps of a ball, and list the reasons of those that fail."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

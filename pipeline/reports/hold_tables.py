@@ -1,7 +1,5 @@
 """Tables of the hold test: which kept grasps hold the object, by class, by the object's size and by the direction of gravity."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Count what was not computed of each scene because nothing in the dataset depends on it."""
 
-from __future__ import annotations
-
 from collections import Counter
 
 from pipeline.console import Row, Table

@@ -1,7 +1,5 @@
 """Check a manifest: each object's size, unit, faces and textures, and its faults, before any stage runs."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Write the page of one object: an interactive scene, grasps with images, tactile images and depth maps, and reconstructions."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib

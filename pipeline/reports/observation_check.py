@@ -1,7 +1,5 @@
 """Check an observation file: the places of its object, camera and sensors, and what a network is given of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path

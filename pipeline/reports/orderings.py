@@ -1,7 +1,5 @@
 """Test the supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

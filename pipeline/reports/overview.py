@@ -1,7 +1,5 @@
 """Render the overview of a dataset: an object, a grasp, what its sensors measure, and a reconstruction."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Draw the paper's figures from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

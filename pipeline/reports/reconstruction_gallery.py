@@ -1,7 +1,5 @@
 """Draw reconstructions beside their objects: a row per object, a column per model, from the dataset's camera."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Files that reports wrote, with their keys: the list of a report, `report/pages.json`, and its checks."""
 
-from __future__ import annotations
-
 from collections.abc import Container
 from pathlib import Path
 

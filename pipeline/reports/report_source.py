@@ -1,7 +1,5 @@
 """Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property

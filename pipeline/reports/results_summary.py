@@ -1,7 +1,5 @@
 """Summarise the results in a few sentences and one plot: the error by what is given, and that of retrieval."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Render a grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """Check a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

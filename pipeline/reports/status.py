@@ -1,7 +1,5 @@
 """List the contents of a data directory, for people and for scripts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

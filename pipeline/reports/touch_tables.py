@@ -1,7 +1,5 @@
 """Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

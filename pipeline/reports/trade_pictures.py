@@ -1,7 +1,5 @@
 """Draw and tabulate measured trades: error over cost."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Read and tabulate evaluations of several training seeds together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 

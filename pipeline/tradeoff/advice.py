@@ -1,7 +1,5 @@
 """Choose settings for a time or an error, among those that were measured on the user's objects."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -1,7 +1,5 @@
 """Measure how variants of a dataset change the reconstructions that networks learn from it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

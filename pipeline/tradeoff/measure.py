@@ -1,7 +1,5 @@
 """Measure the time and the error of settings on a sample of the user's objects, on this machine."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil
@@ -50,7 +48,7 @@ class Setup:
     assignments: tuple[str, ...] = ()
     network: tuple[str, ...] = TOUCH_ALONE  # further assignments: which network is trained and evaluated
 
-    def with_objects(self, objects: Sequence[Object]) -> Setup:
+    def with_objects(self, objects: Sequence[Object]) -> "Setup":
         """Return the same with other objects."""
         return replace(self, objects=objects)
 

@@ -1,7 +1,5 @@
 """Measured trades, as `DATA/tradeoff/STAGE.json` holds them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -106,7 +104,7 @@ class MeasuredTrade(BaseModel):
         """Find the point of the user's settings."""
         return next((point for point in self.points if not point.changes), None)
 
-    def with_point(self, point: Point) -> MeasuredTrade:
+    def with_point(self, point: Point) -> "MeasuredTrade":
         """Return the trade with another point."""
         return self.model_copy(update={"points": (*self.points, point)})
 

@@ -1,7 +1,5 @@
 """Choose a representative sample of a manifest's objects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 

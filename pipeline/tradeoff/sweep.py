@@ -1,7 +1,5 @@
 """Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not repeated."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping

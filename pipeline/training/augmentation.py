@@ -1,7 +1,5 @@
 """Random variation of training items: of colours and sensors, against overfitting; of the object's place, which a robot estimates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Batch normalisation of a batch that several processes share, on any device: torch's own `SyncBatchNorm` computes on GPUs alone."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch

@@ -1,7 +1,5 @@
 """Checkpoints: the state from which a killed training continues to the same weights, in one file that is written atomically."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Training items: an object, and the number and choice of its grasps."""
 
-from __future__ import annotations
-
 from math import isqrt
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Learner: a network with its items and its loss, for the training loop."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """The trained network whose weights a training begins with."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

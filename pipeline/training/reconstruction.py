@@ -1,7 +1,5 @@
 """The training of networks that reconstruct objects, for every family."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Baselines: a training object retrieved in place of a reconstruction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scores that may be compared with an evaluation, and the figures of both."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Evaluations on disk: `tables.zarr` with every figure, and the printed tables as `metrics.json`."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -86,7 +84,7 @@ class Figures:
         """List the first grasps whose figures there are with a number of grasps."""
         return {figure.first for figure in self.rows if figure.grasps == grasps and figure.metric == "chamfer"}
 
-    def only(self, firsts: Set[int]) -> Figures:
+    def only(self, firsts: Set[int]) -> "Figures":
         """Keep the figures of some first grasps."""
         return Figures(self.object_ids, (row for row in self.rows if row.first in firsts))
 

@@ -1,7 +1,5 @@
 """The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and the quality of surfaces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar

@@ -1,7 +1,5 @@
 """The objects of the test split, against which reconstructions are measured."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One model on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

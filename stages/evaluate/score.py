@@ -1,7 +1,5 @@
 """Reconstructions of another method, from files, measured as those of networks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Another method's reconstructions as files: found by the object's name, checked and read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

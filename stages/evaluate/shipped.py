@@ -1,7 +1,5 @@
 """The network that ships, on the test objects of any dataset: rows beside the networks that were trained on it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The protocol of supplement 3.6: Table 4's standard on the views of each object."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Table 4 with the rows of an evaluation of single images, and these rows by class."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

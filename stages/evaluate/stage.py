@@ -1,7 +1,5 @@
 """Trained models on the test objects: by the supplement's tables (2.4, 3.5), and single images by Table 4's standard (3.6)."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """The tables of an evaluation, from its figures, beside the supplement's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Supplement 2.3: a chart for each touch, bent from the sensor's square to the points of its depth map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

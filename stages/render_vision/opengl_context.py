@@ -1,7 +1,5 @@
 """An off-screen OpenGL context made by EGL, with or without a graphics card, and pyrender's renderer in it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """Off-screen rendering of meshes with pyrender: one lamp, constant light, segmentation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`render-vision`: an image of every object alone and one of every grasp (supplement 1.4)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The trade-off of `sample-surfaces`: the density of points on the surface against time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

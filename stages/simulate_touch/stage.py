@@ -1,7 +1,5 @@
 """`simulate-touch`: every sensor's depth map, and the tactile image and local points that follow from it (supplement 1.5)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Supplement 3: learn to deform a sphere of vision charts around the touch charts, from images and touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar, cast
 

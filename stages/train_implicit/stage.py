@@ -1,7 +1,5 @@
 """`train-implicit`: learn the signed distance from any point in space to the object, from images and touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

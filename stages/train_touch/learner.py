@@ -1,7 +1,5 @@
 """The training of a local network on presses: windows about contacts, varied, with the truth of the gel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple

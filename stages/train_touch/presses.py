@@ -1,7 +1,5 @@
 """The training data of a local network: presses of `simulate-presses`, or presses made here for a sensor without a dataset."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 

@@ -1,7 +1,5 @@
 """Random variation of simulated changes of colour: effects in photographs that a sensor's model does not have."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad

@@ -1,7 +1,5 @@
 """Training data of `train-unet`: the tactile images of sensors that touched, and the depths behind them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

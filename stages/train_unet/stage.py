@@ -1,7 +1,5 @@
 """Supplement 2.1 and 2.2: a U-Net learns to see depth in tactile images."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
