@@ -82,7 +82,7 @@ class GraspFrames:
 
 
 def png(image: NDArray[np.uint8]) -> bytes:
-    """Write an image as PNG: lossless."""
+    """Write an image (R, C, 3) as PNG: lossless."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
     return buffer.getvalue()

@@ -66,7 +66,7 @@ class GraspScenes:
         return scene
 
     def predictions(self, surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Scene:
-        """Make a scene of predicted surfaces, vertices and faces by name; nodes are called `prediction-NAME`."""
+        """Make a scene of predicted surfaces, (V, 3) m and (F, 3) by name; nodes are called `prediction-NAME`."""
         scene = _empty()
         for name, (vertices, faces) in surfaces.items():
             self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
@@ -159,13 +159,18 @@ def _empty() -> Scene:
 
 
 def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Merge vertices of a mesh that coincide, so that simplifying it opens no seam."""
+    """Merge coincident vertices of a mesh to (V, 3), m, and (F, 3), so that simplifying it opens no seam."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     return vertices, number.reshape(-1)[mesh.faces]
 
 
-def _simplified(vertices: NDArray[Any], faces: NDArray[Any], max_faces: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Simplify a mesh to about `max_faces` faces by quadric error; less `haste` preserves shapes of many parts, with more faces."""
+def _simplified(
+    vertices: NDArray[Any],  # (V, 3) m
+    faces: NDArray[Any],  # (F, 3)
+    max_faces: int,
+    haste: int = 7,  # less preserves shapes of many parts, with more faces
+) -> tuple[NDArray[Any], NDArray[Any]]:  # (V', 3) m, (F', 3)
+    """Simplify a mesh to about `max_faces` faces by quadric error."""
     if len(faces) <= max_faces:
         return vertices, faces
     simplify: Any = fast_simplification.simplify

@@ -170,7 +170,7 @@ class ObjectPages:
         return pictures
 
     def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
-        """Render the object from the position of the dataset's camera."""
+        """Render the object, (R, R, 3), from the position of the dataset's camera."""
         mesh = read_mesh(rows["surfaces"])
         return render_mesh(self._renderer, mesh, fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices))
 
@@ -199,5 +199,5 @@ def _webp(image: NDArray[np.uint8]) -> bytes:
 
 
 def _inline(image: NDArray[np.uint8]) -> str:
-    """Write an image as a data URI, so that a page is one file."""
+    """Write an image (R, C, 3) as a data URI, so that a page is one file."""
     return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"

@@ -54,7 +54,7 @@ def overview_panels(
 
 
 def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
+    """Arrange tiles (R, R, 3) of one size in a grid that is as square as possible, with white between them."""
     columns = int(np.ceil(np.sqrt(len(tiles))))
     framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
     framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)

@@ -117,7 +117,7 @@ def painted_mesh(
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:
-    """Render a mesh alone, with a camera or the renderer's own."""
+    """Render a mesh alone, (R, C, 3), with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))], camera).rgb
 

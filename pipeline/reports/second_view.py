@@ -121,14 +121,18 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Place cameras on all sides of `points`, except near the given one."""
+    """Place cameras on all sides of `points` (N, 3), m, except near the given one."""
     front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
     return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]
 
 
-def _towards(camera: Camera, points: NDArray[np.float64], direction: NDArray[np.float64]) -> Camera:
-    """Move the camera to the unit `direction` from the middle of `points`, at its own distance but clear of them."""
+def _towards(
+    camera: Camera,
+    points: NDArray[np.float64],  # (N, 3) m
+    direction: NDArray[np.float64],  # (3,) unit
+) -> Camera:
+    """Move the camera to this direction from the middle of `points`, at its own distance but clear of them."""
     target, size = _box(points)
     distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(size))
     return look_at(camera, _vector(target + distance * direction), _vector(target))
@@ -165,7 +169,7 @@ def fitted_camera(camera: Camera, points: NDArray[np.float64], fill: float = FIL
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
-    """Give the camera the focal length at which `points` fill its image."""
+    """Give the camera the focal length at which `points` (N, 3), m, fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
     zoom = fill * camera.resolution / 2 / float(reach)
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
@@ -178,7 +182,7 @@ def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> f
 
 
 def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
-    """Compute sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    """Compute sin² of the angle between viewing direction and palm (3,): 1 from the hand's side, 0 from its back."""
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 

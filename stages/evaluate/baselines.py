@@ -122,7 +122,13 @@ class _Search:
             self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
         self.kinds = len(self._clouds) + (masks is not None)
 
-    def compare(self, clouds: Sequence[RetrievalCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
+    def compare(
+        self,
+        clouds: Sequence[RetrievalCloud],
+        masks: NDArray[np.bool_] | None,  # (object, view, pixel)
+        start: int,
+        meter: Meter,
+    ) -> None:
         """Compare a block of training objects from number `start` on, by their points and silhouettes."""
         if masks is not None and self._masks is not None:
             flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]

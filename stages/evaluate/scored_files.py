@@ -211,8 +211,11 @@ def _has_area(reconstruction: Reconstruction) -> bool:
     return bool(face_cross_products(reconstruction.vertices[reconstruction.faces]).any())
 
 
-def _share_when_turned(sample: NDArray[np.float64], points: NDArray[np.float64]) -> float:
-    """Compute the share of a reconstruction's distance to the object that remains when it is turned from y up to z up about its middle."""
+def _share_when_turned(
+    sample: NDArray[np.float64],  # (M, 3) m, of the reconstruction
+    points: NDArray[np.float64],  # (N, 3) m, of the object
+) -> float:
+    """Compute the share of their distance that remains after turning `sample` from y up to z up about its middle."""
     tree, middle = cKDTree(points), _box(points)[0]
     x, y, z = (sample - middle).T
     return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, sample), 1e-12)

@@ -98,7 +98,13 @@ def _sensor_names(settings: TouchSettings) -> tuple[str, ...]:
     return settings.sensors or ()
 
 
-def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings, rng: np.random.Generator | None) -> Row:
+def _touch(
+    faces: BoxedFaces,
+    pose: np.ndarray,  # (4, 4)
+    sensor: Sensor,
+    settings: TouchSettings,
+    rng: np.random.Generator | None,
+) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
     if settings.tracer == "ray":
         exact = ray_depth(faces, pose, sensor)

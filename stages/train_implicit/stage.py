@@ -63,7 +63,7 @@ class ImplicitLearner(ReconstructionLearner):
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Give each item the mean error of the batch, as all items have the same number of points."""
+        """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
         return self.loss(network, batch).expand(len(batch.observations))
 
 

@@ -67,7 +67,7 @@ class PressLearner(Learner):
         return Windows(change, position, GelState(depth, contact))
 
     def _place(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, slice]:
-        """Draw a window's rows and columns."""
+        """Draw a window's rows and columns, given the contact (rows, cols)."""
         about, share, place = (
             torch.rand(1, generator=generator, dtype=torch.float32),
             *torch.rand((2, 2), generator=generator, dtype=torch.float32),

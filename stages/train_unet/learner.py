@@ -77,7 +77,7 @@ class UnetLearner(Learner):
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
-        """Read training touches: tactile images, depths, and the images varied as the settings ask."""
+        """Read training touches: tactile images (B, H, W, 3), depths (B, H, W), m, and the images, varied."""
         tactile_images, depth = self.train.read(items)
         pairs = zip(tactile_images.numpy(), generators, strict=True)
         return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, rng) for image, rng in pairs]))
@@ -108,7 +108,12 @@ class UnetLearner(Learner):
         inputs = network_input(varied.to(parameter.device), parameter.dtype)
         return network(inputs) * gel_top(self.train.sensor), depth.to(parameter), mask
 
-    def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
+    def _loss(
+        self,
+        predicted: Tensor,  # (B, H, W) m
+        depth: Tensor,  # (B, H, W) m
+        mask: Tensor,  # (B, H, W)
+    ) -> Tensor:
         sensor = self.train.sensor
         if self.settings.loss == "depth":
             return masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=self.gel)
