@@ -116,7 +116,7 @@ def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
     """Write grasps and objects below `output` and `assets`, as DexGraspBench has them; return the number of grasps.
 
     Of a grasp, `qpos` is the root link's position, m, its quaternion, real part first, and the joint vector; the object
-    stands at the origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
+    is at the origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
     """
     count = 0
     for grasped in objects:

@@ -1,6 +1,6 @@
 """Collect the user's own hand, sensor and scene files, and the files that these name, for a recipe.
 
-They keep their places relative to one another, so that references between them stay valid. A recipe contains small text files, and the
+They keep their relative paths, so that references between them stay valid. A recipe contains small text files, and the
 SHA-256 of others.
 """
 

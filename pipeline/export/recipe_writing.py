@@ -102,7 +102,7 @@ def _readable_hash(item: Object) -> str:
 
 
 def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
-    """Make the request that repeats what a record says was made."""
+    """Make the request that repeats a record's run."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
     return Request(

@@ -78,7 +78,7 @@ def prepare_remake(
 
 
 def _check_stages(recipe: Recipe) -> None:
-    """Check that the stages stand in their order, each after those whose artifacts it reads."""
+    """Check the order of the stages: each follows those whose artifacts it reads."""
     made: set[str] = set()
     for name, expected in zip(recipe.stages, [name for name in DATASET if name in recipe.stages], strict=True):
         stage = load_stage(name)
@@ -208,7 +208,7 @@ def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
 
 
 def reasons(recipe: Recipe) -> list[str]:
-    """List what may make rows differ from the recipe's, other code or other libraries, each with its remedy."""
+    """List possible reasons for rows that differ from the recipe's (other code, other libraries), with remedies."""
     installed = library_versions()
     lines = []
     if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:

@@ -124,14 +124,14 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
 
 
 def enlarged(image: NDArray[np.uint8], masks: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
-    """Crop a camera image (R, C, 3) to what masks (view, R, C) show, if that is less than half as large, and return the factor as text."""
+    """Crop a camera image (R, C, 3) to the masks (view, R, C), if less than half as large; return the factor as text."""
     row, col = surroundings(masks)
     side = max(row.stop - row.start, col.stop - col.start)
     return (image[row, col], f", enlarged {image.shape[0] / side:.1f} ×") if 0 < 2 * side <= image.shape[0] else (image, "")
 
 
 def surroundings(masks: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Find the square part of images around what any of these masks (view, row, col) shows; it is empty if the masks are."""
+    """Find the square part of images around all of these masks (view, row, col); it is empty if the masks are."""
     pixels = np.argwhere(masks.any(axis=0))
     if not len(pixels):
         return slice(0, 0), slice(0, 0)

@@ -1,4 +1,4 @@
-"""Count what was not computed of each scene because nothing in the dataset depends on it."""
+"""Count what was not computed per scene because nothing in the dataset depends on it."""
 
 from collections import Counter
 

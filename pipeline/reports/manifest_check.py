@@ -172,7 +172,7 @@ def _unit_symbol(metres: float) -> str:
 
 
 def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
-    """List the objects by size; where there are too many, the sizes' quantiles, and objects of unusual sizes or without their textures."""
+    """List the objects by size; of too many, the sizes' quantiles and objects of unusual size or without their textures."""
     if len(checked) > LISTED:
         places = [round(share * (len(checked) - 1)) for share in QUANTILES.values()]
         rows = [
@@ -202,7 +202,7 @@ def _scaled(sizes: Sequence[float]) -> Iterator[str]:
 
 
 def _same_files(objects: Sequence[Object]) -> Iterator[str]:
-    """Warn of objects of one file in several splits: networks would be tested on what they have learned."""
+    """Warn of objects of one file in several splits: networks would be tested on their training data."""
     by_identity = defaultdict[str, list[Object]](list)
     for item in objects:
         with suppress(InvalidInput, OSError):  # is a fault already

@@ -90,7 +90,7 @@ def _modalities(values: Values) -> Iterator[Claim]:
 
 
 def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
-    """Choose the trainings of two configurations; if both are of one network, those that both have, which are then compared one by one."""
+    """Choose the trainings of two configurations: if both are of one network, the common ones, compared one by one."""
     ours, theirs = values[first], values[second]
     seeds = [seed for seed in ours if seed in theirs] if network_of(first) == network_of(second) else []
     return [ours[seed] for seed in seeds or ours], [theirs[seed] for seed in seeds or theirs], bool(seeds)

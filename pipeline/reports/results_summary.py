@@ -1,4 +1,4 @@
-"""Summarise the results in a few sentences and one plot: the error by what is given, and that of retrieval."""
+"""Summarise the results in a few sentences and one plot: the error by inputs, and that of retrieval."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Find the way of `INPUT_CHOICES` that ends each network's name and is what it was given; other networks are left out."""
+    """Find the way of `INPUT_CHOICES` that ends each network's name and is its input; skip other networks."""
     ways = {}
     for name, inputs in network_inputs.items():
         way = max((way for way in INPUT_CHOICES if f"-{name}".endswith(f"-{way}")), key=len, default=None)

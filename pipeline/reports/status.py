@@ -61,7 +61,7 @@ class Account:
     jobs: list[JobState]  # Slurm's
 
     def to_json(self) -> str:
-        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if there are such."""
+        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if any."""
         named = {entry.artifact: asdict(entry) for entry in self.artifacts} | {entry.folder: asdict(entry) for entry in self.folders}
         damaged = {"damaged": self.damaged} if self.damaged else {}
         jobs = {

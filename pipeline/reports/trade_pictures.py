@@ -48,7 +48,7 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
 
 
 def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
-    """Write each point's label beside it, at a place where it covers no other label if there is one."""
+    """Write each point's label beside it, where it covers no other label if possible."""
     boxes: list[BboxBase] = []
     for text, point in sorted(points.items(), key=lambda entry: entry[1]):
         for right, up in PLACES:

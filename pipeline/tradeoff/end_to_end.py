@@ -101,7 +101,7 @@ def _chain(setup: Setup) -> list[str]:
 
 
 def _outputs(setup: Setup) -> list[str]:
-    """List the artifacts of the dataset, without what is learned from it."""
+    """List the artifacts of the dataset, without trained networks."""
     stages = [load_stage(name) for name in _chain(setup)]
     return [stage.writes(setup.settings(stage.name)) for stage in stages if not isinstance(stage, DatasetStage)]
 

@@ -141,7 +141,7 @@ def candidates(
 
 
 def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
-    """Predict the seconds of a stage's candidates, and list those that are left out because they exceed a limit even on few objects."""
+    """Predict the seconds of a stage's candidates; list those that are skipped as they exceed a limit even on few objects."""
     trade, total, left_out = _declared(stage), 0.0, []
     after = setup.seconds(trade.evaluated_by, setup.settings(trade.evaluated_by)) if trade.evaluated_by else 0.0
     for label, (settings, _) in candidates(stage, setup).items():
@@ -231,7 +231,7 @@ def _files(path: Path) -> Iterator[Path]:
 
 
 def kilobytes(data: Path, output: str) -> float:
-    """Measure the size of an artifact or a folder of a data directory, without what it replaced."""
+    """Measure the size of an artifact or a folder of a data directory, without replaced data."""
     directory = DataDirectory(data)
     shards = directory.collection(ARTIFACTS[output]).shards if output in ARTIFACTS else []
     paths = [Path(str(shard.path)) for shard in shards] or [directory.verified_folder(output)]

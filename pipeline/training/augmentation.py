@@ -1,4 +1,4 @@
-"""Random variation of training items: of colours and sensors, against overfitting; of the object's place, which a robot estimates."""
+"""Random variation of training items: colours and sensors, against overfitting; the object's pose, which a robot estimates."""
 
 import math
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ class Misplacement:
 
     @property
     def motion(self) -> NDArray[np.float64]:
-        """Make the matrix (4, 4) that moves points so."""
+        """Make the matrix (4, 4) of this motion."""
         return np.block([[self.scale * np.eye(3), self.shift[:, None]], [np.zeros(3), 1.0]])
 
     def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:

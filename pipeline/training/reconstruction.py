@@ -160,7 +160,7 @@ class ReconstructionTraining(DatasetStage):
         return facts | ({LEARNED_BEFORE: before} if before else {})
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
-        """Give a network the weights of a trained one; return what that one has learned from."""
+        """Give a network the weights of a trained one; return the training data of that one."""
         models, trained = job.settings.pretrained, job.settings.configuration
         folder = pretrained_folder(models, trained)
         if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:

@@ -99,7 +99,7 @@ class ReconstructionSettings(TrainingSettings):
 
     @property
     def touch_dropout(self) -> float:
-        """The share of touch charts that is left out."""
+        """The share of touch charts that is skipped."""
         return self.dropped_touches or 0.0
 
     @property

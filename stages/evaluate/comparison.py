@@ -14,7 +14,7 @@ COMPARED = ("points", "tau", "scale", "rings")
 
 
 def difference(folder: Path, other: Path) -> str | None:
-    """Name a difference between two evaluations that rules out a comparison: a setting, the seed or the objects; None if there is none."""
+    """Name what makes two evaluations not comparable: a setting, the seed or the objects; None if they are."""
     ours, theirs = read_root(folder), read_root(other)
     for name in COMPARED:
         if ours["settings"][name] != theirs["settings"].get(name):

@@ -81,7 +81,7 @@ class Figures:
         return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._values if metric.startswith("local_chamfer_"))
 
     def firsts(self, grasps: int) -> set[int]:
-        """List the first grasps whose figures there are with a number of grasps."""
+        """List the first grasps that have figures with a number of grasps."""
         return {figure.first for figure in self.rows if figure.grasps == grasps and figure.metric == "chamfer"}
 
     def only(self, firsts: Set[int]) -> "Figures":

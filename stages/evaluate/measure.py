@@ -66,7 +66,7 @@ class Protocol(ABC):
 
     @abstractmethod
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions, by how they are chosen."""
+        """Measure training objects in place of reconstructions, by method of choice."""
 
     @abstractmethod
     def extra(self) -> dict[str, Arrays]:

@@ -29,7 +29,7 @@ from stages.evaluate.stage import write_measured
 
 @dataclass(frozen=True)
 class Method:
-    """A method that is known only by its files, in the place of a network."""
+    """A method of which only files are known, in place of a network."""
 
     image: str | None  # baselines that use images are measured beside it
     touch: bool  # baselines that use touches are measured beside it
@@ -51,7 +51,7 @@ class ScoreProtocol(GraspProtocol):
         self.sparse: list[int] = []
 
     def cases(self, model: Any) -> list[Case]:
-        """List the numbers of grasps, and the first grasps, for which there are files."""
+        """List the numbers of grasps, and the first grasps, that have files."""
         available = self.touched.shape[1]
         return [
             Case(first, tuple((first + step) % available for step in range(count)), count, (first,))

@@ -97,6 +97,6 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
 
 
 def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
-    """Check whether all test objects are seen from the side from which the network saw its own, and as large."""
+    """Check whether all test objects appear from the same side as in the network's training, and as large."""
     rows = ObjectRows(directory.root, ["projection"], "test")
     return all(has_learned_view(model, stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids)

@@ -12,7 +12,7 @@ from pipeline.engine.trade import Trade
 def coverage(data: Path, reference: Path) -> dict[str, float]:
     """Measure the distance of the reference's points from the nearest points: RMS by object, mm.
 
-    The reference's first points are left out, if as many remain: with the same random numbers, they lie in the same triangles as these.
+    The reference's first points are skipped, if as many remain: with the same random numbers, they lie in the same triangles as these.
     """
     errors = {}
     for name, (points,), (dense,) in paired_rows(data, reference, "points"):

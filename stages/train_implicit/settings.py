@@ -82,5 +82,5 @@ class ImplicitSettings(ReconstructionSettings):
 
     @property
     def touch_dropout(self) -> float:
-        """The share of touch charts that is left out."""
+        """The share of touch charts that is skipped."""
         return (0.1 if self.named.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches

@@ -39,7 +39,7 @@ class ImplicitLearner(ReconstructionLearner):
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
-        """Read items as every family does, some of them at a wrong place if the settings ask for it."""
+        """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
         batch, deviation = super().read(items, generators), self.settings.placement_error
         if not deviation:
             return batch

@@ -48,7 +48,7 @@ class Touches:
 
 
 def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
-    """Find the touches among a split's sensors; at most `cache_megabytes` of what is read of them stay in memory."""
+    """Find the touches among a split's sensors; at most `cache_megabytes` of them stay in memory."""
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():

@@ -40,7 +40,7 @@ class TrainUnet(DatasetStage):
         return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
 
     def cost(self, settings: UnetSettings, objects: int) -> Cost:
-        """Estimate eighteen touches per object and epoch; a step costs the square of the width, on top of what each pixel costs."""
+        """Estimate eighteen touches per object and epoch; a step costs the square of the width, and each pixel a constant."""
         share = (settings.width / 64) ** 2
         return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
 
