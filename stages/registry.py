@@ -3,8 +3,6 @@
 `load_stage` imports a stage's modules.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
@@ -69,12 +67,8 @@ TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].fold
 def load_stage(name: str) -> ObjectStage | DatasetStage:
     """Load the stage called `name`, a key of `STAGES`.
 
-    Raises
-    ------
-    InvalidInput
-        Several packages bring a stage of this name.
-    StageError
-        A plugin's stage cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
+    An `InvalidInput` names several packages that bring one of this name; a `StageError` says that a plugin's stage
+    cannot be imported, is not a stage of this name, or writes an artifact that its package does not declare.
     """
     packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
     plugins.check_unique("stage", name, ["vt-pipeline"] * (name in BUILT_IN) + packages)
@@ -111,23 +105,15 @@ def load_trade(name: str) -> Trade:
     return trade
 
 
-def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
+def resolve(
+    stage: str,  # a key of `STAGES`
+    preset: str,  # its name
+    assignments: Iterable[str],  # `STAGE.SETTING=VALUE`, or `SETTING=VALUE` for every stage with that setting
+) -> Settings:
     """Resolve a stage's settings from defaults, preset and assignments; each overrides those before it.
 
-    Parameters
-    ----------
-    stage
-        A key of `STAGES`.
-    preset
-        A preset's name.
-    assignments
-        `STAGE.SETTING=VALUE`, or `SETTING=VALUE` for every stage with that setting. Those to other stages change nothing,
-        hence one list serves all stages.
-
-    Raises
-    ------
-    InvalidInput
-        A preset, stage or setting is unknown, or a value not allowed; the message lists the known ones.
+    Assignments to other stages change nothing, hence one list serves all stages. For an unknown preset, stage or
+    setting, or a value that is not allowed, an `InvalidInput` lists the known ones.
     """
     presets, settings = load_presets(), load_settings_type(stage)
     if preset not in presets:
@@ -154,14 +140,9 @@ def resolve(stage: str, preset: str, assignments: Iterable[str]) -> Settings:
 
 
 def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> None:
-    """Check the assignments to other stages, so that what is wrong is said before the first one, `stage`, runs.
+    """Check the assignments to other stages, as `resolve` does, before the first one, `stage`, runs.
 
-    One that names no stage is checked for those of a dataset where `stage` is one of them.
-
-    Raises
-    ------
-    InvalidInput
-        As `resolve`.
+    One that names no stage is checked for those of a dataset if `stage` is one of them.
     """
     named = {assignment.partition("=")[0].rpartition(".")[0] for assignment in assignments}
     if "" in named and stage in DATASET:

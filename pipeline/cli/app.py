@@ -1,7 +1,5 @@
 """Every command of `vt-pipeline`, by the panels in which help lists them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib.metadata import version
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`vt-pipeline calibrate-sensor`: a sensor file from photographs."""
 
-from __future__ import annotations
-
 import shlex
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`vt-pipeline check`: describe a description file and list its faults."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Complete stages, presets, manifests, description files, settings and objects in a shell."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from typing import Literal, cast, get_args, get_origin
 

@@ -1,7 +1,5 @@
 """Commands that hand a dataset to other programs: a viewer, other formats."""
 
-from __future__ import annotations
-
 import shlex
 from functools import partial
 from pathlib import Path

@@ -40,10 +40,7 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
     """End a command with a message for faults that a user can fix, and for Ctrl-C and SIGTERM; decorates every command.
 
-    Parameters
-    ----------
-    then
-        What to do after it was stopped: `CONTINUE_HINT` or `REPEAT_HINT`.
+    `then` says what to do after it was stopped: `CONTINUE_HINT` or `REPEAT_HINT`.
     """
     with _stoppable(then) as stopped:
         try:

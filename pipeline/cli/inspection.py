@@ -1,7 +1,5 @@
 """Commands that inspect the stages, a data directory and the machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Commands about learning: sweeps over hyperparameters, reports, and the use of trained models."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`vt-pipeline recipe` and `vt-pipeline remake`: write a dataset's recipe, make the dataset again, and compare."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

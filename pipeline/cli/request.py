@@ -1,7 +1,5 @@
 """Options shared by the commands that run stages, and the request and executor made from them."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`vt-pipeline run`: make the missing rows of one stage."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator, Mapping

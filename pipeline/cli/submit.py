@@ -1,7 +1,5 @@
 """`vt-pipeline submit`: stages as jobs of a Slurm cluster."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """Write Croissant metadata of an exported dataset: JSON-LD for search engines and loaders (http://mlcommons.org/croissant/1.1)."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterator
@@ -44,7 +42,7 @@ def write_croissant(facts: Facts, about: About, folder: Path) -> None:
 def croissant(facts: Facts, about: About, folder: Path) -> dict[str, Any]:
     """Describe an exported dataset: publisher, files with their SHA-256, and each column as a field with its unit.
 
-    Facts that only the publisher knows are left out if `about` lacks them.
+    Facts that only the publisher knows are omitted if `about` lacks them.
     """
     versions = facts.origins["grasps"].versions
     described = {

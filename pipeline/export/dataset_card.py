@@ -1,7 +1,5 @@
 """Write the card of an exported dataset, for readers. Croissant metadata says the same to programs."""
 
-from __future__ import annotations
-
 import datetime
 import json
 from collections import Counter
@@ -84,34 +82,16 @@ class About(BaseModel):
 
 @dataclass(frozen=True)
 class Facts:
-    """Facts about a data directory, for its card.
+    """Facts about a data directory, for its card."""
 
-    Attributes
-    ----------
-    name
-        Of its manifest.
-    columns
-        The exported columns.
-    objects, grasps
-        How many are exported, by split.
-    licences
-        Of the meshes, with the number of objects.
-    failed
-        How many objects have no row.
-    origins
-        The record of each artifact.
-    tables
-        The statistics of grasps and touches.
-    """
-
-    name: str
-    columns: Mapping[str, Column]
-    objects: Mapping[str, int]
-    grasps: Mapping[str, int]
-    licences: Mapping[str, int]
-    failed: int
-    origins: Mapping[str, Provenance]
-    tables: Sequence[Table]
+    name: str  # of its manifest
+    columns: Mapping[str, Column]  # the exported ones
+    objects: Mapping[str, int]  # exported, by split
+    grasps: Mapping[str, int]  # exported, by split
+    licences: Mapping[str, int]  # of the meshes, with the number of objects
+    failed: int  # objects without a row
+    origins: Mapping[str, Provenance]  # record of each artifact
+    tables: Sequence[Table]  # statistics of grasps and touches
 
     @property
     def total(self) -> int:

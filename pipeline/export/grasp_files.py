@@ -1,7 +1,5 @@
 """Export grasps for robots: poses and joint angles in the object's own frame, as arrays, or as DexGraspBench reads them."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Iterator
@@ -31,16 +29,16 @@ from schemas.surfaces import SURFACES
 
 @dataclass(frozen=True, eq=False)
 class GraspedObject:
-    """An object with its grasps; `held` says which of them hold, None if they were not tested.
+    """An object with its grasps.
 
-    `placement` (4, 4) takes points of the object's file into the world, m: a rotation times `scale`, m per unit of the file, and a shift.
+    `placement` is a rotation times `scale`, m per unit of the file, and a shift.
     """
 
     name: str
     mesh: Mesh
     grasps: list[StoredGrasp]
-    placement: NDArray[np.float64]
-    held: np.ndarray | None
+    placement: NDArray[np.float64]  # (4, 4) points of the object's file to the world, m
+    held: np.ndarray | None  # (grasp,) which ones hold; None if they were not tested
 
     @cached_property
     def scale(self) -> float:
@@ -64,14 +62,7 @@ class GraspedObject:
 
 
 class GraspedObjects:
-    """The hand of a dataset and the objects that it grasps, in id order.
-
-    Raises
-    ------
-    StoreError
-        `simulate-grasps` has not been run, or its grasps are of other surfaces than the current ones, or surfaces are of a version that
-        does not record how objects were placed, or no object has grasps.
-    """
+    """The hand of a dataset and the objects that it grasps, in id order."""
 
     def __init__(self, data: Place) -> None:
         directory = DataDirectory(data)
@@ -124,10 +115,8 @@ def write_grasps(objects: GraspedObjects, folder: Path) -> int:
 def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
     """Write grasps and objects below `output` and `assets`, as DexGraspBench has them; return the number of grasps.
 
-    Notes
-    -----
-    Of a grasp, `qpos` is the root link's position, m, its quaternion, real part first, and the joint vector; the object stands at the
-    origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
+    Of a grasp, `qpos` is the root link's position, m, its quaternion, real part first, and the joint vector; the object
+    is at the origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
     """
     count = 0
     for grasped in objects:

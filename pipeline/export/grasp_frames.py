@@ -1,7 +1,5 @@
 """Read a dataset as frames, one per grasp, with the type of each column, for every table format."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,21 +31,7 @@ class Column:
 
 
 class GraspFrames:
-    """The grasps of a dataset's usable objects as frames; values are as stored, to the bit.
-
-    Attributes
-    ----------
-    columns
-        By name: `object_id`, `category`, `split`, `grasp`, `touch_success`, `joint_angles`, `hand_pose`, `sensor_pose`, and where there are
-        some `tactile_image.FINGER`, `depth.FINGER`, `unoccluded`, `occluded`.
-    object_ids
-        By split, in order; splits without objects are left out.
-
-    Raises
-    ------
-    StoreError
-        `simulate-grasps` has not been run, or no object came through.
-    """
+    """The grasps of a dataset's usable objects as frames; values are as stored, to the bit."""
 
     def __init__(self, data: Place) -> None:
         directory = DataDirectory(data)
@@ -59,6 +43,7 @@ class GraspFrames:
         self.rows = ObjectRows(data, [*self._grasp_arrays, *self._touch_arrays, *self._image_arrays], split=None)
         grasps = directory.collection(GRASPS)
         splits = {name: grasps.row(name).split for name in self.rows.object_ids}
+        # by split, in order, without empty splits
         self.object_ids = {split: names for split in SPLITS if (names := [name for name, of in splits.items() if of == split])}
         if not self.object_ids:
             raise StoreError(f"{data.resolve()} has no object in the splits {', '.join(SPLITS)}")
@@ -97,7 +82,7 @@ class GraspFrames:
 
 
 def png(image: NDArray[np.uint8]) -> bytes:
-    """Write an image as PNG: lossless."""
+    """Write an image (R, C, 3) as PNG: lossless."""
     buffer = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(buffer, "PNG")
     return buffer.getvalue()

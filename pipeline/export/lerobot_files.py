@@ -1,10 +1,8 @@
 """Export to the layout of LeRobotDataset v3: an episode per object, a frame per grasp.
 
 Images are PNG, depth is float32 and poses are float64 in the tables, so nothing is lost; LeRobot hands poses out as float32. Its own videos
-would lose: MP4 compresses colours, and its depth has 12 bits.
+are lossy: MP4 compresses colours, and its depth has 12 bits.
 """
-
-from __future__ import annotations
 
 import json
 import tempfile

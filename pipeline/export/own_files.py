@@ -1,10 +1,8 @@
 """Collect the user's own hand, sensor and scene files, and the files that these name, for a recipe.
 
-They keep their places relative to one another, so that references between them stay valid. A recipe contains small text files, and the
+They keep their relative paths, so that references between them stay valid. A recipe contains small text files, and the
 SHA-256 of others.
 """
-
-from __future__ import annotations
 
 import hashlib
 import os
@@ -81,10 +79,7 @@ def _files(kind: Kind, name: str, settings: Mapping[str, Any]) -> Iterator[Path]
 def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str]]:
     """Read the files that a recipe carries: the texts of some, the SHA-256 of the others.
 
-    Raises
-    ------
-    InvalidInput
-        A file cannot be read, or names one that would not be found from it elsewhere.
+    An `InvalidInput` names a file that cannot be read, or that names one which would not be found from it elsewhere.
     """
     texts, digests = dict[str, str](), dict[str, str]()
     for name, path in files.items():
@@ -102,10 +97,7 @@ def read_files(files: Mapping[str, Path]) -> tuple[dict[str, str], dict[str, str
 def place_files(recipe: Recipe, folder: Path) -> None:
     """Check the files of a recipe in a folder, then write its texts that are missing there.
 
-    Raises
-    ------
-    InvalidInput
-        A file is missing or another, or names one outside the folder.
+    An `InvalidInput` names a file that is missing or differs, or that names one outside the folder.
     """
     digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in recipe.texts.items()} | recipe.files
     faults = []

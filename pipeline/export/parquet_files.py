@@ -1,7 +1,5 @@
 """Export to Hugging Face parquet: one table per split, a row per grasp; images decode, arrays keep shape and type."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

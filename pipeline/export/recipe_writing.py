@@ -1,7 +1,5 @@
 """Write the recipe of a dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,15 +30,8 @@ Folders = Directory | Catalogue | ShapeNet
 def source_hash(source: Mapping[str, Any]) -> str:
     """Compute the hash by which a recipe identifies an object's source.
 
-    Returns
-    -------
-    The SHA-256 of its file, and after a + the first digits of a hash of the files that this one names; for a toy object, after a ~ those
-    of the hash of its code and seed.
-
-    Raises
-    ------
-    InvalidInput, OSError
-        A file cannot be read or used.
+    It is the SHA-256 of its file, and after a + the first digits of a hash of the files that this one names; for a toy
+    object, after a ~ those of the hash of its code and seed.
     """
     if "file" not in source:
         return f"~{digest.of_json(keys.source_key(dict(source)))[:SHORT_DIGITS]}"
@@ -49,36 +40,19 @@ def source_hash(source: Mapping[str, Any]) -> str:
 
 
 def recipe_of(
-    data: Place,
-    manifest: str | None = None,
-    objects: Path | None = None,
+    data: Place,  # its stages, or the first of them, have made all objects
+    manifest: str | None = None,  # name or path; by default what the records say
+    objects: Path | None = None,  # folder of meshes; it, `units` and `up` are by default what the records say
     *,
     units: str | None = None,
     up: str | None = None,
-    files_url: str | None = None,
-    full_digests: bool = False,
+    files_url: str | None = None,  # of the user's own files (hand, sensor, scene) whose SHA-256 alone is in the recipe
+    full_digests: bool = False,  # give all 64 digits of every row's digest
 ) -> Recipe:
     """Make the recipe of a dataset.
 
-    Parameters
-    ----------
-    data
-        A data directory in which the stages of a dataset, or the first of them, have made all objects.
-    manifest
-        Its name or path; by default what the records say.
-    objects, units, up
-        The folder of meshes, its files' unit and up-axis; by default what the records say.
-    files_url
-        The web address of the user's own hand, sensor and scene files of which the recipe has only the SHA-256.
-    full_digests
-        Whether to give all 64 digits of every row's digest.
-
-    Raises
-    ------
-    StoreError
-        The dataset is incomplete, or was made by other code or from other files than are here.
-    InvalidInput
-        A source, or a file of a hand, sensor or scene, cannot be published.
+    A `StoreError` says that it is incomplete, or was made by other code or from other files than are here; an
+    `InvalidInput`, that a source, or a file of a hand, sensor or scene, cannot be published.
     """
     directory = DataDirectory(data)
     made_by = {artifact.stage: artifact for artifact in ARTIFACTS.values()}
@@ -128,7 +102,7 @@ def _readable_hash(item: Object) -> str:
 
 
 def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
-    """Make the request that repeats what a record says was made."""
+    """Make the request that repeats a record's run."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
     return Request(

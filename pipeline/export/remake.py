@@ -1,7 +1,5 @@
 """Make a dataset again from its recipe; everything is checked before anything runs."""
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,24 +28,12 @@ from stages.registry import DATASET, load_stage, resolve
 
 @dataclass(frozen=True)
 class Remake:
-    """A recipe that is ready to run, with the user's folders; nothing has been run.
-
-    Attributes
-    ----------
-    recipe
-        What is to be made.
-    items
-        Its objects, or a sample of them.
-    settings
-        By stage.
-    sampled
-        Whether these are a sample.
-    """
+    """A recipe that is ready to run, with the user's folders; nothing has been run."""
 
     recipe: Recipe
-    items: Sequence[Object]
-    settings: Mapping[str, Settings]
-    sampled: bool = False
+    items: Sequence[Object]  # its objects, or a sample of them
+    settings: Mapping[str, Settings]  # by stage
+    sampled: bool = False  # `items` are a sample
 
     def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
         """Yield the request of each stage in turn."""
@@ -65,24 +51,16 @@ class Remake:
             )
 
 
-def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Path | None = None, sample: int | None = None) -> Remake:
+def prepare_remake(
+    recipe: Recipe,  # possibly from an untrusted source
+    objects: Path | None = None,  # folder of its meshes; of the folders, where the recipe names several
+    descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
+    sample: int | None = None,  # how many objects, drawn at random
+) -> Remake:
     """Check everything that a recipe needs before anything is made.
 
-    Parameters
-    ----------
-    recipe
-        Possibly from an untrusted source.
-    objects
-        The folder of its meshes; of the folders, where the recipe names several.
-    descriptions
-        The folder for the hand, sensor and scene files that come with no package; those that the recipe holds are written there.
-    sample
-        How many objects, drawn at random.
-
-    Raises
-    ------
-    InvalidInput
-        A source, setting or description file is missing or is not that of the recipe; the message names it and what to do.
+    An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
+    to do.
     """
     if recipe.texts or recipe.files:
         if descriptions is None:
@@ -100,7 +78,7 @@ def prepare_remake(recipe: Recipe, objects: Path | None = None, descriptions: Pa
 
 
 def _check_stages(recipe: Recipe) -> None:
-    """Check that the stages stand in their order, each after those whose artifacts it reads."""
+    """Check the order of the stages: each follows those whose artifacts it reads."""
     made: set[str] = set()
     for name, expected in zip(recipe.stages, [name for name in DATASET if name in recipe.stages], strict=True):
         stage = load_stage(name)
@@ -230,7 +208,7 @@ def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
 
 
 def reasons(recipe: Recipe) -> list[str]:
-    """List what may make rows differ from the recipe's, other code or other libraries, each with its remedy."""
+    """List possible reasons for rows that differ from the recipe's (other code, other libraries), with remedies."""
     installed = library_versions()
     lines = []
     if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:

@@ -1,7 +1,5 @@
 """Grasps in Rerun, a viewer for robots and sensors: object, hand, sensors, images, local points, charts and predictions."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path
@@ -27,29 +25,13 @@ POINT = 2e-4
 """m: radius of a local point."""
 
 
-def view_grasps(data: Place, object_id: str, grasp: int | None, save: Path | None) -> list[int]:
-    """Show grasps of an object in Rerun's viewer, or save them to a file: a timeline `grasp`, and an entity per part of the scene.
-
-    Parameters
-    ----------
-    data
-        A data directory.
-    object_id
-        One of its objects.
-    grasp
-        One of its grasps, from 0; None for all.
-    save
-        A file, .rrd, in place of a window.
-
-    Returns
-    -------
-    The grasps shown.
-
-    Raises
-    ------
-    InvalidInput
-        Rerun is not installed; the machine has no screen and `save` is None; or the object or grasp is unknown.
-    """
+def view_grasps(
+    data: Place,
+    object_id: str,
+    grasp: int | None,  # from 0; None for all
+    save: Path | None,  # a file, .rrd, in place of a window
+) -> list[int]:  # the grasps shown
+    """Show grasps of an object in Rerun's viewer, or save them: timeline `grasp`, an entity per part of the scene."""
     rerun = _rerun()
     if save is None and sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
         raise InvalidInput("the viewer needs a screen; write a file with --save FILE.rrd instead")  # it would never come up

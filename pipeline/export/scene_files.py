@@ -1,7 +1,5 @@
 """Export to glTF scenes: an object with the hand, sensors, touched surface and touch charts of its grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,28 +10,14 @@ from pipeline.reports.report_source import ReportSource
 from pipeline.store.atomic import atomic_writes, write_atomically
 
 
-def write_scenes(source: ReportSource, out: Path, objects: Sequence[str]) -> int:
+def write_scenes(
+    source: ReportSource,
+    out: Path,  # folder for `OBJECT.glb`, or a .glb file for one object
+    objects: Sequence[str],  # names; empty for all
+) -> int:  # the number of objects
     """Write each object's scene as glTF.
 
     Meshes are as stored. Lengths are m; glTF is y up: each top node turns the world, z up.
-
-    Parameters
-    ----------
-    source
-        The data directory.
-    out
-        A folder for `OBJECT.glb`, or a .glb file for one object.
-    objects
-        Their names; empty for all.
-
-    Returns
-    -------
-    The number of objects.
-
-    Raises
-    ------
-    InvalidInput
-        An object is unknown, or `out` is one file for several.
     """
     object_ids = list(objects) or source.object_ids
     if unknown := [name for name in object_ids if name not in source.object_ids]:

@@ -1,7 +1,5 @@
 """Export to WebDataset: tar shards per split, a sample per grasp; images as PNG, arrays as NPY, the rest as JSON; lossless."""
 
-from __future__ import annotations
-
 import io
 import json
 import tarfile

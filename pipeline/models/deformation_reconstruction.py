@@ -1,7 +1,5 @@
 """Trained deformation networks: the vision charts of a sphere, moved around the touch charts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import torch
@@ -43,22 +41,12 @@ class SingleImageReconstructor(DeformationReconstructor):
     configurations = {"single-image": SINGLE_IMAGE}  # noqa: RUF012
 
 
-def assemble_surfaces(network: DeformationNetwork, deformed: Tensor, batch: NetworkBatch) -> Iterator[tuple[Tensor, Tensor]]:
-    """Join the vision charts of each item and the charts of its successful touches.
-
-    Parameters
-    ----------
-    network
-        Gives the faces.
-    deformed
-        (B, V, 3) vertices of the vision charts, world, m.
-    batch
-        Gives the touch charts.
-
-    Yields
-    ------
-    Each item's vertices (V, 3), world, m, and faces (F, 3).
-    """
+def assemble_surfaces(
+    network: DeformationNetwork,
+    deformed: Tensor,  # (B, V, 3) vertices of the vision charts, world, m
+    batch: NetworkBatch,  # gives the touch charts
+) -> Iterator[tuple[Tensor, Tensor]]:  # (V, 3) vertices, world, m, and (F, 3) faces, of each item
+    """Join the vision charts of each item and the charts of its successful touches."""
     vision_faces = torch.tensor(network.charts.faces, device=deformed.device)
     touch_faces = chart_square(network.config.side)[1].to(deformed.device)
     charts_of, touched_of = torch.split(batch.touch_vertices, batch.counts), torch.split(batch.touched, batch.counts)

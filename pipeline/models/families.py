@@ -1,7 +1,5 @@
 """The families of networks that reconstruct: one entry adds a family to models, evaluation, prediction and reports."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -62,23 +60,12 @@ def model_name(configuration: str, training_seed: int = 0) -> str:
     return "/".join(filter(None, folders))
 
 
-def load_reconstructor(configuration: str, folder: Path, device: torch.device | str = "cpu") -> Reconstructor:
-    """Load the trained network of a configuration.
-
-    Parameters
-    ----------
-    configuration
-        A key of `EVERY_CONFIGURATION` or `ROWS`.
-    folder
-        Written by its training.
-    device
-        Where it is put.
-
-    Raises
-    ------
-    StoreError
-        The folder holds no such network.
-    """
+def load_reconstructor(
+    configuration: str,  # a key of `EVERY_CONFIGURATION` or `ROWS`
+    folder: Path,  # written by its training
+    device: torch.device | str = "cpu",
+) -> Reconstructor:
+    """Load the trained network of a configuration; raise a `StoreError` if the folder does not hold it."""
     return load_rows({configuration: folder}, device)[configuration]
 
 
@@ -99,28 +86,14 @@ def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
     return {name: folder for name, folder in folders.items() if f"{network_of(name)}.json" in records[folder]}
 
 
-def trained_folder(models: Place, configuration: str, training_seed: int = 0) -> Path:
-    """Find the trained network of a configuration below a folder of models, with a message for whoever named another folder or network.
+def trained_folder(
+    models: Place,  # such as DATA/models
+    configuration: str,  # a key of `EVERY_CONFIGURATION` or `ROWS`
+    training_seed: int = 0,
+) -> Path:
+    """Find the folder of a configuration's trained network, or make a local copy if it is in object storage.
 
-    Parameters
-    ----------
-    models
-        Such as DATA/models.
-    configuration
-        A key of `EVERY_CONFIGURATION` or `ROWS`.
-    training_seed
-        Of its training.
-
-    Returns
-    -------
-    Its folder, or a local copy if it is in object storage.
-
-    Raises
-    ------
-    StageError
-        There is none.
-    StoreError
-        A file of it is missing or was changed.
+    Raise a `StageError` if there is none, a `StoreError` if a file of it is missing or was changed.
     """
     trained = trained_models(models, training_seed)
     if configuration not in trained:

@@ -1,7 +1,5 @@
 """Trained implicit networks: from images and touches of an object to a closed mesh."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,9 +36,10 @@ class ImplicitReconstructor(Reconstructor):
         return reconstructions
 
     def _mesh(self, code: Encoding) -> tuple[NDArray[np.float64], NDArray[np.int64], bool]:
-        """Mesh the zeros of one item's distances; if no point is inside, a level set around the smallest distance: then it is a guess.
+        """Mesh the zeros of one item's distances: vertices (V, 3), m, faces (F, 3), and whether they are a guess.
 
-        Without an image, only the largest piece and touched ones are kept: the others are guesses that exclude each other.
+        They are if no point is inside: then this is a level set around the smallest distance. Without an image, only
+        the largest piece and touched ones are kept: the others are guesses that exclude each other.
         """
         errors = self.network.errors_at_touches(code)
 

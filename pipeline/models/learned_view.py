@@ -1,7 +1,5 @@
 """Compare a camera with that of a network's training; no training depends on it."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,16 +11,11 @@ DEGREES, SHARE = 1.0, 0.01
 """Largest differences of a camera from the training's that count as none: of its direction, and of pixels as a share of the image."""
 
 
-def has_learned_view(model: Reconstructor, camera: NDArray[np.float64]) -> bool:
-    """Check whether a camera sees an object from the same side as the training's camera did, and as large.
-
-    Parameters
-    ----------
-    model
-        The network; without a camera of its own, the answer is no.
-    camera
-        (3, 4) projection matrix, of an object of the size that networks see.
-    """
+def has_learned_view(
+    model: Reconstructor,  # one without a camera has learned no view
+    camera: NDArray[np.float64],  # (3, 4) projection matrix, of an object of the size that networks see
+) -> bool:
+    """Check whether a camera sees an object from the same side as the training's camera did, and as large."""
     if model.camera is None or model.resolution is None:
         return False
     centre = np.array(model.config.centre)

@@ -1,7 +1,5 @@
 """A trained network on disk: weights as safetensors (no pickles), and a description of the network as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,18 +22,12 @@ D = TypeVar("D", bound=BaseModel)
 N = TypeVar("N", bound=nn.Module)
 
 
-def save_model(folder: Path, module: nn.Module, description: Mapping[str, Any]) -> None:
-    """Write a trained network into a folder.
-
-    Parameters
-    ----------
-    folder
-        Existing.
-    module
-        The network, whose parameters and buffers are written as safetensors.
-    description
-        Its sizes, sensor, …, which are written as JSON.
-    """
+def save_model(
+    folder: Path,  # exists
+    module: nn.Module,  # its parameters and buffers are written as safetensors
+    description: Mapping[str, Any],  # its sizes, sensor, …, written as JSON
+) -> None:
+    """Write a trained network into a folder."""
     weights = {name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}
     (folder / WEIGHTS).write_bytes(save(weights))  # its errors name the disk, unlike those of `save_file`
     (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
@@ -62,23 +54,12 @@ def read_weights(folder: Path) -> dict[str, Tensor]:
         raise unusable(folder, f"{WEIGHTS}: {error}") from error
 
 
-def load_network(folder: Path, make: Callable[[], N], device: torch.device | str) -> N:
-    """Load a network for evaluation; memory is allocated only if its weights fit.
-
-    Parameters
-    ----------
-    folder
-        Written by `save_model`.
-    make
-        Makes the network, with any weights.
-    device
-        Where it is put.
-
-    Raises
-    ------
-    StoreError
-        The weights are missing, or those of another network.
-    """
+def load_network(
+    folder: Path,  # written by `save_model`
+    make: Callable[[], N],  # makes the network, with any weights
+    device: torch.device | str,
+) -> N:
+    """Load a network for evaluation; memory is allocated only if its weights fit, else a `StoreError` is raised."""
     weights = read_weights(folder)
     with torch.device("meta"):  # shapes without memory
         network = make()

@@ -1,7 +1,5 @@
 """Observations of objects: the images and touch charts that networks are given."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,29 +18,16 @@ from pipeline.kernels.vision.view_transfer import moved_projection
 
 @dataclass(frozen=True)
 class Observation:
-    """Hold the image and touches of one object.
+    """Hold the image and touches of one object."""
 
-    Attributes
-    ----------
-    image
-        (rows, cols, 3) uint8, None for networks without image.
-    touch_vertices
-        (T, S, 3) float32 touch charts of all sensors of all grasps given, world, m; by default none.
-    touched
-        (T,) bool: whether the chart is that of a successful touch.
-    camera
-        (3, 4) projection matrix of world points, m, to pixels of the image; None without one, or if it is the training's.
-    scale
-        Factor about the centre of the network's ball that makes the object as large as those that it learned from.
-    """
-
-    image: np.ndarray | None
+    image: np.ndarray | None  # (rows, cols, 3) uint8; None for networks without image
+    # (T, S, 3) float32 world, m: touch charts of all sensors of all given grasps; by default none
     touch_vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
-    touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
-    camera: np.ndarray | None = None
-    scale: float = 1.0
+    touched: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))  # (T,) bool: of successful touches
+    camera: np.ndarray | None = None  # (3, 4) world, m, to image pixels; None without one, or if it is the training's
+    scale: float = 1.0  # about the centre of the network's ball; makes the object as large as those learned from
 
-    def scaled(self, centre: Sequence[float]) -> Observation:
+    def scaled(self, centre: Sequence[float]) -> "Observation":
         """Scale the object with its touches and its camera about a point (3,), world, m, so that the image stays the same."""
         if self.scale == 1:
             return self
@@ -65,20 +50,13 @@ def stored_images(config: NetworkInputs) -> tuple[str, ...]:
     return () if config.image is None else (config.image,)
 
 
-def stored_observation(rows: ObjectRows, object_id: str, grasps: Sequence[int], config: NetworkInputs) -> Observation:
-    """Read the observation of a stored object that a network is given.
-
-    Parameters
-    ----------
-    rows
-        Hold the arrays that `observed_arrays` names.
-    object_id
-        The object.
-    grasps
-        Grasps whose charts are given; the image is the first camera's of the first. Or a viewpoint.
-    config
-        The network's inputs; for a network that takes any, those of this observation.
-    """
+def stored_observation(
+    rows: ObjectRows,  # hold the arrays that `observed_arrays` names
+    object_id: str,
+    grasps: Sequence[int],  # whose charts are given; the image is the first camera's of the first; or a viewpoint
+    config: NetworkInputs,  # of a network that takes any inputs, those of this observation
+) -> Observation:
+    """Read the observation of a stored object that a network is given."""
     image, camera, scale = None, None, scale_of(rows, object_id, config)
     if config.image is not None:
         image = rows.read(config.image, object_id, grasps[0], camera=0)
@@ -103,13 +81,7 @@ def scale_of(rows: ObjectRows, object_id: str, config: NetworkInputs) -> float:
 
 @dataclass(frozen=True)
 class NetworkBatch:
-    """Observations as `DeformationNetwork.forward` takes them, on its device.
-
-    Attributes
-    ----------
-    images, camera, touch_vertices, touched, counts
-        Its arguments.
-    """
+    """Observations as the arguments of `DeformationNetwork.forward`, on its device."""
 
     images: Tensor | None
     camera: Tensor | None
@@ -118,27 +90,13 @@ class NetworkBatch:
     counts: list[int]
 
 
-def stack_observations(observations: Sequence[Observation], config: NetworkInputs, camera: Tensor | None, like: Tensor) -> NetworkBatch:
-    """Stack observations as tensors of the device and type of `like`.
-
-    Parameters
-    ----------
-    observations
-        One per item; they are scaled to the size that the network learned.
-    config
-        The network's inputs. If it takes any image, items may have none: these get black ones, and zeros for a camera.
-    camera
-        The projection matrix (3, 4) of images without their own; None if each has its own.
-    like
-        A tensor of the network.
-
-    Raises
-    ------
-    InvalidInput
-        An image that the network takes is missing, or the images differ in size.
-    ValueError
-        `observations` is empty, or charts differ in their number of vertices.
-    """
+def stack_observations(
+    observations: Sequence[Observation],  # one per item; they are scaled to the size that the network learned
+    config: NetworkInputs,  # if it takes any image, items without one get black ones, and zeros for a camera
+    camera: Tensor | None,  # (3, 4) projection matrix of images without their own; None if each has its own
+    like: Tensor,
+) -> NetworkBatch:
+    """Stack observations as tensors of the device and type of `like`."""
     if not observations:
         raise ValueError("observations is empty; give at least one")
     observations, images = [observation.scaled(config.centre) for observation in observations], None

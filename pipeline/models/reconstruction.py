@@ -1,7 +1,5 @@
 """Trained networks of any family: from images and touches of an object to its surface."""
 
-from __future__ import annotations
-
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -29,31 +27,16 @@ Level = Annotated[int, Field(ge=0, le=255)]
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A predicted surface.
+    """A predicted surface."""
 
-    Attributes
-    ----------
-    vertices
-        (V, 3) float64 in the world, m: vision charts first, then the charts of successful touches; charts of touches that
-        failed are not part of the surface.
-    faces
-        (F, 3) int64.
-    vision
-        How many of the vertices belong to vision charts.
-    position
-        (vision,) int64: which of the sphere's distinct positions each of these has; equal ones coincided before deformation.
-    side
-        Vertices along a side of a touch chart.
-    is_guess
-        Whether the network found no point inside the object: then the surface is around the likeliest one.
-    """
-
+    # (V, 3) float64 world, m: of vision charts, then of the charts of successful touches, none of others
     vertices: np.ndarray
-    faces: np.ndarray
-    vision: int
+    faces: np.ndarray  # (F, 3) int64
+    vision: int  # how many of the vertices belong to vision charts
+    # (vision,) int64: which of the sphere's distinct positions each has; equal ones coincided before deformation
     position: np.ndarray
-    side: int
-    is_guess: bool = False
+    side: int  # vertices along a side of a touch chart
+    is_guess: bool = False  # no point is inside the object for the network: the surface is around the likeliest one
 
     @property
     def is_whole(self) -> bool:
@@ -75,7 +58,7 @@ class Description(BaseModel):
     diagonals: tuple[float, float] | None = None
 
     @model_validator(mode="after")
-    def _of_its_inputs(self) -> Description:
+    def _of_its_inputs(self) -> "Description":
         image, touch = self.network.image is not None, self.network.touch
         camera = image and self.network.image != "rendering"  # each rendering has its own
         if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
@@ -84,39 +67,19 @@ class Description(BaseModel):
 
 
 class Reconstructor(ABC):
-    """A trained network, from its folder; each subclass is a family of networks, registered in `pipeline/models/families.py`.
+    """A trained network, from its folder; each subclass is a family, registered in `pipeline/models/families.py`.
 
-    Attributes
-    ----------
-    configurations
-        The family's networks by name.
-    network_type
-        Makes one: `network_type(configuration, generator)`.
-    has_charts
-        Whether it deforms vision charts; else it makes meshes of its own.
-    network
-        The trained one.
-    configuration
-        Its name.
-    config
-        Its inputs and sizes.
-    image
-        Which image it is given: None, "occluded", "unoccluded", "rendering" or "any".
-    touch
-        Whether it is given touch charts.
-    camera
-        (3, 4) float64, the projection matrix of the first training object's image, scaled as it; None without an image.
-    resolution, background
-        Rows and columns of its images, and the sRGB of their background; None without an image, or if not known.
-    chart_settings
-        The settings of `fit-charts` that its touch charts were fitted with; None without touch.
-    diagonals
-        Of the smallest and the largest object that it learned from, m; None if not known.
+    `configuration` is its name, `config` its inputs and sizes. `image` is None, "occluded", "unoccluded", "rendering"
+    or "any"; `touch` says whether it is given touch charts, and `chart_settings` are those of `fit-charts` that fitted
+    them (None without touch). `camera` (3, 4) float64 is the projection matrix of the first training object's image,
+    scaled as it (None without an image). `resolution` are rows and columns of its images, `background` the sRGB behind
+    them (None without an image, or if not known). `diagonals` are those of the smallest and the largest object that it
+    learned from, m (None if not known).
     """
 
-    configurations: ClassVar[Mapping[str, NetworkInputs]]
-    network_type: ClassVar[type[nn.Module]]
-    has_charts: ClassVar[bool] = False
+    configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
+    network_type: ClassVar[type[nn.Module]]  # called as `network_type(configuration, generator)`
+    has_charts: ClassVar[bool] = False  # deforms vision charts; else it makes meshes of its own
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
         config_type = type(next(iter(self.configurations.values())))
@@ -139,12 +102,8 @@ class Reconstructor(ABC):
     def reconstruct(self, observations: Sequence[Observation]) -> list[Reconstruction]:
         """Reconstruct the surfaces of a batch of objects.
 
-        Raises
-        ------
-        InvalidInput
-            An image is missing or has another size than the network was trained on, or an observation holds NaN.
-        ValueError
-            `observations` is empty, or an array has another shape or type than the network takes.
+        An `InvalidInput` names an image that is missing or has another size than the training's, or an array that holds
+        NaN.
         """
         return [self._unscaled(surface, seen.scale) for seen, surface in zip(observations, self._surfaces(observations), strict=True)]
 
@@ -170,8 +129,10 @@ class Reconstructor(ABC):
         return batch
 
 
-def join_vision_charts(reconstruction: Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Join the vision charts to one closed surface: vertices (P, 3), one per distinct position, m, and faces (F, 3)."""
+def join_vision_charts(
+    reconstruction: Reconstruction,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # vertices (P, 3) m, faces (F, 3)
+    """Join the vision charts to one closed surface, with one vertex per distinct position."""
     position = reconstruction.position
     count = np.bincount(position)
     vertices = (
@@ -182,23 +143,11 @@ def join_vision_charts(reconstruction: Reconstruction) -> tuple[NDArray[np.float
 
 
 def close_reconstruction(
-    reconstruction: Reconstruction, resolution: int = RESOLUTION, observation: Observation | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`.
-
-    Parameters
-    ----------
-    reconstruction
-        The reconstruction.
-    resolution
-        Edges of the mesh along the longest side of the surface's box, 64 or more.
-    observation
-        The observation whose touch charts are used, for an implicit network, whose reconstructions hold none.
-
-    Returns
-    -------
-    Vertices (V, 3), m, and faces (F, 3).
-    """
+    reconstruction: Reconstruction,
+    resolution: int = RESOLUTION,  # edges along the longest side of the surface's box, 64 or more
+    observation: Observation | None = None,  # gives an implicit network's touch charts
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # vertices (V, 3) m, faces (F, 3)
+    """Make one closed, smooth mesh of a reconstruction, through the vertices of touch charts; see `closed_surface`."""
     _, faces = chart_square(reconstruction.side)
     charts = reconstruction.vertices[reconstruction.vision :] if observation is None else observation.touch_vertices[observation.touched]
     return closed_surface(

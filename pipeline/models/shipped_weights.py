@@ -1,7 +1,5 @@
 """Networks that ship with the package: models in the layout of a training, and one per calibrated sensor; each has a card."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -47,78 +45,43 @@ class Error(_Entry):
 
 
 class SensorError(_Entry):
-    """Mean errors of the depth that a network reads in images of balls; of the shape alone if the depth of a ball is not known.
+    """Mean errors of the depth that a network reads in images of balls.
 
-    Attributes
-    ----------
-    images
-        How many.
-    depth_mm, shape_mm
-        Root of the mean squared depth error in the contact, mm; and without its mean.
-    normals_deg
-        Mean angle between normals there, degrees.
-    contact_iou
-        Intersection over union of the contact with the ball's.
+    Of the shape alone where the depth of a ball is not known.
     """
 
-    images: int = Field(ge=1)
-    depth_mm: float | None = Field(default=None, ge=0)
-    shape_mm: float = Field(ge=0)
-    normals_deg: float = Field(ge=0)
-    contact_iou: float = Field(ge=0, le=1)
+    images: int = Field(ge=1)  # how many
+    depth_mm: float | None = Field(default=None, ge=0)  # root of the mean squared error in the contact
+    shape_mm: float = Field(ge=0)  # the same without the mean error
+    normals_deg: float = Field(ge=0)  # mean angle between normals in the contact
+    contact_iou: float = Field(ge=0, le=1)  # intersection over union with the ball's contact
 
 
 class SensorCard(_Entry):
-    """The card of a shipped network that reads a sensor's photographs.
+    """The card of a shipped network that reads a sensor's photographs."""
 
-    Attributes
-    ----------
-    sensor
-        The shipped sensor's name.
-    presses, trained_on
-        How many simulated presses it learned from, and of what, with the licence.
-    commit, command
-        Which code trained it, and how.
-    errors
-        By kind of images that it was not trained on: simulated ones and, if available, photographs.
-    not_for
-        What it is not for.
-    """
-
-    sensor: str
-    presses: int = Field(ge=1)
+    sensor: str  # name of the shipped sensor
+    presses: int = Field(ge=1)  # simulated
     trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
-    commit: str
+    commit: str  # of the code that trained it
     command: str
+    # by kind of images that it was not trained on: simulated; photographs if any
     errors: dict[str, SensorError] = Field(min_length=1)
-    not_for: str
+    not_for: str  # uses that it is not meant for
 
 
 class ModelCard(_Entry):
-    """The card of a shipped network.
+    """The card of a shipped network."""
 
-    Attributes
-    ----------
-    network
-        Its configuration.
-    learned_from, trained_on
-        The objects that it learned from, and those of a network that its training began with: how many of each manifest, by its name; and
-        each source with its licence.
-    commit, command
-        Which code trained it, and how.
-    errors
-        Of objects that it was not trained on: by row of the tables (its inputs), and by class; `all` is every object.
-    not_for
-        What it is not for.
-    """
-
-    network: str
+    network: str  # its configuration
+    # objects per manifest, also of a network that its training began with
     learned_from: dict[str, Annotated[int, Field(ge=1)]] = Field(min_length=1)
-    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)
-    commit: str
+    trained_on: tuple[TrainedOn, ...] = Field(min_length=1)  # the sources of these, with their licences
+    commit: str  # of the code that trained it
     command: str
+    # of other objects, by row of the tables (inputs) and class; `all` is every object
     errors: dict[str, dict[str, Error]]
-    not_for: str
+    not_for: str  # uses that it is not meant for
 
 
 def shipped_models() -> Path:

@@ -1,7 +1,5 @@
 """Trained networks that read tactile images: depth maps, contact and local point clouds."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,35 +43,28 @@ class _Description(BaseModel):
     sensor: Sensor
 
     @model_validator(mode="after")
-    def _has_a_threshold(self) -> _Description:
+    def _has_a_threshold(self) -> "_Description":
         if (self.network == "unet") == (self.mask_threshold is None):
             raise ValueError(f"mask_threshold is {self.mask_threshold}; a U-Net has one, and a local network finds contact itself")
         return self
 
 
 def save_touch_model(
-    folder: Path, network: UNet | LocalNetwork, *, sensor: Sensor, untouched: np.ndarray, mask_threshold: float | None = None
+    folder: Path,  # exists
+    network: UNet | LocalNetwork,
+    *,
+    sensor: Sensor,  # of its tactile images
+    untouched: np.ndarray,  # (H, W, 3) uint8 sRGB, the image without contact
+    mask_threshold: float | None = None,  # of a U-Net, see `contact_mask`
 ) -> None:
-    """Write a trained network with its sensor and untouched image.
-
-    Parameters
-    ----------
-    folder
-        Existing.
-    network
-        The trained network.
-    sensor, untouched
-        The sensor of its tactile images, and the one without contact, (H, W, 3) uint8 sRGB.
-    mask_threshold
-        Of a U-Net: squared difference of colours above which a pixel touches, see `contact_mask`.
-    """
+    """Write a trained network with its sensor and untouched image."""
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
     description = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
     kind = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
     save_model(folder, network, description | kind)
 
 
-def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
+def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":
     """Load the network that `train-unet` or `train-touch` saved in `folder`; raise a `StoreError` if it is missing."""
     description = read_description(folder, _Description)
     kind = LocalNetwork if description.network == "local" else UNet
@@ -93,43 +84,21 @@ def load_touch_model(folder: Path, device: torch.device | str) -> TouchModel:
 
 @dataclass(frozen=True)
 class TouchModel(ABC):
-    """A trained network in evaluation mode.
-
-    Attributes
-    ----------
-    network
-        On the device where it computes.
-    sensor
-        Whose tactile images it was trained on.
-    untouched
-        (H, W, 3) uint8, that sensor's image with nothing on it.
-    """
+    """A trained network in evaluation mode, on the device where it computes."""
 
     network: nn.Module
-    sensor: Sensor
-    untouched: NDArray[np.uint8]
+    sensor: Sensor  # whose tactile images it was trained on
+    untouched: NDArray[np.uint8]  # (H, W, 3), that sensor's image with nothing on it
 
     @abstractmethod
-    def maps(self, images: np.ndarray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Predict the depth D from the sensor plane, and where something touched.
-
-        Parameters
-        ----------
-        images
-            (N, H, W, 3) uint8 tactile images.
-
-        Returns
-        -------
-        (N, H, W) float32, m, meant at the pixels that touched; and (N, H, W) bool, which these are.
-
-        Raises
-        ------
-        InvalidInput
-            The images are not this sensor's.
-        """
+    def maps(
+        self,
+        images: np.ndarray,  # (N, H, W, 3) uint8, of this sensor
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:  # (N, H, W) m; (N, H, W)
+        """Predict the depth D from the sensor plane, meant at the pixels that touched, and which these are."""
 
     def clouds(self, images: np.ndarray) -> list[NDArray[np.float64]]:
-        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0. Parameters and errors as `maps`."""
+        """Predict the local point cloud of each image: (n, 3) sensor frame, m, row by row; n may be 0."""
         depth, mask = self.maps(images)
         sensor = resample(self.sensor, *depth.shape[1:])
         return [masked_points(*maps, sensor) for maps in zip(depth, mask, strict=True)]
@@ -172,10 +141,10 @@ class UnetTouchModel(TouchModel):
 
 
 class GelReading(NamedTuple):
-    """The reading of a local network: (N, H, W) float32 indentation of the gel, m, and its contact."""
+    """The reading of a local network: the indentation of the gel, and its contact."""
 
-    indentation: NDArray[np.float32]
-    contact: NDArray[np.bool_]
+    indentation: NDArray[np.float32]  # (N, H, W) m
+    contact: NDArray[np.bool_]  # (N, H, W)
 
 
 @dataclass(frozen=True)
@@ -184,27 +153,13 @@ class LocalTouchModel(TouchModel):
 
     network: LocalNetwork
 
-    def read(self, images: np.ndarray, untouched: np.ndarray | None = None, pixel_aspect: float = 1.0) -> GelReading:
-        """Read the gel in photographs, whose light may have drifted since the untouched one.
-
-        Parameters
-        ----------
-        images
-            (N, H, W, 3) uint8.
-        untouched
-            (H, W, 3) uint8, a photograph of the same day with nothing in the gel; by default the model's own.
-        pixel_aspect
-            Height over width of a pixel of the images.
-
-        Returns
-        -------
-        Indentation, >= 0, and contact, with the images' pixels.
-
-        Raises
-        ------
-        InvalidInput
-            The images are not uint8 colours, have another aspect ratio than the sensor, or `untouched` has other pixels.
-        """
+    def read(
+        self,
+        images: np.ndarray,  # (N, H, W, 3) uint8, of the sensor's aspect ratio
+        untouched: np.ndarray | None = None,  # (H, W, 3) uint8, of the same day; by default the model's own
+        pixel_aspect: float = 1.0,  # height over width of a pixel of the images
+    ) -> GelReading:  # with the images' pixels; indentation >= 0
+        """Read the gel in photographs, whose light may have drifted since the untouched one."""
         self._check(images, untouched, pixel_aspect)
         parameter = next(self.network.parameters())
         position = pixel_positions(*self.sensor.shape).to(parameter)

@@ -1,1 +1,1 @@
-"""What people look at: statistics, tables, contact sheets, galleries."""
+"""Reports: statistics, tables, contact sheets, galleries."""

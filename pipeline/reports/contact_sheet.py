@@ -1,7 +1,5 @@
 """Draw a dataset's contact sheets, the best grasps of objects; they are drawn again only if the shown rows have changed."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -51,13 +49,7 @@ class Sheets(WrittenFiles):
 
 
 def contact_sheets(data: Place, max_objects: int) -> list[Place]:
-    """Draw the best grasp of at most `max_objects` objects, spread evenly over the dataset; return the sheets' paths.
-
-    Raises
-    ------
-    StoreError
-        An artifact has not been made, or no object came through all stages.
-    """
+    """Draw the best grasp of at most `max_objects` objects, spread over the dataset; return the sheets' paths."""
     collections, object_ids = _choose_objects(data, max_objects)
     key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in collections.values()]])
     drawn = _read_drawn(data / DRAWN)

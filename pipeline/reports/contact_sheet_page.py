@@ -1,7 +1,5 @@
 """The pages of a contact sheet: per object one band of images, tactile images and depth maps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,31 +35,15 @@ MISS, BEYOND = np.array([250, 250, 250]), (np.array([205, 205, 210]), np.array([
 
 @dataclass(frozen=True)
 class Band:
-    """Hold the content of a sheet for one object in one grasp.
+    """Hold the content of a sheet for one object in one grasp."""
 
-    Attributes
-    ----------
-    title, note
-        The object's name and size, and a line about the grasp (its touches, how deep rigid parts are in the object, …).
-    pictures
-        Captions and (R, R, 3) uint8 images, left to right.
-    fingers
-        (S,) names.
-    touched
-        (S,) bool, M.
-    tactile_images
-        (S, H, W, 3) uint8, R.
-    depths
-        (S, H, W) D, m, +inf where nothing is met.
-    """
-
-    title: str
-    note: str
-    pictures: Sequence[tuple[str, NDArray[np.uint8]]]
-    fingers: Sequence[str]
-    touched: NDArray[np.bool_]
-    tactile_images: NDArray[np.uint8]
-    depths: NDArray[np.float32]
+    title: str  # the object's name and size
+    note: str  # a line about the grasp: its touches, how deep rigid parts are in the object, …
+    pictures: Sequence[tuple[str, NDArray[np.uint8]]]  # captions and (R, R, 3) images, left to right
+    fingers: Sequence[str]  # (S,) names
+    touched: NDArray[np.bool_]  # (S,) M
+    tactile_images: NDArray[np.uint8]  # (S, H, W, 3) R
+    depths: NDArray[np.float32]  # (S, H, W) D, m; +inf where nothing is met
 
 
 def spread_evenly(items: Sequence[T], limit: int) -> list[T]:
@@ -75,14 +57,10 @@ def finger_colors(count: int) -> list[Color]:
 
 
 def draw(bands: Sequence[Band], path: Path, sensors: Sequence[Sensor], *, title: str, note: str) -> list[Path]:
-    """Draw the bands on as many pages as needed, and return the PNG files written: `path`, then NAME-2.png, NAME-3.png, ….
+    """Draw the bands on as many pages as needed; return the PNG files: `path`, then NAME-2.png, NAME-3.png, ….
 
-    Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps' colours.
-
-    Raises
-    ------
-    ValueError
-        Where there is nothing to draw.
+    Each page has a title and a line of statistics. Thickness of gel and range of the sensors give the depth maps'
+    colours.
     """
     if not bands:
         raise ValueError("a contact sheet of no objects: no object of this dataset has been processed through all stages")
@@ -146,14 +124,14 @@ def _band(page: Image.Image, top: int, band: Band, sensors: Sequence[Sensor]) ->
 
 
 def enlarged(image: NDArray[np.uint8], masks: NDArray[np.bool_]) -> tuple[NDArray[np.uint8], str]:
-    """Crop a camera image (R, C, 3) to what masks (view, R, C) show, if that is less than half as large, and return the factor as text."""
+    """Crop a camera image (R, C, 3) to the masks (view, R, C), if less than half as large; return the factor as text."""
     row, col = surroundings(masks)
     side = max(row.stop - row.start, col.stop - col.start)
     return (image[row, col], f", enlarged {image.shape[0] / side:.1f} ×") if 0 < 2 * side <= image.shape[0] else (image, "")
 
 
 def surroundings(masks: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Find the square part of images around what any of these masks (view, row, col) shows; it is empty if the masks are."""
+    """Find the square part of images around all of these masks (view, row, col); it is empty if the masks are."""
     pixels = np.argwhere(masks.any(axis=0))
     if not len(pixels):
         return slice(0, 0), slice(0, 0)

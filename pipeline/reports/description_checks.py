@@ -37,28 +37,16 @@ SIZE = 0.5
 """m, diagonal of an object that must be visible in the images."""
 
 
-def check_file(name: str, picture: Path | None, model: ModelInputs | None = None, meshes: MeshFiles | None = None) -> list[str]:
+def check_file(
+    name: str,  # path of a file, or the name of a shipped one
+    picture: Path | None,  # PNG to write; by default NAME.png in the current folder
+    model: ModelInputs | None = None,  # to check an observation against
+    meshes: MeshFiles | None = None,  # that a manifest is checked with
+) -> list[str]:  # lines that describe the file's content; faults begin with "fault:"
     """Check a description file, and draw what it describes.
 
-    Parameters
-    ----------
-    name
-        Path of a file, or the name of a shipped one.
-    picture
-        PNG to write; by default NAME.png in the current folder.
-    model
-        A model to check an observation against.
-    meshes
-        The mesh files that a manifest is checked with.
-
-    Returns
-    -------
-    Lines that describe the content of the file; a fault that was found begins with "fault:".
-
-    Raises
-    ------
-    InvalidInput
-        Its kind is unknown, or entries cannot be used; the message names each of them. The picture would replace a file that it names.
+    An `InvalidInput` says that its kind is unknown, names each entry that cannot be used, or a file that the picture
+    would replace.
     """
     path = _path_of(name)
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")

@@ -1,7 +1,5 @@
 """Check that everything the stages need is installed, and say how to install what is missing."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Animations in glTF scenes: poses of nodes over time, which trimesh cannot write."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -20,24 +18,18 @@ FLOAT = 5126
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """An animation: the poses (T, 4, 4) of nodes in the node above each, m, by name, at times (T,), s."""
+    """An animation."""
 
     name: str
-    times: NDArray[np.float64]
-    poses: Mapping[str, NDArray[np.float64]]
+    times: NDArray[np.float64]  # (T,) s
+    poses: Mapping[str, NDArray[np.float64]]  # by node, (T, 4, 4) in the node above, m
 
 
 def clip_writer(clips: Sequence[Clip]) -> Callable[[dict[str, bytes], dict[str, Any]], None]:
     """Make a `buffer_postprocessor` for trimesh's export of GLB, which adds animations to the file.
 
-    Parameters
-    ----------
-    clips
-        Their nodes are in the scene, and their poses rigid.
-
-    Returns
-    -------
-    A function that changes the buffers and the tree that it is given.
+    Nodes of the clips are in the scene, and their poses rigid. The function changes the buffers and the tree that it is
+    given.
     """
 
     def write(buffers: dict[str, bytes], tree: dict[str, Any]) -> None:

@@ -1,7 +1,5 @@
 """Make a glTF scene of an object with its grasps: object, hand, gels, touched surface, touch charts and predictions as named nodes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -45,14 +43,9 @@ _visual: Any = trimesh.visual
 
 
 class GraspScenes:
-    """Make the scenes of a dataset's objects, for one hand and its sensors.
+    """Make the scenes of a dataset's objects, for one hand and its sensors, one per finger.
 
-    Parameters
-    ----------
-    hand, sensors
-        As the dataset was made with; one sensor per finger.
-    small
-        Whether meshes are simplified and coordinates rounded, for a web page; else they are as stored.
+    If `small`, meshes are simplified and coordinates rounded, for a web page; else they are as stored.
     """
 
     def __init__(self, hand: Hand, sensors: Sequence[Sensor], *, small: bool) -> None:
@@ -60,11 +53,10 @@ class GraspScenes:
         self._shapes = [(link, f"shape-{number}", self._shape(mesh)) for number, (link, mesh) in enumerate(hand.visual_meshes)]
 
     def scene(self, rows: Rows, grasps: Iterable[int] | None = None) -> Scene:
-        """Make the scene of an object from its rows of `surfaces`, `grasps` and, where there are some, `touch` and `charts`.
+        """Make the scene of an object from its rows of `surfaces`, `grasps` and, if made, `touch` and `charts`.
 
-        Returns
-        -------
-        Nodes `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and `grasp-K-charts`; m, y up as glTF is.
+        Its nodes are `object`, and per grasp K `grasp-K-hand`, `grasp-K-sensors`, `grasp-K-touched` and
+        `grasp-K-charts`; m, y up as glTF is.
         """
         scene = _empty()
         for number, part in enumerate(self._object(rows["surfaces"])):
@@ -74,7 +66,7 @@ class GraspScenes:
         return scene
 
     def predictions(self, surfaces: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Scene:
-        """Make a scene of predicted surfaces, vertices and faces by name; nodes are called `prediction-NAME`."""
+        """Make a scene of predicted surfaces, (V, 3) m and (F, 3) by name; nodes are called `prediction-NAME`."""
         scene = _empty()
         for name, (vertices, faces) in surfaces.items():
             self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
@@ -124,11 +116,15 @@ class GraspScenes:
                 part = _plain(charts["vertices"][grasp, sensor], charts["chart_faces"], TOUCH_COLOR[:3])
                 self.add(scene, f"chart-{grasp}-{sensor}", part, f"grasp-{grasp}-charts")
 
-    def add(self, scene: Scene, name: str, mesh: trimesh.Trimesh, group: str, pose: NDArray[np.float64] | None = None) -> None:
-        """Add a mesh to a scene, below the node `group`, which is made if missing; a mesh of the same name is shared.
-
-        The pose (4, 4), from mesh to group, m, is by default the identity.
-        """
+    def add(
+        self,
+        scene: Scene,
+        name: str,
+        mesh: trimesh.Trimesh,
+        group: str,
+        pose: NDArray[np.float64] | None = None,  # (4, 4) mesh to group, m; by default the identity
+    ) -> None:
+        """Add a mesh to a scene below the node `group`, made if missing; a mesh of the same name is shared."""
         if group not in scene.graph.nodes:
             scene.graph.update(frame_from="world", frame_to=group, matrix=Y_UP)
         node, matrix = f"{group}-{name}", np.eye(4) if pose is None else pose
@@ -163,13 +159,18 @@ def _empty() -> Scene:
 
 
 def _merged(mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Merge vertices of a mesh that coincide, so that simplifying it opens no seam."""
+    """Merge coincident vertices of a mesh to (V, 3), m, and (F, 3), so that simplifying it opens no seam."""
     vertices, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     return vertices, number.reshape(-1)[mesh.faces]
 
 
-def _simplified(vertices: NDArray[Any], faces: NDArray[Any], max_faces: int, haste: int = 7) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Simplify a mesh to about `max_faces` faces by quadric error; less `haste` preserves shapes of many parts, with more faces."""
+def _simplified(
+    vertices: NDArray[Any],  # (V, 3) m
+    faces: NDArray[Any],  # (F, 3)
+    max_faces: int,
+    haste: int = 7,  # less preserves shapes of many parts, with more faces
+) -> tuple[NDArray[Any], NDArray[Any]]:  # (V', 3) m, (F', 3)
+    """Simplify a mesh to about `max_faces` faces by quadric error."""
     if len(faces) <= max_faces:
         return vertices, faces
     simplify: Any = fast_simplification.simplify

@@ -1,7 +1,5 @@
 """Try a hand: attempt a few grasps of a ball, and list the reasons of those that fail."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
@@ -42,9 +40,7 @@ REMEDIES = {
 def trial_grasps(path: Path) -> list[str]:
     """Attempt to grasp a ball with the hand of a file without faults, as `simulate-grasps` does.
 
-    Returns
-    -------
-    Lines: how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
+    The lines say how many attempts are grasps, and with how many touches; why the others fail; and a fault if all fail.
     """
     settings = GraspSettings(hand=str(path))
     prepared = prepare_hand(settings)

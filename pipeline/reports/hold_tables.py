@@ -1,7 +1,5 @@
 """Tables of the hold test: which kept grasps hold the object, by class, by the object's size and by the direction of gravity."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -30,13 +28,10 @@ def hold_tables(tallies: Mapping[str, Tally]) -> list[Table]:
     return [_table(titles[grouping], grouping, entries, by_direction=bool(total.held_directions)) for grouping, entries in parts.items()]
 
 
-def size_bins(diagonals: NDArray[np.float64]) -> dict[str, NDArray[np.intp]]:
-    """Sort objects by their diagonals, (N,) m, into bins of size whose ends are the data's.
-
-    Returns
-    -------
-    Object numbers by bin name, from small to large.
-    """
+def size_bins(
+    diagonals: NDArray[np.float64],  # (N,) m
+) -> dict[str, NDArray[np.intp]]:  # object numbers by bin name, from small to large
+    """Sort objects into bins of size, whose ends are the data's, by their diagonals."""
     min_count, bins = np.ceil(len(diagonals) / SIZES), list[list[int]]()
     for number in np.argsort(diagonals, kind="stable").tolist():
         size = diagonals[number]

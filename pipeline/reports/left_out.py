@@ -1,6 +1,4 @@
-"""Count what was not computed of each scene because nothing in the dataset depends on it."""
-
-from __future__ import annotations
+"""Count what was not computed per scene because nothing in the dataset depends on it."""
 
 from collections import Counter
 
@@ -16,12 +14,7 @@ OBJECTS = 4
 
 
 def left_out_table(source: ReportSource) -> Table:
-    """Count faces, sensors, attempts, materials and texels of a few objects, and how many of them were left out.
-
-    Returns
-    -------
-    A row per kind: how many there are, how many were left out, in %, and why.
-    """
+    """Count faces, sensors, attempts, materials and texels of a few objects; say which % were left out, and why."""
     object_ids = spread_evenly(source.object_ids, OBJECTS)
     total, used = Counter[str](), Counter[str]()
     for name in object_ids:

@@ -1,7 +1,5 @@
 """Check a manifest: each object's size, unit, faces and textures, and its faults, before any stage runs."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -42,38 +40,18 @@ QUANTILES = {"smallest": 0.0, "5 % are smaller": 0.05, "half are smaller": 0.5, 
 
 @dataclass(frozen=True)
 class CheckedObject:
-    """Facts that were read of an object.
+    """Facts that were read of an object."""
 
-    Attributes
-    ----------
-    name
-        Its id.
-    unit
-        Unit of its file, and its source.
-    real_size
-        Whether there is a unit, which keeps the size.
-    sides, diagonal
-        Of its final bounding box, m; x, y and z up.
-    in_file
-        The diagonal in the unit of its file.
-    faces, watertight
-        Of its mesh, cleaned.
-    textures
-        How many there are.
-    unread
-        What the file holds or names and the mesh lacks, with reasons.
-    """
-
-    name: str
-    unit: str
-    real_size: bool
-    sides: tuple[float, ...]
-    diagonal: float
-    in_file: float
-    faces: int
+    name: str  # its id
+    unit: str  # of its file, and where this is from
+    real_size: bool  # there is a unit, which keeps the size
+    sides: tuple[float, ...]  # of its final bounding box, m; x, y and z up
+    diagonal: float  # of this box, m
+    in_file: float  # the diagonal in the unit of its file
+    faces: int  # of its mesh, cleaned
     watertight: bool
-    textures: int
-    unread: tuple[str, ...]
+    textures: int  # how many
+    unread: tuple[str, ...]  # what the file holds or names and the mesh lacks, with reasons
 
     @property
     def doubt(self) -> str | None:
@@ -118,20 +96,12 @@ def likely_units(diagonal: float) -> list[str]:
     return [unit for unit in ("mm", "cm", "m", "in") if LIKELY[0] <= diagonal * METRES[unit] <= LIKELY[1]]
 
 
-def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
-    """Read each object of a manifest, describe them all, and draw categories, splits and some of the meshes as a PNG.
-
-    `meshes` states what the manifest does not.
-
-    Returns
-    -------
-    Lines. Those of objects that cannot be used begin with "fault:".
-
-    Raises
-    ------
-    InvalidInput
-        The manifest or its folders cannot be used.
-    """
+def check_manifest(
+    path: Path,
+    picture: Path,
+    meshes: MeshFiles,  # states what the manifest does not
+) -> list[str]:  # lines; those of objects that cannot be used begin with "fault:"
+    """Read and describe each object of a manifest; draw categories, splits and some of the meshes as a PNG."""
     manifest = load_manifest(str(path)).with_units(meshes.units, meshes.up)
     objects = manifest.objects(meshes.root)
     checked, faults = list[CheckedObject](), list[str]()
@@ -162,14 +132,11 @@ def check_manifest(path: Path, picture: Path, meshes: MeshFiles) -> list[str]:
     ]
 
 
-def read_object(item: Object, units: str | None) -> CheckedObject:
-    """Read an object as `sample-surfaces` does; `units` are those of `--units`, of files for which the manifest states none.
-
-    Raises
-    ------
-    InvalidInput, OSError
-        It cannot be used; the message says why.
-    """
+def read_object(
+    item: Object,
+    units: str | None,  # of `--units`, for files for which the manifest states none
+) -> CheckedObject:
+    """Read an object as `sample-surfaces` does; an `InvalidInput` or `OSError` says why it cannot be used."""
     source, unit = item.source, "m, modelled"
     if "file" in source:
         file = Path(source["file"])
@@ -205,7 +172,7 @@ def _unit_symbol(metres: float) -> str:
 
 
 def _tables(checked: Sequence[CheckedObject]) -> Iterator[str]:
-    """List the objects by size; where there are too many, the sizes' quantiles, and objects of unusual sizes or without their textures."""
+    """List the objects by size; of too many, the sizes' quantiles and objects of unusual size or without their textures."""
     if len(checked) > LISTED:
         places = [round(share * (len(checked) - 1)) for share in QUANTILES.values()]
         rows = [
@@ -235,7 +202,7 @@ def _scaled(sizes: Sequence[float]) -> Iterator[str]:
 
 
 def _same_files(objects: Sequence[Object]) -> Iterator[str]:
-    """Warn of objects of one file in several splits: networks would be tested on what they have learned."""
+    """Warn of objects of one file in several splits: networks would be tested on their training data."""
     by_identity = defaultdict[str, list[Object]](list)
     for item in objects:
         with suppress(InvalidInput, OSError):  # is a fault already
@@ -252,10 +219,14 @@ def _categories(objects: Sequence[Object]) -> list[str]:
     return _first([f"{category}: " + ", ".join(f"{counts[category, split]} {split}" for split in SPLITS) for category in categories])
 
 
-def _draw(objects: Sequence[Object], drawn_sources: Mapping[str, Mapping[str, Any]], picture: Path) -> None:
-    """Draw how many objects of each category are in each split, and the meshes of `drawn_sources`, by caption, as a PNG.
+def _draw(
+    objects: Sequence[Object],
+    drawn_sources: Mapping[str, Mapping[str, Any]],  # by caption
+    picture: Path,
+) -> None:
+    """Draw how many objects of each category are in each split, and the meshes of `drawn_sources`, as a PNG.
 
-    Where there are many categories, the largest are drawn.
+    If there are many categories, the largest are drawn.
     """
     counts = Counter((item.category, item.split) for item in objects)
     categories = sorted(name for name, _ in Counter(item.category for item in objects).most_common(LISTED))

@@ -1,7 +1,5 @@
 """Write the page of one object: an interactive scene, grasps with images, tactile images and depth maps, and reconstructions."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import hashlib
@@ -55,12 +53,7 @@ PARTS = {
 class ObjectPages:
     """Write the pages of a report's objects into its folder `objects`: ID.html, ID.webp, ID.mesh.js, ID.predictions.js.
 
-    Parameters
-    ----------
-    source, template, folder
-        The dataset, the page's template, and the folder.
-    opened
-        Closes the renderer of thumbnails, which is opened when first needed.
+    `opened` closes the renderer of thumbnails, which is opened when first needed.
     """
 
     def __init__(self, source: ReportSource, template: Template, folder: Path, opened: ExitStack) -> None:
@@ -177,7 +170,7 @@ class ObjectPages:
         return pictures
 
     def _thumbnail(self, rows: Rows) -> NDArray[np.uint8]:
-        """Render the object from the position of the dataset's camera."""
+        """Render the object, (R, R, 3), from the position of the dataset's camera."""
         mesh = read_mesh(rows["surfaces"])
         return render_mesh(self._renderer, mesh, fitted_camera(self.scene.square_camera(2 * THUMBNAIL), mesh.vertices))
 
@@ -206,5 +199,5 @@ def _webp(image: NDArray[np.uint8]) -> bytes:
 
 
 def _inline(image: NDArray[np.uint8]) -> str:
-    """Write an image as a data URI, so that a page is one file."""
+    """Write an image (R, C, 3) as a data URI, so that a page is one file."""
     return f"data:image/webp;base64,{base64.b64encode(_webp(image)).decode()}"

@@ -1,6 +1,4 @@
-"""Check an observation file: the places of its object, camera and sensors, and what a network is given of it."""
-
-from __future__ import annotations
+"""Check an observation file: the poses of its object, camera and sensors, and the inputs of a network."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -26,7 +24,7 @@ SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
 
 
 def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
-    """Describe an observation file, and draw it; with a model, say what that is given. Parameters, result and errors as `check_file`."""
+    """Describe and draw an observation file; with a model, name its inputs. Parameters, result and errors as `check_file`."""
     observation = load_observation(path, lambda part: faults(part, model))
     box = find_object(observation, model)
     assert box is not None  # else a fault
@@ -69,7 +67,7 @@ def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
 
 
 def _draw_photograph(axes: Axes, observation: RobotObservation, box: ObjectBox) -> None:
-    """Draw the photograph with its mask, the object's centre and the gels' outlines where they should be seen."""
+    """Draw the photograph with its mask, the object's centre and the gels' outlines where they should appear."""
     assert observation.camera is not None
     assert observation.projection is not None
     axes.imshow(observation.camera.image)

@@ -1,7 +1,5 @@
 """Test the supplement's claims as orderings of evaluations' figures, each with its interval over objects and trainings."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,24 +31,13 @@ Answer = Literal["holds", "does not hold", "undecided"]
 
 @dataclass(frozen=True)
 class Verdict:
-    """Hold the test of a claim that one figure is smaller than another.
+    """Hold the test of a claim that one figure is smaller than another."""
 
-    Attributes
-    ----------
-    claim
-        In words.
-    smaller, larger
-        The two means over objects and trainings, in that order as claimed; m² times 9000, Table 3's unit.
-    difference
-        `smaller` - `larger`, object by object, and its interval over objects and trainings.
-    supplement
-        The same two figures in the supplement, None where it prints none or the objects have other sizes.
-    """
-
-    claim: str
-    smaller: float
-    larger: float
-    difference: Interval
+    claim: str  # in words
+    smaller: float  # mean over objects and trainings, m² times 9000, Table 3's unit
+    larger: float  # likewise
+    difference: Interval  # `smaller` - `larger`, object by object, and its interval over objects and trainings
+    # the supplement's two figures; None if it has none or for other sizes
     supplement: tuple[float, float] | None = None
 
     @property
@@ -64,23 +51,17 @@ class Verdict:
 
 
 class Claim(NamedTuple):
-    """Claim that the first of two sets of values, (training, object) m², has the smaller mean; both may be of the same trainings."""
+    """Claim that the first of two sets of values has the smaller mean."""
 
     text: str
-    smaller: NDArray[np.float64]
-    larger: NDArray[np.float64]
+    smaller: NDArray[np.float64]  # (training, object) m²
+    larger: NDArray[np.float64]  # (training, object) m²
     supplement: tuple[float, float] | None
-    same_trainings: bool
+    same_trainings: bool  # both are of the same ones
 
 
 def orderings(folders: Sequence[Path]) -> list[Verdict]:
-    """Test the claims that the models of evaluations, one per training seed, allow: one verdict each.
-
-    Raises
-    ------
-    StoreError
-        An evaluation is missing, or their objects differ.
-    """
+    """Test the claims that evaluations of the same objects, one per training seed, allow: one verdict each."""
     values, root = read_values(folders), read_root(folders[0])
     seed = root["seed"]
     claims = [*_modalities(values), *_grasps(values), *_rings(values)]
@@ -109,7 +90,7 @@ def _modalities(values: Values) -> Iterator[Claim]:
 
 
 def _trainings(values: Values, first: str, second: str) -> tuple[list[Figures], list[Figures], bool]:
-    """Choose the trainings of two configurations; if both are of one network, those that both have, which are then compared one by one."""
+    """Choose the trainings of two configurations: if both are of one network, the common ones, compared one by one."""
     ours, theirs = values[first], values[second]
     seeds = [seed for seed in ours if seed in theirs] if network_of(first) == network_of(second) else []
     return [ours[seed] for seed in seeds or ours], [theirs[seed] for seed in seeds or theirs], bool(seeds)

@@ -1,7 +1,5 @@
 """Render the overview of a dataset: an object, a grasp, what its sensors measure, and a reconstruction."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,14 +18,15 @@ GAP = 4
 """Pixels between the tiles of a picture."""
 
 
-def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render an object, a grasp of it and its reconstruction; then the steps between: tactile images, depth maps, touched surface.
+def overview_panels(
+    source: ReportSource,
+    object_id: str,
+    grasp: int,  # from 0
+) -> list[tuple[str, NDArray[np.uint8]]]:  # captions, square images (R, R, 3)
+    """Render an object, a grasp of it and its reconstruction, then the steps between.
 
-    Grasps are counted from 0. The reconstruction is the best of those that are given touches, else the best of all.
-
-    Returns
-    -------
-    Captions, and square images (R, R, 3) uint8; without a reconstruction if the object was not evaluated.
+    These are tactile images, depth maps and touched surface. The reconstruction is the best of those that are given
+    touches, else the best of all; there is none if the object was not evaluated.
     """
     rows, sensors, scene = source.rows(object_id), source.sensors(), shown_scene(source.directory)
     mesh = read_mesh(rows["surfaces"])
@@ -55,7 +54,7 @@ def overview_panels(source: ReportSource, object_id: str, grasp: int) -> list[tu
 
 
 def _grid(tiles: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
-    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
+    """Arrange tiles (R, R, 3) of one size in a grid that is as square as possible, with white between them."""
     columns = int(np.ceil(np.sqrt(len(tiles))))
     framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
     framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)

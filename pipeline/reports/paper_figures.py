@@ -1,7 +1,5 @@
 """Draw the paper's figures from a dataset: the grasp procedure, local points and charts, the sphere of charts, reconstructions."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -50,13 +48,12 @@ RADIUS = 0.15
 """m, radius of the sphere of charts in its picture."""
 
 
-def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[dict[str, Any]]:
-    """Draw the figures that the dataset has data for as PNG files into a folder, with at most `max_objects` reconstructions.
-
-    Returns
-    -------
-    Title, text and pictures of each figure.
-    """
+def draw_figures(
+    source: ReportSource,
+    folder: Path,
+    max_objects: int,
+) -> list[dict[str, Any]]:  # title, text and pictures of each figure
+    """Draw the figures that the dataset has data for as PNG files, with at most `max_objects` reconstructions."""
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
     scene = shown_scene(source.directory)
     with Renderer(scene, PIXELS) as renderer:
@@ -89,15 +86,12 @@ def _figure(title: str, text: str, pictures: list[tuple[Path, str, str]], kind: 
     return {"title": title, "text": text, "pictures": entries, "kind": kind}
 
 
-def clearest_grasp(source: ReportSource, ids: Sequence[str], max_grasps: int | None = None) -> tuple[str, int]:
-    """Choose, among these objects, one and a grasp of many touches in whose image both the object and the hand are large.
-
-    Consider only the first `max_grasps` grasps of each object; None for all.
-
-    Returns
-    -------
-    The object, and the grasp, from 0.
-    """
+def clearest_grasp(
+    source: ReportSource,
+    ids: Sequence[str],  # objects to choose from
+    max_grasps: int | None = None,  # only these first ones of each object; None for all
+) -> tuple[str, int]:  # the object, and the grasp, from 0
+    """Choose an object and a grasp of it with many touches, in whose image object and hand are large."""
     scores = {}
     for object_id in ids:
         rows = source.rows(object_id)
@@ -120,14 +114,13 @@ def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: P
 
 
 def procedure_steps(
-    source: ReportSource, renderer: Renderer, scene: Scene, object_id: str, grasp: int
-) -> list[tuple[str, NDArray[np.uint8]]]:
-    """Render the steps of a grasp, given by its number from 0: hand, fingers drawn back, fingers closed, touched surface.
-
-    Returns
-    -------
-    Captions, and images (`PIXELS`, `PIXELS`, 3) uint8.
-    """
+    source: ReportSource,
+    renderer: Renderer,
+    scene: Scene,
+    object_id: str,
+    grasp: int,  # from 0
+) -> list[tuple[str, NDArray[np.uint8]]]:  # captions, images (`PIXELS`, `PIXELS`, 3)
+    """Render the steps of a grasp: hand, fingers drawn back, fingers closed, touched surface."""
     rows, hand = source.rows(object_id), source.hand()
     pose, angles = rows["grasps"]["hand_pose"][grasp], rows["grasps"]["joint_angles"][grasp]
     postures = [
@@ -193,20 +186,15 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     return _figure("Local points and touch charts, predicted and true (Figure 3)", text, [(path, alt, "")], "wide")
 
 
-def draw_local_points(axes: Any, rows: Any, true: NDArray[Any], cloud: NDArray[Any], grasp: int, sensor: int) -> None:
-    """Draw true points, predicted points and the chart of a touch, in the sensor's frame, mm.
-
-    Parameters
-    ----------
-    axes
-        3D axes.
-    rows
-        The object's rows of grasps and charts.
-    true, cloud
-        (N, 3) true points, world, m; (M, 3) predicted ones, sensor frame, m.
-    grasp, sensor
-        The touch, from 0.
-    """
+def draw_local_points(
+    axes: Any,  # 3D
+    rows: Any,  # the object's, of grasps and charts
+    true: NDArray[Any],  # (N, 3) world, m
+    cloud: NDArray[Any],  # (M, 3) predicted, sensor frame, m
+    grasp: int,  # from 0
+    sensor: int,  # from 0
+) -> None:
+    """Draw true points, predicted points and the chart of a touch, in the sensor's frame, mm."""
     to_sensor = np.linalg.inv(rows["grasps"]["sensor_pose"][grasp, sensor])
     for points, color in ((_local(true, to_sensor), COLORS[0]), (1e3 * cloud, COLORS[1])):
         axes.scatter(*points[:: max(1, len(points) // POINTS)].T, s=0.6, color=tuple(channel / 255 for channel in color))

@@ -1,7 +1,5 @@
 """List the origin of a dataset: its records, settings and versions, and the commands that make it again."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """Draw reconstructions beside their objects: a row per object, a column per model, from the dataset's camera."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -77,20 +75,13 @@ def _cases(table: Arrays) -> list[int]:
     return sorted({int(np.argmin(grasp_counts)), int(np.argmax(grasp_counts))})
 
 
-def predicted_mesh(fitted: Collection | None, object_id: str, table: Arrays, case: int) -> Mesh:
-    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange.
-
-    Parameters
-    ----------
-    fitted
-        The artifact `charts`, None where there are none.
-    object_id
-        The object.
-    table
-        The group of the network, below `predictions` or `meshes`.
-    case
-        Number of the choice of grasps.
-    """
+def predicted_mesh(
+    fitted: Collection | None,  # the artifact `charts`; None if there are none
+    object_id: str,
+    table: Arrays,  # the network's group below `predictions` or `meshes`
+    case: int,  # number of the choice of grasps
+) -> Mesh:
+    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange."""
     number = table["object_id"].tolist().index(object_id)
     vertices, faces = ([part] for part in surface_of(table, number, case))
     grasp_count, first_grasp = int(table["grasps_given"][case]), int(table["first_grasp"][case])
@@ -110,9 +101,12 @@ def two_coloured(vertices: NDArray[np.floating], faces: NDArray[np.integer], gre
 
 
 def painted_mesh(
-    vertices: NDArray[np.floating], faces: NDArray[np.integer], material: NDArray[Any], colors: Sequence[tuple[int, ...]]
+    vertices: NDArray[np.floating],  # (V, 3) m
+    faces: NDArray[np.integer],  # (F, 3)
+    material: NDArray[Any],  # (F,) numbers of colours
+    colors: Sequence[tuple[int, ...]],  # RGBA, 0 to 255
 ) -> Mesh:
-    """Make a mesh of vertices (V, 3), m, and faces (F, 3) in plain colours: RGBA from 0 to 255, of which `material` (F,) are numbers."""
+    """Make a mesh in plain colours."""
     look = Look(
         uv=np.zeros((len(vertices), 2), np.float32),
         face_material=material.astype(np.int32),
@@ -123,7 +117,7 @@ def painted_mesh(
 
 
 def render_mesh(renderer: Renderer, mesh: Mesh, camera: Camera | None = None) -> NDArray[np.uint8]:
-    """Render a mesh alone, with a camera or the renderer's own."""
+    """Render a mesh alone, (R, C, 3), with a camera or the renderer's own."""
     with renderer.added(mesh, Label.OBJECT) as handle:
         return renderer.render([(handle, np.eye(4))], camera).rgb
 

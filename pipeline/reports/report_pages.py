@@ -1,7 +1,5 @@
 """Files that reports wrote, with their keys: the list of a report, `report/pages.json`, and its checks."""
 
-from __future__ import annotations
-
 from collections.abc import Container
 from pathlib import Path
 
@@ -16,18 +14,10 @@ WRITTEN = "pages.json"
 
 
 class WrittenFiles(Stored):
-    """Files that were written under a key.
+    """Files that were written under a key."""
 
-    Attributes
-    ----------
-    key
-        The hash of all that the files show.
-    files
-        The SHA-256 of each, by its path.
-    """
-
-    key: Sha256
-    files: dict[RelativePath, Sha256]
+    key: Sha256  # hash of all that the files show
+    files: dict[RelativePath, Sha256]  # SHA-256 by path
 
     def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
         """Check whether the files were written under this key, and none of them changed since."""

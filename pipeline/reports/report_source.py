@@ -1,7 +1,5 @@
 """Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
@@ -52,27 +50,9 @@ SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
 class ReportSource:
     """The artifacts of a data directory that a report shows.
 
-    Attributes
-    ----------
-    directory
-        The data directory.
-    collections
-        The artifacts by name.
-    object_ids
-        The objects that failed in none of them.
-    failures
-        Stage and reason, by object, of the others.
-    evaluated, scored
-        The names of the evaluations, one per training seed, and of the scores of other methods.
-    measured
-        Those that keep surfaces, which are shown: the first evaluation, and the score of the network that ships.
-    evaluation
-        The content of these; None if no network has been evaluated.
-
-    Raises
-    ------
-    StoreError
-        An artifact of `NEEDED` is missing, an artifact is out of date, or no object came through all stages.
+    `evaluated` are the names of the evaluations, one per training seed, `scored` those of the scores of other methods.
+    `measured` are those of them that keep surfaces, which are shown: the first evaluation, and the score of the network
+    that ships; `evaluation` is their content, None if no network has been evaluated.
     """
 
     def __init__(self, data: Place) -> None:
@@ -85,8 +65,8 @@ class ReportSource:
         check_origins(self.directory, [*self.collections, *self.evaluated])
         names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
         failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
-        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
-        self.object_ids = [name for name in names if name not in failures]
+        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}  # of the others
+        self.object_ids = [name for name in names if name not in failures]  # that failed in none of the artifacts
         if not self.object_ids:
             raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
@@ -130,25 +110,13 @@ def shown_scene(directory: DataDirectory) -> Scene:
 
 
 class Prediction(NamedTuple):
-    """Hold the reconstruction of an object from its first grasps.
+    """Hold the reconstruction of an object from its first grasps."""
 
-    Attributes
-    ----------
-    network, grasps
-        The configuration, and the grasps that its figures are of.
-    felt
-        Whether the network was given touches.
-    case
-        Its number in the network's group of surfaces.
-    figures
-        Figures of this reconstruction, by metric.
-    """
-
-    network: str
-    grasps: int
-    felt: bool
-    case: int
-    figures: Mapping[str, float]
+    network: str  # configuration
+    grasps: int  # that its figures are of
+    felt: bool  # the network was given touches
+    case: int  # its number in the network's group of surfaces
+    figures: Mapping[str, float]  # by metric
 
     @property
     def name(self) -> str:
@@ -163,24 +131,12 @@ class Prediction(NamedTuple):
 
 
 class Evaluation:
-    """Read the results of single objects.
+    """Read the results of single objects: surfaces (`tables`) and `figures`, by network whose surfaces are stored."""
 
-    Parameters
-    ----------
-    folders
-        An evaluation, and scores that keep surfaces; those of other objects or settings than the first are left out.
-
-    Attributes
-    ----------
-    configurations
-        The networks whose surfaces are stored.
-    object_ids
-        The objects.
-    tables, figures
-        Surfaces and figures, by network.
-    """
-
-    def __init__(self, folders: Sequence[Path]) -> None:
+    def __init__(
+        self,
+        folders: Sequence[Path],  # an evaluation, and scores with surfaces; those not comparable are skipped
+    ) -> None:
         self.object_ids = [str(name) for name in read_table(folders[0], "objects")["object_id"]]
         self.tables: dict[str, Arrays] = {}
         self.figures: dict[str, Figures] = {}

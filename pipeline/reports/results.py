@@ -1,7 +1,5 @@
 """Make tables of the results of evaluations and trainings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated

@@ -1,6 +1,4 @@
-"""Summarise the results in a few sentences and one plot: the error by what is given, and that of retrieval."""
-
-from __future__ import annotations
+"""Summarise the results in a few sentences and one plot: the error by inputs, and that of retrieval."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,29 +36,17 @@ DEFAULT_SERIES = "graph network"
 
 @dataclass(frozen=True)
 class Summary:
-    """The results with one grasp.
+    """The results with one grasp."""
 
-    Attributes
-    ----------
-    sentences
-        Three sentences for the report.
-    errors
-        Mean distances, mm, by series and by way of `INPUT_CHOICES`.
-    retrieved
-        The mean distance of a training object, mm, by way.
-    """
-
-    sentences: list[str]
-    errors: Mapping[str, Mapping[str, Interval]]
-    retrieved: Mapping[str, float]
+    sentences: list[str]  # three, for the report
+    errors: Mapping[str, Mapping[str, Interval]]  # mean distances, mm, by series and by way of `INPUT_CHOICES`
+    retrieved: Mapping[str, float]  # mean distance of a training object, mm, by way
 
 
 def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()) -> Summary | None:
-    """Summarise the results with one grasp of an evaluation or a score, further trainings of its networks, and scores.
+    """Summarise the results with one grasp of an evaluation or a score; None if there are none.
 
-    Returns
-    -------
-    The summary; None if nothing was measured with one grasp.
+    `further` are evaluations of other trainings of its networks, `scored` scores of other methods.
     """
     network_inputs, figures, _ = comparable_figures(folder, scored)
     root = read_root(folder)
@@ -88,7 +74,7 @@ def summarise(folder: Path, scored: Sequence[Path], further: Sequence[Path] = ()
 
 
 def _ways(network_inputs: Mapping[str, Any]) -> dict[str, str]:
-    """Find the way of `INPUT_CHOICES` that ends each network's name and is what it was given; other networks are left out."""
+    """Find the way of `INPUT_CHOICES` that ends each network's name and is its input; skip other networks."""
     ways = {}
     for name, inputs in network_inputs.items():
         way = max((way for way in INPUT_CHOICES if f"-{name}".endswith(f"-{way}")), key=len, default=None)

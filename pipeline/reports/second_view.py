@@ -1,7 +1,5 @@
 """Render a grasp from a second side: the hand on the object, and the object alone with the surface patch that each sensor touched."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -50,38 +48,20 @@ LIFT = 4e-4
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """Hold the content of the second view of one grasp, world frame, m.
+    """Hold the content of the second view of one grasp, world frame, m."""
 
-    Attributes
-    ----------
-    object_mesh
-        The object, as the renderer knows it, and its mesh.
-    hand
-        The hand's meshes, as the renderer knows them, their vertices, and the pose (4, 4) of each.
-    patches
-        The surface that each sensor touched (see `touch_patch`), in its colour.
-    palm
-        (3,) direction to which the palm faces: seen across it, fingers show what they do.
-    squares
-        (S, 4, 3) corners of the gels, drawn over both images to mark what hides a patch.
-    colors
-        (S,) sRGB of each sensor.
-    """
-
-    object_mesh: tuple[MeshHandle, Mesh]
-    hand: Sequence[tuple[MeshHandle, Mesh, NDArray[np.float64]]]
-    patches: Sequence[Mesh]
-    palm: NDArray[np.float64]
-    squares: NDArray[np.float64]
-    colors: Sequence[Color]
+    object_mesh: tuple[MeshHandle, Mesh]  # as the renderer knows it, and the mesh
+    hand: Sequence[tuple[MeshHandle, Mesh, NDArray[np.float64]]]  # as the renderer knows them; (V, 3); (4, 4) poses
+    patches: Sequence[Mesh]  # the surface that each sensor touched (see `touch_patch`), in its colour
+    palm: NDArray[np.float64]  # (3,) direction to which the palm faces: seen across it, fingers show what they do
+    squares: NDArray[np.float64]  # (S, 4, 3) corners of the gels, drawn over both images to mark what hides a patch
+    colors: Sequence[Color]  # (S,) sRGB of the sensors
 
 
 def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: GraspView) -> tuple[Camera, Camera]:
     """Choose the cameras of a second view of a grasp by rendering trials; the scene gives the first camera.
 
-    Returns
-    -------
-    A camera close to the hand, from another side, and one in its direction that sees the whole object.
+    One is close to the hand, from another side; one in its direction sees the whole object.
     """
     camera = scene.square_camera(resolution)
     handle, mesh = grasp.object_mesh
@@ -98,14 +78,12 @@ def grasp_cameras(renderer: Renderer, scene: Scene, resolution: int, grasp: Gras
 
 
 def second_view(
-    renderer: Renderer, scene: Scene, cameras: tuple[Camera, Camera], grasp: GraspView
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Render a grasp from another side, by its `grasp_cameras`, with the lamp moved along with the camera.
-
-    Returns
-    -------
-    Two images, (R, R, 3) uint8: the hand close by, and the whole object alone with its touch sites.
-    """
+    renderer: Renderer,
+    scene: Scene,
+    cameras: tuple[Camera, Camera],  # of `grasp_cameras`
+    grasp: GraspView,
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:  # (R, R, 3): the hand, close by; the object alone, with touch sites
+    """Render a grasp from another side, with the lamp moved along with the camera."""
     near, far = cameras
     posed_object: PosedMesh = (grasp.object_mesh[0], np.eye(4))
     posed_hand: list[PosedMesh] = [(hand, pose) for hand, _, pose in grasp.hand]
@@ -116,20 +94,13 @@ def second_view(
     return _outlined(close_image, near, grasp.squares, grasp.colors), _outlined(far_image, far, grasp.squares, grasp.colors)
 
 
-def touch_patch(depth: NDArray[np.float32], pose: NDArray[np.float64], sensor: Sensor, color: Color) -> Mesh | None:
-    """Make a mesh of the surface in a sensor's gel, `LIFT` in front of it; None where the gel is empty.
-
-    Parameters
-    ----------
-    depth
-        (rows, cols) m.
-    pose
-        (4, 4) sensor frame to world frame.
-    sensor
-        Gives the pixels' positions and the thickness of the gel.
-    color
-        sRGB.
-    """
+def touch_patch(
+    depth: NDArray[np.float32],  # (rows, cols) m
+    pose: NDArray[np.float64],  # (4, 4) sensor frame to world frame
+    sensor: Sensor,  # gives the pixels' positions and the thickness of the gel
+    color: Color,  # sRGB
+) -> Mesh | None:
+    """Make a mesh of the surface in a sensor's gel, `LIFT` in front of it; None if the gel is empty."""
     x, y = (centres[::STRIDE] for centres in pixel_centres(sensor))
     sampled = depth[::STRIDE, ::STRIDE].astype(np.float64)
     inside = in_gel(depth.astype(np.float64), sensor)[::STRIDE, ::STRIDE]
@@ -150,21 +121,25 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Place cameras on all sides of `points`, except near the given one."""
+    """Place cameras on all sides of `points` (N, 3), m, except near the given one."""
     front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
     return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]
 
 
-def _towards(camera: Camera, points: NDArray[np.float64], direction: NDArray[np.float64]) -> Camera:
-    """Move the camera to the unit `direction` from the middle of `points`, at its own distance but clear of them."""
+def _towards(
+    camera: Camera,
+    points: NDArray[np.float64],  # (N, 3) m
+    direction: NDArray[np.float64],  # (3,) unit
+) -> Camera:
+    """Move the camera to this direction from the middle of `points`, at its own distance but clear of them."""
     target, size = _box(points)
     distance = max(np.linalg.norm(np.array(camera.position) - target), np.linalg.norm(size))
     return look_at(camera, _vector(target + distance * direction), _vector(target))
 
 
 def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Compute the middle and the size (3,) of the points' bounding box."""
+    """Compute the middle and the size (3,) of the bounding box of points (N, 3)."""
     lowest, highest = points.min(axis=0), points.max(axis=0)
     return (lowest + highest) / 2, highest - lowest
 
@@ -183,7 +158,7 @@ def lamp_beside(scene: Scene, camera: Camera) -> Vector:
 def fitted_camera(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
     """Turn a camera to the middle of `points` (N, 3), world frame, m, and let them fill that share of its image.
 
-    It stays where it is, or goes back until it is clear of them. One straight above them keeps the top of its image.
+    It keeps its position, or goes back until it is clear of them. One straight above them keeps the top of its image.
     """
     target, size = _box(points)
     seen_from = camera_direction(projection_matrix(camera), target)
@@ -194,7 +169,7 @@ def fitted_camera(camera: Camera, points: NDArray[np.float64], fill: float = FIL
 
 
 def _zoomed(camera: Camera, points: NDArray[np.float64], fill: float = FILL) -> Camera:
-    """Give the camera the focal length at which `points` fill its image."""
+    """Give the camera the focal length at which `points` (N, 3), m, fill its image."""
     reach = np.abs(project_points(projection_matrix(camera), points) - np.array(camera.centre)).max()
     zoom = fill * camera.resolution / 2 / float(reach)
     return camera.model_copy(update={"focal": (camera.focal[0] * zoom, camera.focal[1] * zoom)})
@@ -207,7 +182,7 @@ def _score(renderer: Renderer, camera: Camera, meshes: Sequence[PosedMesh]) -> f
 
 
 def _across(camera: Camera, palm: NDArray[np.float64]) -> float:
-    """Compute sin² of the angle between viewing direction and palm: 1 where the hand is seen from its side, 0 from its back."""
+    """Compute sin² of the angle between viewing direction and palm (3,): 1 from the hand's side, 0 from its back."""
     return 1 - float(camera_pose(camera)[:3, 2] @ palm) ** 2
 
 

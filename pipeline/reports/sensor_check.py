@@ -1,7 +1,5 @@
 """Check a sensor file: its figures, and a picture of the gel in section, its pixels, its lamps and tactile images."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -70,7 +68,7 @@ def height_in_middle(sensor: Sensor) -> float:
     return float(np.broadcast_to(gel_surface(sensor), sensor.shape)[sensor.rows // 2, sensor.cols // 2])
 
 
-def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:
+def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:  # (rows, cols) m
     """Compute the depth map of a ball of a quarter of the gel's shorter side, pressed into its middle."""
     x, y = np.meshgrid(*pixel_centres(sensor))
     radius = min(sensor.width, sensor.height) / 4
@@ -78,7 +76,7 @@ def pressed_ball(sensor: Sensor) -> NDArray[np.float64]:
     return np.where(x**2 + y**2 < radius**2, lowest, np.inf)
 
 
-def pressed_edge(sensor: Sensor) -> NDArray[np.float64]:
+def pressed_edge(sensor: Sensor) -> NDArray[np.float64]:  # (rows, cols) m
     """Compute the depth map of the edge of a box, right-angled and parallel to the gel's rows, pressed into its middle."""
     _, y = np.meshgrid(*pixel_centres(sensor))
     return height_in_middle(sensor) * (1 - PRESS) + np.abs(y)

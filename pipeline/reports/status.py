@@ -1,7 +1,5 @@
 """List the contents of a data directory, for people and for scripts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,56 +22,46 @@ from schemas.catalogue import ARTIFACTS
 
 @dataclass(frozen=True)
 class ArtifactAccount:
-    """Describe one artifact of a data directory.
-
-    `failures` are the stage and reason by object; `missing` are the objects that incomplete shards lack; `unfinished` counts those whose
-    row waits to be published; `processors` the rows by the kind of processor that computed them; `stale` says why it is out of date.
-    """
+    """Describe one artifact of a data directory."""
 
     artifact: str
     shards: int
     objects: int
-    failures: dict[str, dict[str, str]]
-    missing: list[str]
+    failures: dict[str, dict[str, str]]  # stage and reason by object
+    missing: list[str]  # objects that incomplete shards lack
     megabytes: float
     seconds: float
     digest: str
-    unfinished: int
-    processors: dict[str, int]
-    stale: str | None
+    unfinished: int  # objects whose row waits to be published
+    processors: dict[str, int]  # rows by the kind of processor that computed them
+    stale: str | None  # why it is out of date
 
 
 @dataclass(frozen=True)
 class FolderAccount:
-    """Describe one folder that a dataset stage filled: a model, an evaluation.
-
-    `facts` holds what the stage recorded, such as epochs, the best loss and hardware; `stale` why it is out of date.
-    """
+    """Describe one folder that a dataset stage filled: a model, an evaluation."""
 
     folder: str
     stage: str
     megabytes: float
     seconds: float
     digest: str
-    facts: dict[str, Any]
-    stale: str | None
+    facts: dict[str, Any]  # what the stage recorded, such as epochs, the best loss and hardware
+    stale: str | None  # why it is out of date
 
 
 @dataclass(frozen=True)
 class Account:
-    """Describe a data directory.
-
-    `garbage` is the size of what no record names, in megabytes; `damaged` has a line per thing that cannot be read; `jobs` are Slurm's.
-    """
+    """Describe a data directory."""
 
     artifacts: list[ArtifactAccount]
     folders: list[FolderAccount]
-    garbage: float
-    damaged: list[str]
-    jobs: list[JobState]
+    garbage: float  # megabytes of what no record names
+    damaged: list[str]  # a line per thing that cannot be read
+    jobs: list[JobState]  # Slurm's
 
     def to_json(self) -> str:
-        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if there are such."""
+        """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if any."""
         named = {entry.artifact: asdict(entry) for entry in self.artifacts} | {entry.folder: asdict(entry) for entry in self.folders}
         damaged = {"damaged": self.damaged} if self.damaged else {}
         jobs = {
@@ -83,13 +71,7 @@ class Account:
 
 
 def read_account(data: Place) -> Account:
-    """Read every artifact and folder of a data directory, in the pipeline's order.
-
-    Raises
-    ------
-    StoreError
-        The path is not a data directory.
-    """
+    """Read every artifact and folder of a data directory, in the pipeline's order."""
     is_folder = (folder := on_disk(data)) and folder.is_dir()
     if not list_folder(data) and not is_folder and not submitted_jobs(slurm_folder(data)):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")

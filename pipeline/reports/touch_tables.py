@@ -1,7 +1,5 @@
 """Statistics of a dataset's grasps, beside Table 1 and section 1.6 of the supplement."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -19,11 +17,13 @@ OPPOSED = 90
 """Degrees between the normals of two contacts, above which they press against each other."""
 
 
-def touch_tables(tallies: dict[str, Tally], sensors: list[str], *, paper: bool) -> list[Table]:
-    """Make the tables of touches by class, for sensors of these names.
-
-    `paper` puts the paper's figures beside ours, those of touches per grasp only if the number of sensors is the same.
-    """
+def touch_tables(
+    tallies: dict[str, Tally],  # by class
+    sensors: list[str],
+    *,
+    paper: bool,  # put the paper's figures beside ours; touches per grasp only for the same number of sensors
+) -> list[Table]:
+    """Make the tables of touches by class, for sensors of these names."""
     total = Tally.joined(tallies.values())
     rows = []
     for name, entry in [*tallies.items(), (TOTAL, total)]:

@@ -1,7 +1,5 @@
 """Draw and tabulate measured trades: error over cost."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -50,7 +48,7 @@ def draw_trade(trade: MeasuredTrade, path: Path, used: Point | None = None) -> N
 
 
 def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
-    """Write each point's label beside it, at a place where it covers no other label if there is one."""
+    """Write each point's label beside it, where it covers no other label if possible."""
     boxes: list[BboxBase] = []
     for text, point in sorted(points.items(), key=lambda entry: entry[1]):
         for right, up in PLACES:
@@ -92,13 +90,12 @@ def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | Non
     return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
 
 
-def report_trades(data: Path, settings: Mapping[str, Mapping[str, Any]], folder: Path) -> list[dict[str, str]]:
-    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder, with the place of the settings, by stage, of its outputs.
-
-    Returns
-    -------
-    File, alternative text and caption of each picture.
-    """
+def report_trades(
+    data: Path,
+    settings: Mapping[str, Mapping[str, Any]],  # of the outputs, by stage; their points are marked
+    folder: Path,
+) -> list[dict[str, str]]:  # file, alternative text and caption of each picture
+    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder."""
     pictures = []
     for trade in read_trades(data, (*TRADED, END_TO_END)):
         used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None

@@ -1,7 +1,5 @@
 """Read and tabulate evaluations of several training seeds together."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -35,7 +33,7 @@ def scores(directory: DataDirectory) -> list[str]:
 
 
 def outdated_scores(directory: DataDirectory) -> dict[str, str]:
-    """List the scores that are out of date, and what has changed since."""
+    """List the scores that are out of date, with the reasons."""
     return {name: problem for name, problem in _scored(directory) if problem is not None}
 
 

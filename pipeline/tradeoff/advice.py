@@ -1,7 +1,5 @@
 """Choose settings for a time or an error, among those that were measured on the user's objects."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import re
@@ -63,13 +61,7 @@ class Limit:
 
 
 def parse_duration(text: str) -> float:
-    """Parse a duration, such as "90s", "10min", "1.5h" or "2d": seconds.
-
-    Raises
-    ------
-    InvalidInput
-        The text is no duration, or 0.
-    """
+    """Parse a duration, such as "90s", "10min", "1.5h" or "2d", to seconds."""
     match = re.fullmatch(rf"{NUMBER} *(s|min|h|d)", text.strip())
     if not match or not (value := float(match[1])):
         raise InvalidInput(f"{text!r} is not a time; write 90s, 10min, 1.5h or 2d")
@@ -77,13 +69,7 @@ def parse_duration(text: str) -> float:
 
 
 def parse_limit(text: str) -> Limit:
-    """Parse a limit on an error, such as "0.1mm", "5%" or "train-gcn=12".
-
-    Raises
-    ------
-    InvalidInput
-        The text is no limit.
-    """
+    """Parse a limit on an error, such as "0.1mm", "5%" or "train-gcn=12"."""
     match = re.fullmatch(rf"(?:([a-z-]+) *= *)?{NUMBER} *([^0-9. ].*)?", text.strip())
     if not match or not (match[1] or match[3]):
         raise InvalidInput(f"{text!r} is not an error; write a number and its unit, as 0.1mm, 5% or train-gcn=12")
@@ -100,14 +86,10 @@ def choices(trade: MeasuredTrade, workload: Workload) -> list[Choice]:
 
 
 def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: float) -> list[Choice]:
-    """Choose one setting per stage such that all fit within a time and the product of the error bounds is least.
+    """Choose one setting per stage such that all fit within a time, s, and the product of the error bounds is least.
 
-    Errors have different units, so they are compared by ratios: halving one counts as much as halving another.
-
-    Raises
-    ------
-    InvalidInput
-        Even the fastest settings take longer; the message says how long.
+    Errors have different units, so they are compared by ratios: halving one counts as much as halving another. If even
+    the fastest settings take longer, an `InvalidInput` says how long.
     """
     plans: list[tuple[float, float, tuple[Choice, ...]]] = [(0.0, 0.0, ())]  # seconds, logarithm of the product, choices
     for trade in trades:
@@ -131,12 +113,10 @@ def within_time(trades: Sequence[MeasuredTrade], workload: Workload, seconds: fl
 
 
 def within_error(trades: Sequence[MeasuredTrade], workload: Workload, limit: Limit) -> list[Choice]:
-    """Choose the fastest setting of each stage whose error stays within a limit, and the user's for stages without such an error.
+    """Choose the fastest setting of each stage whose error stays within a limit.
 
-    Raises
-    ------
-    InvalidInput
-        The limit is on no measured error, or no setting keeps it; the message lists the measured errors.
+    Stages without such an error keep the user's. If no setting keeps the limit, or no measured error has it, an
+    `InvalidInput` lists the measured errors.
     """
     if all(limit.of(trade) is None for trade in trades):
         units = ", ".join(f"{trade.stage} in {trade.unit or 'a number without unit'}" for trade in trades)

@@ -1,7 +1,5 @@
 """Measure how variants of a dataset change the reconstructions that networks learn from it."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,24 +32,12 @@ TRAININGS = 3
 
 @dataclass(frozen=True)
 class Variant:
-    """A dataset that differs from the user's in one respect.
+    """A dataset that differs from the user's in one respect."""
 
-    Attributes
-    ----------
-    assignments
-        Settings that differ from the user's.
-    share
-        Share of the training objects that it has.
-    epochs
-        Factor of the epochs of all trainings.
-    coarse
-        Factor of the sensor's rows and columns.
-    """
-
-    assignments: tuple[str, ...] = ()
-    share: float = 1.0
-    epochs: float = 1.0
-    coarse: float = 1.0
+    assignments: tuple[str, ...] = ()  # settings that differ from the user's
+    share: float = 1.0  # of the training objects
+    epochs: float = 1.0  # factor of the epochs of all trainings
+    coarse: float = 1.0  # factor of the sensor's rows and columns
 
 
 USER_SETTINGS = "your settings"
@@ -67,21 +53,14 @@ VARIANTS: Mapping[str, Variant] = {
 }
 
 
-def measure_end_to_end(setup: Setup, seconds: float, console: Console) -> MeasuredTrade:
-    """Measure every variant, or read it where it is measured under the same key; a killed measurement continues.
+def measure_end_to_end(
+    setup: Setup,  # all objects, and the user's settings
+    seconds: float,  # for all of it; the sample is as large as this allows
+    console: Console,
+) -> MeasuredTrade:
+    """Measure every variant, or read it if it is measured under the same key; a killed measurement continues.
 
-    Parameters
-    ----------
-    setup
-        All objects, and the user's settings.
-    seconds
-        For all of it; the sample is as large as this allows.
-    console
-        Shows progress.
-
-    Returns
-    -------
-    The trade, also written below the data directory. Times and sizes are those of all objects and trainings together.
+    The trade is also written below the data directory. Times and sizes are those of all objects and trainings together.
     """
     setup = replace(setup, network=NETWORK)
     variants = _variants(setup)
@@ -122,7 +101,7 @@ def _chain(setup: Setup) -> list[str]:
 
 
 def _outputs(setup: Setup) -> list[str]:
-    """List the artifacts of the dataset, without what is learned from it."""
+    """List the artifacts of the dataset, without trained networks."""
     stages = [load_stage(name) for name in _chain(setup)]
     return [stage.writes(setup.settings(stage.name)) for stage in stages if not isinstance(stage, DatasetStage)]
 

@@ -1,7 +1,5 @@
 """Measure the time and the error of settings on a sample of the user's objects, on this machine."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil
@@ -40,29 +38,17 @@ LONGEST = 0.25
 
 @dataclass(frozen=True)
 class Setup:
-    """The sample that is measured on, and the user's settings.
+    """The sample that is measured on, and the user's settings."""
 
-    Attributes
-    ----------
-    data
-        The data directory; everything is made below its folder `tradeoff`.
-    manifest, objects, seed
-        The manifest's name, the sample of its objects, the root seed.
-    preset, assignments
-        The user's settings.
-    network
-        Further assignments: which network is trained and evaluated.
-    """
-
-    data: Path
-    manifest: str
-    objects: Sequence[Object]
-    seed: int
-    preset: str
+    data: Path  # everything is made below its folder `tradeoff`
+    manifest: str  # its name
+    objects: Sequence[Object]  # the sample
+    seed: int  # root seed
+    preset: str  # with `assignments`: the user's settings
     assignments: tuple[str, ...] = ()
-    network: tuple[str, ...] = TOUCH_ALONE
+    network: tuple[str, ...] = TOUCH_ALONE  # further assignments: which network is trained and evaluated
 
-    def with_objects(self, objects: Sequence[Object]) -> Setup:
+    def with_objects(self, objects: Sequence[Object]) -> "Setup":
         """Return the same with other objects."""
         return replace(self, objects=objects)
 
@@ -132,13 +118,11 @@ def _declared(stage: str) -> Trade:
     return load_trade(stage)
 
 
-def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
-    """List the settings to measure, by label: the user's, those of other presets, and those that the stage declares.
-
-    Returns
-    -------
-    The settings of each, and its point without figures.
-    """
+def candidates(
+    stage: str,
+    setup: Setup,
+) -> dict[str, tuple[Settings, Point]]:  # by label: settings, and their point without figures
+    """List the settings to measure: the user's, those of other presets, and those that the stage declares."""
     user_settings, presets = setup.settings(stage), {name: setup.settings(stage, preset=name) for name in load_presets()}
     listed = [user_settings, *presets.values()]
     for changes in _declared(stage).candidates:
@@ -157,7 +141,7 @@ def candidates(stage: str, setup: Setup) -> dict[str, tuple[Settings, Point]]:
 
 
 def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
-    """Predict the seconds of a stage's candidates, and list those that are left out because they exceed a limit even on few objects."""
+    """Predict the seconds of a stage's candidates; list those that are skipped as they exceed a limit even on few objects."""
     trade, total, left_out = _declared(stage), 0.0, []
     after = setup.seconds(trade.evaluated_by, setup.settings(trade.evaluated_by)) if trade.evaluated_by else 0.0
     for label, (settings, _) in candidates(stage, setup).items():
@@ -171,32 +155,19 @@ def forecast(stage: str, setup: Setup, limit: float) -> tuple[float, list[str]]:
     return total, left_out
 
 
-def measure_trade(stage: str, setup: Setup, *, limit: float, deadline: float, console: Console) -> MeasuredTrade:
-    """Measure a stage's trade, or read it where it is measured under the same key; a killed measurement continues.
+def measure_trade(
+    stage: str,  # one of `TRADED`
+    setup: Setup,
+    *,
+    limit: float,  # s on one core; candidates expected to take longer with `FEWEST` objects are skipped
+    deadline: float,  # of `time.monotonic()`; after it only the first candidate is begun
+    console: Console,
+) -> MeasuredTrade:
+    """Measure a stage's trade, or read it if it is measured under the same key; a killed measurement continues.
 
-    Parameters
-    ----------
-    stage
-        One of `TRADED`.
-    setup
-        Sample and settings.
-    limit
-        Seconds on one core; candidates that are foreseen to take longer with `FEWEST` objects are left out.
-    deadline
-        Of `time.monotonic()`: after it no further candidate is begun, but for the first.
-    console
-        Shows progress.
-
-    Returns
-    -------
-    The trade, which is also written below the data directory; without the candidates that the deadline left no time for.
-
-    Raises
-    ------
-    InvalidInput
-        The stage declares no trade.
-    StoreError
-        No object of the sample came through the stages, or none has what the error is measured on.
+    The trade is also written below the data directory; it lacks the candidates that the deadline left no time for.
+    Raise an `InvalidInput` if the stage declares no trade; a `StoreError` if no object of the sample came through the
+    stages, or none has what the error is measured on.
     """
     trade, loaded = _declared(stage), load_stage(stage)
     folder = setup.data / FOLDER / stage
@@ -260,7 +231,7 @@ def _files(path: Path) -> Iterator[Path]:
 
 
 def kilobytes(data: Path, output: str) -> float:
-    """Measure the size of an artifact or a folder of a data directory, without what it replaced."""
+    """Measure the size of an artifact or a folder of a data directory, without replaced data."""
     directory = DataDirectory(data)
     shards = directory.collection(ARTIFACTS[output]).shards if output in ARTIFACTS else []
     paths = [Path(str(shard.path)) for shard in shards] or [directory.verified_folder(output)]

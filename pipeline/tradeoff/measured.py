@@ -1,7 +1,5 @@
 """Measured trades, as `DATA/tradeoff/STAGE.json` holds them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
@@ -27,32 +25,17 @@ END_TO_END = "reconstruction"
 
 
 class Point(BaseModel):
-    """A setting that was measured.
-
-    Attributes
-    ----------
-    label
-        Its presets, or what differs from the user's own settings.
-    changes
-        The settings that differ from the user's own, by name.
-    presets
-        The presets that have it.
-    times
-        Seconds on one core: by object, or one figure per object where a stage looks at all at once, or of all where datasets are compared.
-    kilobytes
-        Size on disk, likewise.
-    errors
-        By object, one of each training.
-    """
+    """A setting that was measured."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    label: str
-    changes: dict[str, Any]
-    presets: tuple[str, ...] = ()
+    label: str  # its presets, or what differs from the user's own settings
+    changes: dict[str, Any]  # the settings that differ from the user's own, by name
+    presets: tuple[str, ...] = ()  # that have these settings
+    # s on one core: by object, or one figure: per object if a stage looks at all at once, of all for datasets
     times: dict[str, float]
-    kilobytes: float
-    errors: dict[str, tuple[float, ...]]
+    kilobytes: float  # on disk, likewise
+    errors: dict[str, tuple[float, ...]]  # by object, one per training
 
     @property
     def seconds(self) -> float:
@@ -77,16 +60,9 @@ class Point(BaseModel):
     def bound(self, objects: int, trials: int = 0) -> float:
         """Bound the mean error of other objects, with confidence `CONFIDENCE`.
 
-        Parameters
-        ----------
-        objects
-            How many.
-        trials
-            Number of trials per object of which the error is a share, %; 0 if it is no share.
-
-        Returns
-        -------
-        Student's bound of the difference of two sample means; of shares at least the rule of three's, for samples without failures.
+        `trials` is the number of trials per object of which the error is a share, %; 0 if it is no share.
+        This is Student's bound of the difference of two sample means; of shares at least the rule of three's, for
+        samples without failures.
         """
         values = self._table.mean(axis=0)
         if len(values) < 2:
@@ -97,46 +73,24 @@ class Point(BaseModel):
 
 
 class MeasuredTrade(BaseModel):
-    """The trade of a stage.
-
-    Attributes
-    ----------
-    stage, metric, unit, cost
-        What was measured, the unit of its errors, and what the times measure.
-    key
-        The hash of what the figures depend on beside the sample and the machine (`measure.trade_key`).
-    preset, assignments
-        The user's settings, which points change.
-    objects, sample
-        The sample: ids, and the hash of their categories, splits and sources.
-    trained
-        The number of those of them that a stage learns from, where it looks at all at once; else 0.
-    trials
-        Number of trials per object of which the error is a share; 0 if it is no share.
-    machine
-        The processor.
-    total
-        The number of points, once all are measured.
-    points
-        Those that are measured.
-    """
+    """The trade of a stage."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     stage: str
     metric: str
-    unit: str
-    cost: str = "seconds per object, one core"
-    key: str
-    preset: str
+    unit: str  # of the errors
+    cost: str = "seconds per object, one core"  # what the times measure
+    key: str  # hash of what the figures depend on beside sample and machine (`measure.trade_key`)
+    preset: str  # with `assignments`: the user's settings, which points change
     assignments: tuple[str, ...]
-    objects: tuple[str, ...]
-    sample: str
-    trained: int
-    trials: int = 0
-    machine: str
-    total: int
-    points: tuple[Point, ...] = ()
+    objects: tuple[str, ...]  # ids of the sample
+    sample: str  # hash of their categories, splits and sources
+    trained: int  # how many of them a stage learns from, if it looks at all at once; else 0
+    trials: int = 0  # per object, of which the error is a share; 0 if it is no share
+    machine: str  # the processor
+    total: int  # number of points, once all are measured
+    points: tuple[Point, ...] = ()  # those measured so far
 
     def front(self) -> list[Point]:
         """List the points that no other beats in both time and error, the fastest first."""
@@ -150,7 +104,7 @@ class MeasuredTrade(BaseModel):
         """Find the point of the user's settings."""
         return next((point for point in self.points if not point.changes), None)
 
-    def with_point(self, point: Point) -> MeasuredTrade:
+    def with_point(self, point: Point) -> "MeasuredTrade":
         """Return the trade with another point."""
         return self.model_copy(update={"points": (*self.points, point)})
 
@@ -167,13 +121,7 @@ def trade_path(data: Path, stage: str) -> Path:
 
 
 def read_trade(data: Path, stage: str) -> MeasuredTrade | None:
-    """Read a stage's trade; None where it was not measured.
-
-    Raises
-    ------
-    StoreError
-        The file is damaged.
-    """
+    """Read a stage's trade; None if it was not measured."""
     path = trade_path(data, stage)
     if not path.is_file():
         return None

@@ -1,7 +1,5 @@
 """Choose a representative sample of a manifest's objects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -16,11 +14,9 @@ FEWEST, MOST = 4, 32
 
 
 def stratified(objects: Sequence[Object], count: int, seed: int) -> list[Object]:
-    """Choose a number of objects, at least one of each split, evenly over splits, categories and sizes of mesh files.
+    """Choose `count` objects, at least one of each split, evenly over splits, categories and sizes of mesh files.
 
-    Returns
-    -------
-    A share of each split, in the manifest's order; all objects if there are no more.
+    They are a share of each split, in the manifest's order; all objects if there are no more.
     """
     if len(objects) <= count:
         return list(objects)

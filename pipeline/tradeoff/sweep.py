@@ -1,7 +1,5 @@
 """Sweep a dataset stage over a grid of settings, one folder per point; points that are up to date are not repeated."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -29,18 +27,12 @@ def assignment(name: str, value: Any) -> str:
     return f"{name}=" + text.rstrip().removesuffix("\n...")  # YAML ends the document after a number or a word
 
 
-def point_folder(stage: str, folder: str, point: Mapping[str, Any]) -> str:
-    """Name the folder of a point of a sweep, below the data directory.
-
-    Parameters
-    ----------
-    stage
-        Trains networks of one family.
-    folder
-        The model's folder outside sweeps, `models[/seed-N][/FAMILY]/NETWORK`.
-    point
-        Values of the settings that vary.
-    """
+def point_folder(
+    stage: str,  # trains networks of one family
+    folder: str,  # the model's outside sweeps, `models[/seed-N][/FAMILY]/NETWORK`
+    point: Mapping[str, Any],  # values of the settings that vary
+) -> str:
+    """Name the folder of a point of a sweep, below the data directory."""
     name = ",".join(f"{setting}={value}" for setting, value in point.items())
     *parents, network = folder.split("/")
     where = "/".join([*(part for part in parents if part.startswith("seed-")), network])

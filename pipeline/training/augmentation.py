@@ -1,6 +1,4 @@
-"""Random variation of training items: of colours and sensors, against overfitting; of the object's place, which a robot estimates."""
-
-from __future__ import annotations
+"""Random variation of training items: colours and sensors, against overfitting; the object's pose, which a robot estimates."""
 
 import math
 from collections.abc import Sequence
@@ -18,18 +16,12 @@ from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 
 
-def vary_image(image: np.ndarray, settings: TrainingSettings, generator: torch.Generator) -> np.ndarray:
-    """Scale and shift the colours of an image, and add noise to its pixels.
-
-    Parameters
-    ----------
-    image
-        (H, W, 3) uint8; the result has the same shape and type.
-    settings
-        Give `image_gain`, `image_shift` and `image_noise`; with all at 0 the image is returned unchanged.
-    generator
-        Draws the variation.
-    """
+def vary_image(
+    image: np.ndarray,  # (H, W, 3) uint8
+    settings: TrainingSettings,  # `image_gain`, `image_shift` and `image_noise`
+    generator: torch.Generator,
+) -> np.ndarray:  # (H, W, 3) uint8
+    """Scale and shift the colours of an image, and add noise to its pixels; all settings at 0 leave it unchanged."""
     if not (settings.image_gain or settings.image_shift or settings.image_noise):
         return image
     scale = 1 + settings.image_gain * _within_one(3, generator)
@@ -39,18 +31,12 @@ def vary_image(image: np.ndarray, settings: TrainingSettings, generator: torch.G
     return np.asarray(levels.round_().clamp_(0, 255).to(torch.uint8).numpy())
 
 
-def vary_observation(observation: Observation, settings: ReconstructionSettings, generator: torch.Generator) -> Observation:
-    """Vary the image of an observation, and leave out some of its touch charts.
-
-    Parameters
-    ----------
-    observation
-        The observation.
-    settings
-        As `vary_image` takes them; and `touch_dropout`, the probability that a touch is left out.
-    generator
-        Draws the variation.
-    """
+def vary_observation(
+    observation: Observation,
+    settings: ReconstructionSettings,  # as of `vary_image`; `touch_dropout`: probability to skip a touch
+    generator: torch.Generator,
+) -> Observation:
+    """Vary the image of an observation, and skip some of its touch charts."""
     if observation.image is not None:
         observation = replace(observation, image=vary_image(observation.image, settings, generator))
     if settings.touch_dropout:
@@ -61,14 +47,14 @@ def vary_observation(observation: Observation, settings: ReconstructionSettings,
 
 @dataclass(frozen=True)
 class Misplacement:
-    """Where a wrong estimate puts an object: points x of the world, m, are at `scale` x + `shift` (3,), m, float64."""
+    """Where a wrong estimate puts an object: points x of the world, m, are at `scale` x + `shift`."""
 
     scale: float
-    shift: NDArray[np.float64]
+    shift: NDArray[np.float64]  # (3,) m
 
     @property
     def motion(self) -> NDArray[np.float64]:
-        """Make the matrix (4, 4) that moves points so."""
+        """Make the matrix (4, 4) of this motion."""
         return np.block([[self.scale * np.eye(3), self.shift[:, None]], [np.zeros(3), 1.0]])
 
     def moved(self, points: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -76,34 +62,26 @@ class Misplacement:
         return transform_points(self.motion, points.astype(np.float64)).astype(np.float32)
 
 
-def draw_misplacement(deviation: float, centre: Sequence[float], radius: float, generator: torch.Generator) -> Misplacement:
-    """Draw the error of an object's estimated place and size.
-
-    Parameters
-    ----------
-    deviation
-        Standard deviation of the shift along each axis, m, and of the logarithm of the scale in radii.
-    centre, radius
-        (3,) world and m: the ball that objects lie in. They are scaled about its centre.
-    generator
-        Draws it.
-    """
+def draw_misplacement(
+    deviation: float,  # of the shift along each axis, m, and of the logarithm of the scale in radii
+    centre: Sequence[float],  # (3,) world, m, of the ball that objects lie in; they are scaled about it
+    radius: float,  # of this ball, m
+    generator: torch.Generator,
+) -> Misplacement:
+    """Draw the error of an object's estimated pose and size."""
     *shift, scale = (deviation * torch.randn(4, generator=generator, dtype=torch.float64)).tolist()
     factor = math.exp(scale / radius)
     return Misplacement(factor, (1 - factor) * np.array(centre) + shift)
 
 
-def misplace(observation: Observation, place: Misplacement, centre: NDArray[np.float64]) -> Observation:
-    """Change an observation to what `predict` would make of it with a wrong estimate of the object's place, but for a turn about +z.
+def misplace(
+    observation: Observation,  # with an image and its camera
+    place: Misplacement,
+    centre: NDArray[np.float64],  # (3,) world, m, where the object is taken to be
+) -> Observation:
+    """Change an observation to what `predict` would make of it with a wrong estimate of the object's pose.
 
-    Parameters
-    ----------
-    observation
-        With an image and its camera.
-    place
-        The wrong place.
-    centre
-        (3,) world, m, where the object is taken to be: the image shows this point where it showed the object's centre.
+    A turn about +z is not among the errors. The image shows `centre` where it showed the object's centre.
     """
     assert observation.image is not None
     assert observation.camera is not None

@@ -1,7 +1,5 @@
 """Batch normalisation of a batch that several processes share, on any device: torch's own `SyncBatchNorm` computes on GPUs alone."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import torch
@@ -25,12 +23,10 @@ class _Sum(torch.autograd.Function):
 
 
 class SharedBatchNorm(_BatchNorm):
-    """Normalise by the mean and variance of the whole batch, as one process would; weights and buffers are those of `nn.BatchNorm2d`.
+    """Normalise by the mean and variance of the whole batch, as one process would.
 
-    Attributes
-    ----------
-    share
-        1, or 0 if this process has no items of the batch: its results then have no weight.
+    Weights and buffers are those of `nn.BatchNorm2d`. `share` is 1, or 0 if this process has no items of the batch: its
+    results then have no weight.
     """
 
     share = 1.0

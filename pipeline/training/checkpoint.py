@@ -1,7 +1,5 @@
 """Checkpoints: the state from which a killed training continues to the same weights, in one file that is written atomically."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Mapping
@@ -23,18 +21,14 @@ FILE = ".checkpoint.safetensors"
 
 @dataclass
 class Progress:
-    """Hold the progress of a training.
+    """Hold the progress of a training."""
 
-    `epoch` and `step` are the next ones; `sums` adds up the losses of the epoch's finished steps; `history` has the
-    metrics of every finished epoch; `best` is the number of the best one.
-    """
-
-    epoch: int = 0
-    step: int = 0
-    sums: float = 0.0
+    epoch: int = 0  # the next one
+    step: int = 0  # the next one
+    sums: float = 0.0  # of the losses of the epoch's finished steps
     seconds: float = 0.0
-    best: int = 0
-    history: list[dict[str, float]] = field(default_factory=list)
+    best: int = 0  # number of the best epoch
+    history: list[dict[str, float]] = field(default_factory=list)  # metrics of every finished epoch
 
 
 @dataclass(frozen=True)
@@ -45,20 +39,13 @@ class State:
     optimizer: torch.optim.Optimizer
 
 
-def save(folder: Path, state: State, best: Mapping[str, Tensor], progress: Progress) -> None:
-    """Write a checkpoint.
-
-    Parameters
-    ----------
-    folder
-        Of the model.
-    state
-        The weights, and the moments of the optimizer.
-    best
-        The best weights so far, by name.
-    progress
-        The training's progress.
-    """
+def save(
+    folder: Path,  # of the model
+    state: State,  # the weights, and the moments of the optimizer
+    best: Mapping[str, Tensor],  # the best weights so far, by name
+    progress: Progress,
+) -> None:
+    """Write a checkpoint."""
     tensors = {f"module/{name}": value for name, value in state.module.state_dict().items()}
     tensors |= {f"best/{name}": value for name, value in best.items()}
     for index, moments in state.optimizer.state_dict()["state"].items():

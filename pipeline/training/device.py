@@ -1,7 +1,5 @@
 """The device and the number of threads on which networks run."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

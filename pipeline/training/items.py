@@ -1,7 +1,5 @@
 """Training items: an object, and the number and choice of its grasps."""
 
-from __future__ import annotations
-
 from math import isqrt
 from typing import Any
 
@@ -22,30 +20,16 @@ TARGETS = 128
 
 
 class Items:
-    """Read the objects of a split as a network's inputs; read only the arrays that it takes.
-
-    Parameters
-    ----------
-    data, split
-        A data directory, and a split of it.
-    config
-        Gives the image and whether the network takes touch.
-    items_per_object
-        Each begins with another grasp; with fewer items than grasps, that grasp is drawn.
-    learned
-        Arrays that the loss needs.
-    cache_megabytes
-        Limit of what is kept in memory.
-    """
+    """Read the objects of a split as a network's inputs; read only the arrays that it takes."""
 
     def __init__(
         self,
         data: Place,
         split: str,
-        config: NetworkInputs,
-        items_per_object: int,
+        config: NetworkInputs,  # gives the image and whether the network takes touch
+        items_per_object: int,  # each begins with another grasp; with fewer items than grasps, it is drawn
         *,
-        learned: tuple[str, ...] = ("points",),
+        learned: tuple[str, ...] = ("points",),  # arrays that the loss needs
         cache_megabytes: float = CACHE_MEGABYTES,
     ) -> None:
         self.rows = ObjectRows(data, arrays_of(config, learned), split, cache_megabytes=cache_megabytes)
@@ -103,38 +87,27 @@ class Items:
         """Name an item's object."""
         return self.rows.object_ids[item // self.items_per_object]
 
-    def view(self, item: int, count: int, order: np.ndarray, inputs: NetworkInputs | None = None) -> Observation:
-        """Read the network's input: the item's own grasp, then further ones.
-
-        Parameters
-        ----------
-        item
-            Its number, from 0.
-        count
-            Number of grasps.
-        order
-            Permutation of all grasps, from which the further ones are taken.
-        inputs
-            The inputs of a network that takes any.
-        """
+    def view(
+        self,
+        item: int,  # its number, from 0
+        count: int,
+        order: np.ndarray,  # permutation of all grasps, from which the further ones are taken
+        inputs: NetworkInputs | None = None,  # of a network that takes any
+    ) -> Observation:
+        """Read the network's input of `count` grasps: the item's own, then further ones."""
         return stored_observation(self.rows, self.object_of(item), self.grasps_of(item, count, order), inputs or self.config)
 
     def drawn_view(
-        self, item: int, fewest: int, most: int, generator: torch.Generator, *, dropped: tuple[float, float] = (0.0, 0.0)
+        self,
+        item: int,  # its number, from 0
+        fewest: int,
+        most: int,
+        generator: torch.Generator,  # draws the number and the further grasps
+        *,
+        # for a network that takes any inputs: shares of items without image, touches
+        dropped: tuple[float, float] = (0.0, 0.0),
     ) -> Observation:
-        """Read the network's input with a random choice of grasps, the item's own first.
-
-        Parameters
-        ----------
-        item
-            Its number, from 0.
-        fewest, most
-            Limits of the number of grasps.
-        generator
-            Draws the number and the further grasps.
-        dropped
-            For a network that takes any inputs, the shares of items without image, and without touches.
-        """
+        """Read the network's input with `fewest` to `most` random grasps, the item's own first."""
         count = int(torch.randint(fewest, most + 1, (), generator=generator))
         order = torch.randperm(self.grasps, generator=generator).numpy()
         if self.config.image != "any":
@@ -146,13 +119,8 @@ class Items:
     def view_in_turn(self, item: int, fewest: int, most: int) -> Observation:
         """Read the network's input with a fixed choice of grasps, in the order of the dataset.
 
-        Parameters
-        ----------
-        item
-            Its number, from 0.
-        fewest, most
-            An object's items have `fewest` to `most` grasps in turn. Those of a network that takes any inputs have all `INPUT_CHOICES` in
-            turn, each with more grasps the next time.
+        An object's items have `fewest` to `most` grasps in turn. Those of a network that takes any inputs have all
+        `INPUT_CHOICES` in turn, each with more grasps the next time.
         """
         if self.config.image == "any":
             repetition, choice = divmod(item, len(INPUT_CHOICES))

@@ -1,7 +1,5 @@
 """Learner: a network with its items and its loss, for the training loop."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -13,15 +11,10 @@ from torch import Tensor, nn
 class Learner(ABC):
     """A network with its training items and its validation.
 
-    Attributes
-    ----------
-    network
-        The network. The loop may train it in a wrapper: `loss` and `validate` take the network as an argument.
-    keeps_last
-        Whether the last epoch's weights are kept instead of the best epoch's, where validation does not tell which are best.
+    The loop may train `network` in a wrapper: `loss` and `validate` take the network as an argument.
     """
 
-    keeps_last: ClassVar[bool] = False
+    keeps_last: ClassVar[bool] = False  # the last epoch's weights, where validation does not tell which are best
 
     def __init__(self, network: nn.Module) -> None:
         self.network = network

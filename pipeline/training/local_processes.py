@@ -1,7 +1,5 @@
 """The processes that a training starts on this machine; a separate module, which only they import."""
 
-from __future__ import annotations
-
 import tempfile
 from datetime import timedelta
 from pathlib import Path

@@ -49,34 +49,22 @@ MAX_LOSS_GROWTH = 1e4
 """A loss above the first epoch's mean by this factor stops the training: no later epoch recovers from it."""
 
 
-def train(learner: Learner, settings: TrainingSettings, *, folder: Path, seed: int, name: str) -> dict[str, Any]:
+def train(
+    learner: Learner,
+    settings: TrainingSettings,
+    *,
+    folder: Path,  # gets the checkpoint, `metrics.json` (losses per epoch), and the curves in `tensorboard`
+    seed: int,  # with `name`, keys the order of items and all random draws
+    name: str,
+) -> dict[str, Any]:  # parameters, epochs, the best one and its metrics, seconds, hardware
     """Train until the epochs or the patience end; leave the best epoch's weights in the learner's network.
 
-    A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights, to the bit, as an
-    uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
+    A killed training continues from the checkpoint in the folder and ends, on the same machine, with the same weights,
+    to the bit, as an uninterrupted one. The checkpoint stays: the caller that publishes the model removes it.
 
-    Parameters
-    ----------
-    learner
-        Network, items and loss.
-    settings
-        Of the training.
-    folder
-        Gets the checkpoint, `metrics.json` with the losses of each epoch, and the curves in `tensorboard`.
-    seed, name
-        Key the order of items and all random draws.
-
-    Returns
-    -------
-    Facts for the record: parameters, epochs, the best one and its metrics, seconds, hardware.
-
-    Raises
-    ------
-    ProcessRaisedException
-        One of several processes raised an error that is a fault of ours: its traceback is the message.
-    StageError
-        There are no items; a process was killed; or a loss is NaN, raises in a kernel, or explodes: the message names epoch, step, and the
-        items of the batch.
+    A `StageError` says that there are no items, that a process was killed, or that a loss is NaN, raises in a kernel,
+    or explodes: it names epoch, step, and the items of the batch. A fault of ours in one of several processes is a
+    `ProcessRaisedException` with its traceback.
     """
     if not len(learner):
         raise StageError(f"{name}: there are no items to train on; take more objects, or see `vt-pipeline status` for those that failed")

@@ -1,7 +1,5 @@
 """Mixed precision for networks that compute geometry; imported by a training alone, as Lightning Fabric takes seconds to import."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from lightning_fabric.plugins.precision.amp import MixedPrecision

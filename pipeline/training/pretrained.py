@@ -1,7 +1,5 @@
 """The trained network whose weights a training begins with."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +26,13 @@ def pretrained_folder(models: str, network: str) -> Path:
 
 
 def learned_before(models: str, network: str) -> list[dict[str, Any]]:
-    """List what a trained network has learned from, as `learned_from`."""
+    """List the training data of a trained network, as `learned_from`."""
     folder = models_place(models)
     return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
 
 
 def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
-    """List what the network of a record has learned from, before its training and in it: the manifest and the items of each training."""
+    """List the training data of a record's network, also from before its training: manifest and items of each training."""
     manifest = record.options.get("--manifest", record.manifest)
     return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
 

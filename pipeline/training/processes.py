@@ -35,21 +35,11 @@ REPORT_DELAY = 3.0
 """Seconds by which the other processes delay their end after one was killed, so that their launcher reports the killed one."""
 
 
-def make_fabric(settings: TrainingSettings, folder: Path) -> Fabric:
-    """Make the `Fabric` that runs a training in the processes that the settings ask for.
-
-    Parameters
-    ----------
-    settings
-        Give accelerator, devices and precision.
-    folder
-        Of the model; TensorBoard logs go below it.
-
-    Raises
-    ------
-    StageError
-        The device cannot be used.
-    """
+def make_fabric(
+    settings: TrainingSettings,  # give accelerator, devices and precision
+    folder: Path,  # of the model; TensorBoard logs go below it
+) -> Fabric:
+    """Make the `Fabric` that runs a training in the processes that the settings ask for, or raise a `StageError`."""
     from lightning_fabric import Fabric
     from lightning_fabric.loggers.tensorboard import TensorBoardLogger
     from lightning_fabric.plugins.environments.lightning import LightningEnvironment

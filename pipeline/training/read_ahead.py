@@ -1,7 +1,5 @@
 """Reading while computing: a thread reads the next batch during the training step of the current one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar

@@ -1,7 +1,5 @@
 """The training of networks that reconstruct objects, for every family."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -46,21 +44,11 @@ class Batch:
 
 
 class ReconstructionLearner(Learner):
-    """Train a network that reconstructs; a family defines its targets and error.
+    """Train a network that reconstructs; a family defines its targets and error."""
 
-    Attributes
-    ----------
-    target
-        The artifact of the targets.
-    arrays
-        Its arrays that are read.
-    seeded_as
-        Names the generator of validation.
-    """
-
-    target: ClassVar[Artifact]
-    arrays: ClassVar[tuple[str, ...]]
-    seeded_as: ClassVar[str]
+    target: ClassVar[Artifact]  # holds the targets
+    arrays: ClassVar[tuple[str, ...]]  # those of `target` that are read
+    seeded_as: ClassVar[str]  # names the generator of validation
 
     network: Any
 
@@ -72,28 +60,19 @@ class ReconstructionLearner(Learner):
         self._fewest, self._most = (min(count, train.grasps) for count in (typed_settings.min_grasps, typed_settings.max_grasps))
 
     @abstractmethod
-    def targets(self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool) -> Any:
-        """Read the targets of items.
-
-        Parameters
-        ----------
-        items
-            Training or validation items.
-        numbers
-            (B,) numbers of items.
-        generators
-            (B,), for targets that are drawn.
-        validates
-            Whether these are validation items.
-
-        Returns
-        -------
-        Targets as the family's loss takes them.
-        """
+    def targets(
+        self,
+        items: Items,
+        numbers: Sequence[int],  # (B,) items
+        generators: Sequence[torch.Generator],  # (B,), for targets that are drawn
+        *,
+        validates: bool,  # these are validation items
+    ) -> Any:
+        """Read the targets of items, as the family's loss takes them."""
 
     @abstractmethod
-    def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Compute the error of each item of a batch, (B,)."""
+    def errors(self, network: Any, batch: Batch) -> Tensor:  # (B,)
+        """Compute the error of each item of a batch."""
 
     def __len__(self) -> int:
         return len(self._train)
@@ -127,19 +106,11 @@ class ReconstructionLearner(Learner):
 
 
 class ReconstructionTraining(DatasetStage):
-    """Train a network of one configuration; each subclass trains a family.
-
-    Attributes
-    ----------
-    family
-        Makes and uses the network.
-    learner
-        Has the loss.
-    """
+    """Train a network of one configuration; each subclass trains a family."""
 
     trains = True
-    family: ClassVar[type[Reconstructor]]
-    learner: ClassVar[type[ReconstructionLearner]]
+    family: ClassVar[type[Reconstructor]]  # makes and uses the network
+    learner: ClassVar[type[ReconstructionLearner]]  # has the loss
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
@@ -189,7 +160,7 @@ class ReconstructionTraining(DatasetStage):
         return facts | ({LEARNED_BEFORE: before} if before else {})
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:
-        """Give a network the weights of a trained one; return what that one has learned from."""
+        """Give a network the weights of a trained one; return the training data of that one."""
         models, trained = job.settings.pretrained, job.settings.configuration
         folder = pretrained_folder(models, trained)
         if folder.resolve().parent == Path(str(job.data / job.name)).resolve().parent:

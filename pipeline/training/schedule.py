@@ -1,7 +1,5 @@
 """Schedules of the learning rate."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 
@@ -12,14 +10,9 @@ WARM_UP = 0.05
 
 
 def rate_at(step: int, steps: int, schedule: Schedule) -> float:
-    """Compute the share of the learning rate at a step.
+    """Compute the share of the learning rate at a step, which counts from 0.
 
-    Parameters
-    ----------
-    step, steps
-        The step, from 0, and the number of steps.
-    schedule
-        `constant` is 1; `cosine` rises linearly, then falls along half a cosine to nearly 0.
+    `constant` is 1; `cosine` rises linearly, then falls along half a cosine to nearly 0.
     """
     if schedule == "constant":
         return 1.0

@@ -1,7 +1,5 @@
 """The settings that every training has."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar, Literal
 
@@ -52,15 +50,9 @@ class TrainingSettings(Settings):
 
 
 class ReconstructionSettings(TrainingSettings):
-    """The settings of the training of any network that reconstructs objects, with the definition of an item.
+    """The settings of the training of any network that reconstructs objects, with the definition of an item."""
 
-    Attributes
-    ----------
-    configurations
-        The family's networks by name.
-    """
-
-    configurations: ClassVar[Mapping[str, NetworkInputs]]
+    configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
 
     configuration: str = setting(..., "which network", changes="definition")
     training_seed: int = setting(
@@ -84,13 +76,13 @@ class ReconstructionSettings(TrainingSettings):
     validation_items: int = setting(5, "items per validation object, with 1, 2, … grasps", ge=1)
 
     @model_validator(mode="after")
-    def _some_grasps(self) -> ReconstructionSettings:
+    def _some_grasps(self) -> "ReconstructionSettings":
         if self.min_grasps > self.max_grasps:
             raise ValueError(f"min_grasps is {self.min_grasps}, max_grasps {self.max_grasps}; the fewest cannot be more than the most")
         return self
 
     @model_validator(mode="after")
-    def _known_configuration(self) -> ReconstructionSettings:
+    def _known_configuration(self) -> "ReconstructionSettings":
         if self.configuration not in self.configurations:
             raise ValueError(unknown_name("configuration", self.configuration, self.configurations))
         return self
@@ -107,7 +99,7 @@ class ReconstructionSettings(TrainingSettings):
 
     @property
     def touch_dropout(self) -> float:
-        """The share of touch charts that is left out."""
+        """The share of touch charts that is skipped."""
         return self.dropped_touches or 0.0
 
     @property

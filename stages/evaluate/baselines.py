@@ -1,7 +1,5 @@
 """Baselines: a training object retrieved in place of a reconstruction."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -50,42 +48,19 @@ def retrieved_by(image: object, touch: bool) -> str:
 def retrieve(
     objects: TestObjects,
     training: ObjectRows,
-    figures: Callable[[CloudDistances, int], Mapping[str, float]],
+    figures: Callable[[CloudDistances, int], Mapping[str, float]],  # of the distances for a test object's number
     *,
     console: Console,
-    most: int,
-    silhouettes: Silhouettes | None = None,
-    touched: Sequence[NDArray[np.float64]] | None = None,
-) -> dict[str, Figures]:
+    most: int,  # training objects, spread evenly, among which the typical one is chosen
+    silhouettes: Silhouettes | None = None,  # for networks that take images
+    touched: Sequence[NDArray[np.float64]] | None = None,  # (N, 3) m, of each test object, if there are touches
+) -> dict[str, Figures]:  # by method of choice
     """Retrieve a training object for each test object, and measure it as a reconstruction.
 
-    Parameters
-    ----------
-    objects, training
-        The test objects, and the training objects.
-    figures
-        Computes figures from the distances between points and the number of the test object.
-    console
-        Shows progress.
-    most
-        Number of training objects, spread evenly, among which the typical one is chosen: each is compared with each.
-    silhouettes
-        For networks that take images.
-    touched
-        (N, 3) touched points of each test object, m, if there are touches.
-
-    Returns
-    -------
-    The figures by method of choice of the training object:
-
-    typical
-        The one with the least mean distance to the others, the same for every test object.
-    by silhouette
-        The one with the silhouette most similar to the image's (intersection over union).
-    by touch
-        The one nearest to the touched points of the first grasp.
-    by truth
-        The nearest one by the Chamfer distance of `POINTS` points: no retrieval is nearer by that distance.
+    `typical` has the least mean distance to the others (each is compared with each) and is the same for every test
+    object. `by silhouette` has the silhouette most similar to the image's (intersection over union). `by touch` is
+    nearest to the touched points of the first grasp. `by truth` is nearest by the Chamfer distance of `POINTS` points:
+    no retrieval is nearer by that distance.
     """
     ids, names = objects.rows.object_ids, training.object_ids
     spread = np.linspace(0, len(names) - 1, min(len(names), most)).astype(int)
@@ -132,18 +107,13 @@ def _scaled(points: NDArray[np.float64], size: float, to: float = DIAGONAL) -> N
 
 
 class _Search:
-    """The search for the training object most similar to each test object, block by block.
-
-    Parameters
-    ----------
-    queries, touch_clouds
-        Points of the test objects, and those that were touched, if any.
-    masks
-        (object, view, pixel) silhouettes of the test objects, if there are images.
-    """
+    """The search for the training object most similar to each test object, block by block."""
 
     def __init__(
-        self, queries: Sequence[RetrievalCloud], touch_clouds: Sequence[RetrievalCloud] | None, masks: NDArray[np.bool_] | None
+        self,
+        queries: Sequence[RetrievalCloud],  # points of the test objects
+        touch_clouds: Sequence[RetrievalCloud] | None,  # their touched points, if any
+        masks: NDArray[np.bool_] | None,  # (object, view, pixel) their silhouettes, if there are images
     ) -> None:
         self._clouds = {"by touch": touch_clouds, "by truth": queries} if touch_clouds is not None else {"by truth": queries}
         self._nearest = {method: [(np.inf, 0)] * len(queries) for method in self._clouds}
@@ -152,7 +122,13 @@ class _Search:
             self._overlap, self._alike = np.full(masks.shape[:2], -1.0, np.float32), np.zeros(masks.shape[:2], np.intp)
         self.kinds = len(self._clouds) + (masks is not None)
 
-    def compare(self, clouds: Sequence[RetrievalCloud], masks: NDArray[np.bool_] | None, start: int, meter: Meter) -> None:
+    def compare(
+        self,
+        clouds: Sequence[RetrievalCloud],
+        masks: NDArray[np.bool_] | None,  # (object, view, pixel)
+        start: int,
+        meter: Meter,
+    ) -> None:
         """Compare a block of training objects from number `start` on, by their points and silhouettes."""
         if masks is not None and self._masks is not None:
             flat, views = masks.reshape(-1, masks.shape[-1]), masks.shape[1]

@@ -1,7 +1,5 @@
 """Scores that may be compared with an evaluation, and the figures of both."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,7 @@ COMPARED = ("points", "tau", "scale", "rings")
 
 
 def difference(folder: Path, other: Path) -> str | None:
-    """Name a difference between two evaluations that rules out a comparison: a setting, the seed or the objects; None if there is none."""
+    """Name what makes two evaluations not comparable: a setting, the seed or the objects; None if they are."""
     ours, theirs = read_root(folder), read_root(other)
     for name in COMPARED:
         if ours["settings"][name] != theirs["settings"].get(name):
@@ -27,16 +25,14 @@ def difference(folder: Path, other: Path) -> str | None:
     return None if our_ids == their_ids else f"other objects ({abbreviate(sorted({*our_ids} ^ {*their_ids}) or their_ids)})"
 
 
-def comparable_figures(folder: Path, scored: Sequence[Path]) -> tuple[dict[str, Any], dict[str, Figures], set[int] | None]:
-    """Read the figures of an evaluation and of the scores that may be compared with it.
+def comparable_figures(
+    folder: Path,
+    scored: Sequence[Path],
+) -> tuple[dict[str, Any], dict[str, Figures], set[int] | None]:  # inputs by name, figures by name, first grasps
+    """Read the figures of an evaluation, with its baselines, and of the scores of the same objects, settings and seed.
 
-    Scores with another setting, seed or other objects are left out.
-
-    Returns
-    -------
-    The inputs of each network and method, by name; the figures by name, with those of the baselines; and the first grasps that all rows
-    have, to which the figures are then restricted: one grasp tells more than another. None if all have the same; without a common one,
-    none are left out.
+    Those of networks and methods are restricted to the first grasps that all of them have, as one grasp tells more than
+    another. These are None if all have the same; without a common one, all figures are kept.
     """
     inputs_by_name, figures = dict(read_root(folder)["configurations"]), read_figures(folder)
     for place in scored:

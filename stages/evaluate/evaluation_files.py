@@ -1,7 +1,5 @@
 """Evaluations on disk: `tables.zarr` with every figure, and the printed tables as `metrics.json`."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -61,15 +59,7 @@ class Figure(NamedTuple):
 
 
 class Figures:
-    """The figures of one network, in the order of the objects.
-
-    Attributes
-    ----------
-    object_ids
-        The objects evaluated.
-    rows
-        The figures as they are stored.
-    """
+    """The figures of one network, in the order of the objects; `rows` are as stored."""
 
     def __init__(self, object_ids: Sequence[str], rows: Iterable[Figure]) -> None:
         self.object_ids, self.rows = list(object_ids), list(rows)
@@ -91,10 +81,10 @@ class Figures:
         return sorted(int(metric.rpartition("_")[2]) for metric, _ in self._values if metric.startswith("local_chamfer_"))
 
     def firsts(self, grasps: int) -> set[int]:
-        """List the first grasps whose figures there are with a number of grasps."""
+        """List the first grasps that have figures with a number of grasps."""
         return {figure.first for figure in self.rows if figure.grasps == grasps and figure.metric == "chamfer"}
 
-    def only(self, firsts: Set[int]) -> Figures:
+    def only(self, firsts: Set[int]) -> "Figures":
         """Keep the figures of some first grasps."""
         return Figures(self.object_ids, (row for row in self.rows if row.first in firsts))
 
@@ -117,9 +107,9 @@ class Figures:
         return np.array(self._lookup(metric, grasps)[1])
 
     def ring(self, number: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Compute the local Chamfer distance in a ring, the mean over the touches with points in it, and count these: (object,) each.
+        """Compute the local Chamfer distance in a ring, and count the touches with points in it: (object,) each.
 
-        The distance is 0 if the count is 0.
+        The distance is the mean over these touches, 0 without any.
         """
         places, values = self._lookup(f"local_chamfer_{number}")
         size = len(self.object_ids)
@@ -146,14 +136,12 @@ def evaluations(directory: DataDirectory) -> list[str]:
     return [evaluation_name(seed) for seed in sorted(int(match[1] or 0) for match in matches if match)]
 
 
-def write_evaluation(folder: Path, groups: Mapping[str, Mapping[str, Any]], attributes: Mapping[str, Any]) -> None:
-    """Write `tables.zarr`: the arrays of each group (`objects`, `predictions/touch`, …), by name, and the root's attributes.
-
-    Raises
-    ------
-    StoreError
-        A group holds other arrays than the schema declares, or their shapes disagree.
-    """
+def write_evaluation(
+    folder: Path,
+    groups: Mapping[str, Mapping[str, Any]],  # arrays by name, by group (`objects`, `predictions/touch`, …)
+    attributes: Mapping[str, Any],  # of the root
+) -> None:
+    """Write `tables.zarr`, whose arrays must be those of the schema."""
     checked = {name: _conform(name, arrays) for name, arrays in groups.items()}
     shutil.rmtree(folder / TABLES_ZARR, ignore_errors=True)
     store = LocalStore(folder / TABLES_ZARR)
@@ -249,13 +237,12 @@ def read_surfaces(folder: Path, configuration: str) -> Arrays:
     return read_table(folder, f"{group}/{configuration}")
 
 
-def surface_of(surfaces: Arrays, number: int, case: int) -> tuple[np.ndarray, np.ndarray]:
-    """Take one of the surfaces that `read_surfaces` read, by the numbers of its object and of its choice of grasps.
-
-    Returns
-    -------
-    Vertices (V, 3), m, and faces (F, 3).
-    """
+def surface_of(
+    surfaces: Arrays,  # of `read_surfaces`
+    number: int,  # of its object
+    case: int,  # of its choice of grasps
+) -> tuple[np.ndarray, np.ndarray]:  # vertices (V, 3) m, faces (F, 3)
+    """Take one of the surfaces of a network."""
     if "position" in surfaces:
         return surfaces["vertices"][number, case], surfaces["faces"]
     place = (number, case)

@@ -1,7 +1,5 @@
 """The protocol of supplement 2.4 and 3.5: every number of grasps, rings around touches, and the quality of surfaces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, ClassVar
@@ -136,12 +134,11 @@ class GraspProtocol(Protocol):
         }
 
     def closed(self, model: Any, measured: MeasuredCase) -> dict[str, float]:
-        """Measure the overlap of the insides of a reconstruction, or of its closed mesh if the settings ask for one, and the object.
+        """Measure the overlap of the insides of the object and a reconstruction, closed if the settings ask for it.
 
-        Returns
-        -------
-        `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`, which is 0 of an open surface: else a method would seem better
-        if it left hard objects open. Nothing for charts that are not to be closed. Surfaces so thin that no point is inside have no `iou`.
+        The figures are `watertight` (0 or 1) and, if the object's mesh is watertight, `iou`, which is 0 of an open
+        surface: else a method would seem better if it left hard objects open. There are none for charts that are not to
+        be closed. Surfaces so thin that no point is inside have no `iou`.
         """
         object_id, reconstruction = self.objects.rows.object_ids[measured.row], measured.reconstruction
         if self.settings.closed_resolution:
@@ -201,20 +198,17 @@ class GraspProtocol(Protocol):
         return groups
 
 
-def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded: bool) -> list[Case]:
+def make_cases(
+    available: int,  # grasps per object
+    numbers: Sequence[int],  # of grasps to evaluate; those above `available` are skipped
+    *,
+    touch: bool,  # the model takes touches
+    occluded: bool,  # the model takes the occluded image
+) -> list[Case]:
     """List the cases of a model.
 
-    A model without touch gives the same result for any number of grasps, and without the occluded image for any grasp. All grasps together
-    are the same input whichever comes first.
-
-    Parameters
-    ----------
-    available
-        Grasps per object.
-    numbers
-        Numbers of grasps to evaluate; those above `available` are left out.
-    touch, occluded
-        Whether the model takes touches, and the occluded image.
+    A model without touch gives the same result for any number of grasps, and without the occluded image for any grasp.
+    All grasps together are the same input whichever comes first.
     """
     every = tuple(range(available))
     if not touch:
@@ -229,16 +223,12 @@ def make_cases(available: int, numbers: Sequence[int], *, touch: bool, occluded:
     return cases
 
 
-def arrays_of(models: Sequence[Any], *, charts: bool = True) -> list[str]:
-    """List the arrays that these models' evaluation reads; `untouched` for the sensor's description in the attributes.
-
-    Parameters
-    ----------
-    models
-        Name the image that they take, and whether they take touch.
-    charts
-        Whether those with touch take it as touch charts.
-    """
+def arrays_of(
+    models: Sequence[Any],  # name the image that they take, and whether they take touch
+    *,
+    charts: bool = True,  # those with touch take it as touch charts
+) -> list[str]:
+    """List the arrays that these models' evaluation reads; `untouched` for the sensor in the attributes."""
     images = sorted({model.image for model in models if model.image is not None})
     images += ["projection"] if images else []
     if not any(model.touch for model in models):
@@ -259,22 +249,12 @@ def dataset(data: Place) -> Arrays:
     }
 
 
-def chart_residuals(residual: np.ndarray, iterations: np.ndarray, stop_rule: np.ndarray) -> Arrays:
-    """Summarise the residuals of touch charts by stop rule.
-
-    Parameters
-    ----------
-    residual
-        (object, grasp, sensor), m.
-    iterations
-        (object, grasp, sensor).
-    stop_rule
-        (object, grasp, sensor), numbers of `STOP_RULES`.
-
-    Returns
-    -------
-    The group `charts` of the schema `evaluation`.
-    """
+def chart_residuals(
+    residual: np.ndarray,  # (object, grasp, sensor) m
+    iterations: np.ndarray,  # (object, grasp, sensor)
+    stop_rule: np.ndarray,  # (object, grasp, sensor) numbers of `STOP_RULES`
+) -> Arrays:  # the group `charts` of the schema `evaluation`
+    """Summarise the residuals of touch charts by stop rule."""
     masks_by_rule = {name: stop_rule == code for code, name in enumerate(STOP_RULES) if name != "no_touch" and (stop_rule == code).any()}
     masks_by_rule[ALL] = is_surface(stop_rule)
     masks = masks_by_rule.values()

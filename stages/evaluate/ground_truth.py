@@ -1,7 +1,5 @@
 """The objects of the test split, against which reconstructions are measured."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 import numpy as np
@@ -29,21 +27,8 @@ def training_objects(data: Place, arrays: Iterable[str]) -> ObjectRows | None:
 class TestObjects:
     """Hold the objects of the test split that have every array which a model needs: the same for all models.
 
-    Attributes
-    ----------
-    rows
-        Gives their arrays.
-    surfaces
-        The artifact `surfaces`.
-    count
-        Points of S^obj per object: as many as are drawn from a reconstruction.
-
-    Raises
-    ------
-    StageError
-        The dataset has fewer points per object.
-    StoreError
-        As `ObjectRows`.
+    `count` is the number of points of S^obj per object: as many as are drawn from a reconstruction. A `StageError` says
+    that the dataset has fewer.
     """
 
     def __init__(self, data: Place, arrays: Iterable[str], count: int, stage: str) -> None:

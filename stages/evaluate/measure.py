@@ -1,7 +1,5 @@
 """One model on the objects of a split: reconstruct each case once, and measure it by a protocol."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,70 +23,34 @@ from stages.evaluate.ground_truth import TestObjects
 
 @dataclass(frozen=True)
 class Case:
-    """Choose grasps, or a view, the same for every object.
+    """Choose grasps, or a view, the same for every object."""
 
-    Attributes
-    ----------
-    first
-        The first grasp; the occluded image is the one with the hand in it. Or the view.
-    grasps
-        The grasps whose touches are given, none for a model without touch.
-    grasp_count
-        Number of grasps under which the figures are reported.
-    firsts
-        The first grasps whose figures the reconstruction gives.
-    """
-
-    first: int
-    grasps: tuple[int, ...]
-    grasp_count: int
-    firsts: tuple[int, ...]
+    first: int  # the first grasp, with whose hand the occluded image is; or the view
+    grasps: tuple[int, ...]  # whose touches are given, none for a model without touch
+    grasp_count: int  # under which the figures are reported
+    firsts: tuple[int, ...]  # the first grasps whose figures the reconstruction gives
 
 
 @dataclass(frozen=True)
 class MeasuredCase:
-    """Hold a reconstruction of an object in a case, and its distances to the object.
+    """Hold a reconstruction of an object in a case, and its distances to the object."""
 
-    Attributes
-    ----------
-    row
-        The object's number.
-    case, is_first
-        The case; whether it is the first of its object.
-    reconstruction
-        The surface.
-    points
-        (N, 3) points drawn from it, m.
-    faces
-        (N, 3) vertices of the face of each point; (0, 3) of a point cloud, which has no faces.
-    distances
-        Between these points and the object's.
-    """
-
-    row: int
+    row: int  # the object's number
     case: Case
     reconstruction: Reconstruction
-    points: NDArray[np.float64]
-    faces: NDArray[np.int64]
-    distances: CloudDistances
-    is_first: bool
+    points: NDArray[np.float64]  # (N, 3) m, drawn from the reconstruction
+    faces: NDArray[np.int64]  # (N, 3) vertices of the face of each point; (0, 3) of a point cloud, which has no faces
+    distances: CloudDistances  # between these points and the object's
+    is_first: bool  # of the object's cases
 
 
 class Protocol(ABC):
-    """Choose the inputs of models and the figures of their reconstructions.
+    """Choose the inputs of models and the figures of their reconstructions."""
 
-    Attributes
-    ----------
-    stage
-        The name of its stage.
-    objects, training
-        The test objects, and the training objects from which baselines retrieve, if there are any.
-    """
-
-    stage: ClassVar[str]
+    stage: ClassVar[str]  # its name
     keeps_surfaces: ClassVar[bool] = False
     objects: TestObjects
-    training: ObjectRows | None
+    training: ObjectRows | None  # from which baselines retrieve, if there are any
 
     @abstractmethod
     def cases(self, model: Reconstructor) -> list[Case]:
@@ -100,16 +62,11 @@ class Protocol(ABC):
 
     @abstractmethod
     def figures(self, model: Reconstructor, measured: MeasuredCase) -> Iterator[tuple[int, str, float]]:
-        """Measure a model's reconstruction of an object in a case.
-
-        Returns
-        -------
-        The first grasp or the view, the metric and the value of each figure.
-        """
+        """Measure a model's reconstruction of an object in a case: first grasp or view, metric and value."""
 
     @abstractmethod
     def baselines(self) -> dict[str, Figures]:
-        """Measure training objects in place of reconstructions, by how they are chosen."""
+        """Measure training objects in place of reconstructions, by method of choice."""
 
     @abstractmethod
     def extra(self) -> dict[str, Arrays]:
@@ -131,40 +88,27 @@ def stored(reconstruction: Reconstruction) -> Reconstruction:
 
 
 def sample_reconstruction(
-    reconstruction: Reconstruction, count: int, rng: np.random.Generator
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Draw points from the surface of a reconstruction.
-
-    Parameters
-    ----------
-    reconstruction
-        A surface, or a point cloud, which has no faces.
-    count
-        Points to draw; of a cloud with fewer, all of them.
-    rng
-        Draws them.
-
-    Returns
-    -------
-    (N, 3) points, m, and (N, 3) vertices of the face of each; (0, 3) of a cloud.
-    """
+    reconstruction: Reconstruction,  # a surface, or a point cloud without faces
+    count: int,  # points; of a cloud with fewer, all of them
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # points (N, 3) m; vertices (N, 3) of their faces, (0, 3) of a cloud
+    """Draw points from the surface of a reconstruction."""
     if not len(reconstruction.faces):
         return rng.permutation(reconstruction.vertices)[:count], reconstruction.faces
     points, face = sample_triangles(reconstruction.vertices[reconstruction.faces], count, rng)
     return points, reconstruction.faces[face]
 
 
-def measure(name: str, model: Any, protocol: Protocol, job: DatasetJob) -> tuple[list[Figure], Arrays]:
-    """Measure a model, or another method that the protocol reconstructs with, on the test objects, with the job's batch size and seed.
+def measure(
+    name: str,
+    model: Any,
+    protocol: Protocol,
+    job: DatasetJob,
+) -> tuple[list[Figure], Arrays]:  # figures, and the group below `predictions` or `meshes`
+    """Measure a model, or another method that the protocol reconstructs with, on the test objects.
 
-    Returns
-    -------
-    Its figures, and its group below `predictions` or `meshes`; empty if the protocol keeps no surfaces.
-
-    Raises
-    ------
-    StageError
-        A reconstruction is not finite.
+    Batch size and seed are the job's. The group is empty if the protocol keeps no surfaces. A `StageError` names a
+    reconstruction that is not finite.
     """
     objects, cases, size = protocol.objects, protocol.cases(model), job.settings.batch_size
     kept_cases = cases if model.has_charts else [case for case in cases if case.first == 0]  # meshes are larger

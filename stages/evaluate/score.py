@@ -1,7 +1,5 @@
 """Reconstructions of another method, from files, measured as those of networks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,19 +29,11 @@ from stages.evaluate.stage import write_measured
 
 @dataclass(frozen=True)
 class Method:
-    """A method that is known only by its files, in the place of a network.
+    """A method of which only files are known, in place of a network."""
 
-    Attributes
-    ----------
-    image, touch
-        Whether the baselines that use images and touches are measured beside it.
-    has_charts
-        False: its surfaces are meshes or point clouds.
-    """
-
-    image: str | None
-    touch: bool
-    has_charts: bool = False
+    image: str | None  # baselines that use images are measured beside it
+    touch: bool  # baselines that use touches are measured beside it
+    has_charts: bool = False  # its surfaces are meshes or point clouds
 
 
 class ScoreProtocol(GraspProtocol):
@@ -61,7 +51,7 @@ class ScoreProtocol(GraspProtocol):
         self.sparse: list[int] = []
 
     def cases(self, model: Any) -> list[Case]:
-        """List the numbers of grasps, and the first grasps, for which there are files."""
+        """List the numbers of grasps, and the first grasps, that have files."""
         available = self.touched.shape[1]
         return [
             Case(first, tuple((first + step) % available for step in range(count)), count, (first,))
@@ -94,21 +84,17 @@ class ScoreProtocol(GraspProtocol):
 
 
 class Score(DatasetStage):
-    """Measure the files of one method on the test objects.
-
-    Parameters
-    ----------
-    folder
-        Holds the files, as `find_files` takes them.
-    reads
-        The existing artifacts beside `surfaces` and `grasps` that the baselines use.
-    """
+    """Measure the files of one method on the test objects."""
 
     name = "score"
     summary = "Another method's reconstructions on the test objects, from files: the tables of `evaluate`."
     settings_type = ScoreSettings
 
-    def __init__(self, folder: Path, reads: Sequence[Artifact]) -> None:
+    def __init__(
+        self,
+        folder: Path,  # holds the files, as `find_files` takes them
+        reads: Sequence[Artifact],  # existing artifacts beside `surfaces` and `grasps` that the baselines use
+    ) -> None:
         self.folder, self.reads = folder, tuple(reads)
 
     def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:

@@ -1,7 +1,5 @@
 """Another method's reconstructions as files: found by the object's name, checked and read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -46,21 +44,11 @@ Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 @dataclass(frozen=True)
 class ScoredFiles:
-    """The files of a folder.
+    """The files of a folder."""
 
-    Attributes
-    ----------
-    paths
-        By number of grasps and first grasp, and by object.
-    faults
-        A line for each file that is missing or cannot be used.
-    unused
-        Names of files without a test object.
-    """
-
-    paths: Mapping[tuple[int, int], Mapping[str, Path]]
-    faults: Sequence[str]
-    unused: Sequence[str]
+    paths: Mapping[tuple[int, int], Mapping[str, Path]]  # by number of grasps and first grasp, and by object
+    faults: Sequence[str]  # a line for each file that is missing or cannot be used
+    unused: Sequence[str]  # names of files without a test object
 
 
 def surface_files(folder: Path) -> list[Path]:
@@ -70,20 +58,14 @@ def surface_files(folder: Path) -> list[Path]:
     return [path for path in files if not path.name.startswith(".")]  # macOS leaves ._OBJECT.ply beside OBJECT.ply
 
 
-def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasps_given: int, grasps_held: int) -> ScoredFiles:
-    """Find the file of each test object.
-
-    Parameters
-    ----------
-    folder
-        Holds files called OBJECT.SUFFIX, and perhaps folders `grasps-N` or `grasps-N-from-K` of such files.
-    tested, others
-        The objects that are scored, and the dataset's others.
-    grasps_given
-        Grasps that the files in the folder itself were made from.
-    grasps_held
-        Grasps that the dataset holds of each object.
-    """
+def find_files(
+    folder: Path,  # files OBJECT.SUFFIX, and perhaps folders `grasps-N` or `grasps-N-from-K` of such files
+    tested: Sequence[str],  # objects that are scored
+    others: Sequence[str],  # the dataset's other objects
+    grasps_given: int,  # that the files in the folder itself were made from
+    grasps_held: int,  # in the dataset, per object
+) -> ScoredFiles:
+    """Find the file of each test object."""
     paths: dict[tuple[int, int], dict[str, Path]] = {}
     faults, unused = [], []
     for path in sorted(folder.iterdir()):
@@ -115,18 +97,12 @@ def find_files(folder: Path, tested: Sequence[str], others: Sequence[str], grasp
     return ScoredFiles(paths, faults, unused)
 
 
-def read_surface(path: Path) -> Reconstruction:
-    """Read a mesh or, without faces, a point cloud.
+def read_surface(
+    path: Path,  # a mesh file, a PLY file of points, or an array (N, 3) of points; world frame, m
+) -> Reconstruction:
+    """Read a mesh or, without faces, a point cloud; glTF's y becomes the world's z.
 
-    Parameters
-    ----------
-    path
-        A mesh file, a PLY file of points, or an array (N, 3) of points; metres, world frame. glTF's y becomes the world's z.
-
-    Raises
-    ------
-    InvalidInput
-        The file is missing or damaged, holds no point, or one that is not finite.
+    An `InvalidInput` names a file that is missing or damaged, holds no point, or one that is not finite.
     """
     vertices, faces = _read_cloud(path) if path.suffix.lower() == CLOUD else _read_mesh(path)
     if not len(vertices):
@@ -167,20 +143,14 @@ def _read_mesh(path: Path) -> Surface:
     return vertices, faces
 
 
-def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray[np.float64]], *, misplaced: bool) -> Iterator[str]:
-    """Read every file, and name those that cannot be scored.
-
-    Parameters
-    ----------
-    files
-        Of the folder.
-    folder
-        Is left out of their names.
-    truth
-        Reads the points of an object, (N, 3), m, world frame.
-    misplaced
-        Whether reconstructions far from their object, or of quite another size, are scored all the same.
-    """
+def find_faults(
+    files: ScoredFiles,  # of the folder
+    folder: Path,  # omitted from their names
+    truth: Callable[[str], NDArray[np.float64]],  # reads the points of an object, (N, 3) world, m
+    *,
+    misplaced: bool,  # also score reconstructions far from their object, or of quite another size
+) -> Iterator[str]:
+    """Read every file, and name those that cannot be scored."""
     yield from files.faults
     shares, anyway = [], "; --misplaced measures it as it is"
     for objects in files.paths.values():
@@ -205,13 +175,13 @@ def find_faults(files: ScoredFiles, folder: Path, truth: Callable[[str], NDArray
         )
 
 
-def misplacement(surface: NDArray[np.float64], points: NDArray[np.float64]) -> str | None:
+def misplacement(
+    surface: NDArray[np.float64],  # (M, 3) m, drawn from the reconstruction
+    points: NDArray[np.float64],  # (N, 3) m, of the object
+) -> str | None:
     """Explain why a reconstruction cannot be in the world's frame and in metres; None if it may.
 
-    Parameters
-    ----------
-    surface, points
-        (M, 3) points drawn from the reconstruction, and (N, 3) of the object, m. One in a hundred of either may be anywhere.
+    One in a hundred of the points of either may be anywhere.
     """
     (place, size), (true_place, true_size) = _box(surface), _box(points)
     if not true_size / SIZES < size < true_size * SIZES:
@@ -232,7 +202,7 @@ def misplacement(surface: NDArray[np.float64], points: NDArray[np.float64]) -> s
 
 
 def _box(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Compute the middle (3,) and the diagonal of the box that holds the points but for the outermost hundredth on each side."""
+    """Compute the middle (3,) and diagonal of the box of points (N, 3) without the outermost hundredth per side."""
     low, high = np.quantile(points, (0.01, 0.99), axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low))
 
@@ -241,8 +211,11 @@ def _has_area(reconstruction: Reconstruction) -> bool:
     return bool(face_cross_products(reconstruction.vertices[reconstruction.faces]).any())
 
 
-def _share_when_turned(sample: NDArray[np.float64], points: NDArray[np.float64]) -> float:
-    """Compute the share of a reconstruction's distance to the object that remains when it is turned from y up to z up about its middle."""
+def _share_when_turned(
+    sample: NDArray[np.float64],  # (M, 3) m, of the reconstruction
+    points: NDArray[np.float64],  # (N, 3) m, of the object
+) -> float:
+    """Compute the share of their distance that remains after turning `sample` from y up to z up about its middle."""
     tree, middle = cKDTree(points), _box(points)[0]
     x, y, z = (sample - middle).T
     return mean_squared_distance(tree, middle + np.stack([x, -z, y], axis=1)) / max(mean_squared_distance(tree, sample), 1e-12)

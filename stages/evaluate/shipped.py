@@ -1,7 +1,5 @@
 """The network that ships, on the test objects of any dataset: rows beside the networks that were trained on it."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -71,12 +69,7 @@ def shipped_digest() -> str:
 
 
 def fitting_rows(directory: DataDirectory) -> tuple[list[str], list[str]]:
-    """Choose the inputs that a dataset has for the network that ships.
-
-    Returns
-    -------
-    Rows of `ROWS`, and why the others are left out.
-    """
+    """Choose the rows of `ROWS` whose inputs a dataset has; say why the others are skipped."""
     model = load_reconstructor(DEFAULT, shipped_folder())
     reasons = list(_unfit(directory, model))
     unfit = {kind for kind, _ in reasons}
@@ -104,6 +97,6 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
 
 
 def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
-    """Check whether all test objects are seen from the side from which the network saw its own, and as large."""
+    """Check whether all test objects appear from the same side as in the network's training, and as large."""
     rows = ObjectRows(directory.root, ["projection"], "test")
     return all(has_learned_view(model, stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids)

@@ -1,7 +1,5 @@
 """The protocol of supplement 3.6: Table 4's standard on the views of each object."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -76,21 +74,15 @@ class SingleImageProtocol(Protocol):
         return float(self.settings.scale / self.objects.rows.attributes("surfaces")["settings"]["diagonal"])
 
 
-def figures_of(distances: CloudDistances, *, scale: float, tau: float) -> dict[str, float]:
-    """Compute the figures of one reconstruction by Table 4's standard.
+def figures_of(
+    distances: CloudDistances,  # squared, between predicted and true points, m²
+    *,
+    scale: float,  # from metres to the standard's unit
+    tau: float,  # squared distance of F1, in that unit
+) -> dict[str, float]:
+    """Compute the figures of one reconstruction by Table 4's standard, by metric.
 
-    Parameters
-    ----------
-    distances
-        Squared distances between predicted and true points, m².
-    scale
-        Factor from metres to the standard's unit.
-    tau
-        Squared distance of F1, in that unit.
-
-    Returns
-    -------
-    Chamfer distance × `CHAMFER_FACTOR` in the standard's unit, and F1 at tau and 2 tau, by metric.
+    They are the Chamfer distance × `CHAMFER_FACTOR` in the standard's unit, and F1 at tau and 2 tau.
     """
     chamfer = CHAMFER_FACTOR * scale**2 * distances.chamfer
     return {"scaled_chamfer": chamfer, "f1": distances.f1(tau, scale), "f1_2tau": distances.f1(2 * tau, scale)}

@@ -1,7 +1,5 @@
 """Table 4 with the rows of an evaluation of single images, and these rows by class."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,12 +48,13 @@ def _table_4_figures(figures: Figures) -> NDArray[np.float64]:
     return np.stack([figures.per_case("scaled_chamfer"), 100 * figures.per_case("f1"), 100 * figures.per_case("f1_2tau")], axis=-1)
 
 
-def means_by_class(figures: NDArray[np.float64], categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.float64]]:
-    """Average figures (object, view, figure) over the views of an object, over the objects of a class, and over classes.
+def means_by_class(
+    figures: NDArray[np.float64],  # (object, view, figure)
+    categories: Sequence[str] | NDArray[Any],  # (object,)
+) -> dict[str, NDArray[np.float64]]:  # (figure,) by class, and under `MEAN`
+    """Average figures over the views of an object, over the objects of a class, and over classes.
 
-    Returns
-    -------
-    (figure,) means by class, and under `MEAN` the mean over classes: each counts the same, however many objects it has.
+    In the mean over classes each counts the same, however many objects it has.
     """
     names, per_object = np.array(categories), figures.mean(axis=1)
     means = {str(name): per_object[names == name].mean(axis=0) for name in np.unique(names)}

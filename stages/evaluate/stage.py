@@ -1,7 +1,5 @@
 """Trained models on the test objects: by the supplement's tables (2.4, 3.5), and single images by Table 4's standard (3.6)."""
 
-from __future__ import annotations
-
 import json
 import shlex
 import shutil
@@ -84,24 +82,12 @@ class NetworkEvaluation(DatasetStage):
 def write_measured(
     job: DatasetJob,
     protocol: Protocol,
-    figures: Mapping[str, Figures],
-    groups: Mapping[str, Mapping[str, Any]],
-    inputs: Mapping[str, Mapping[str, Any]],
-    extra_attributes: Mapping[str, Any],
+    figures: Mapping[str, Figures],  # of the networks, by name
+    groups: Mapping[str, Mapping[str, Any]],  # the other groups of the schema
+    inputs: Mapping[str, Mapping[str, Any]],  # of the networks, by name
+    extra_attributes: Mapping[str, Any],  # of the root beside the common ones
 ) -> None:
-    """Measure the baselines, and write all figures and their tables.
-
-    Parameters
-    ----------
-    job, protocol
-        The job, and the protocol by which it measures.
-    figures, inputs
-        The figures and the inputs of the networks, by name.
-    groups
-        The other groups of the schema.
-    extra_attributes
-        Attributes of the root beside the common ones.
-    """
+    """Measure the baselines by the protocol, and write all figures and their tables."""
     rows = protocol.objects.rows
     attributes = {
         "settings": job.settings.results(),

@@ -1,7 +1,5 @@
 """The supplement's figures, by configuration."""
 
-from __future__ import annotations
-
 TABLE_2 = {
     "occluded": (6.687e-5, 5.938e-5, 5.305e-5, 5.038e-5, 4.841e-5),
     "occluded-touch": (2.569e-5, 2.970e-5, 3.257e-5, 3.393e-5, 3.528e-5),

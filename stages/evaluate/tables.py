@@ -1,7 +1,5 @@
 """The tables of an evaluation, from its figures, beside the supplement's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,11 +52,6 @@ def evaluation_tables(folder: Path, scored: Sequence[Path] = ()) -> list[Table]:
     """Make the tables of an evaluation folder of any protocol.
 
     Scores of other methods get rows beside the networks'.
-
-    Raises
-    ------
-    StoreError
-        There is no evaluation, or a score that cannot be read.
     """
     return list(single_image_tables(folder) if "views" in read_root(folder) else _grasp_tables(folder, scored))
 
@@ -135,7 +128,7 @@ def _accuracy(networks: Networks, objects: Arrays, points: int, seed: int) -> Ta
     return Table(f"Accuracy with one grasp{some}", columns, rows, ["", ".2f", ".1f", ".1f", ".3f", ".1f", ".3f"])
 
 
-def _shared(figures: Figures, metric: str, grasps: int) -> NDArray[np.float64]:
+def _shared(figures: Figures, metric: str, grasps: int) -> NDArray[np.float64]:  # (object,)
     """Take a metric of surfaces; the overlap of insides only of networks that close some of theirs."""
     closes = metric != "iou" or figures.available("watertight", grasps).any()
     return figures.available(metric, grasps) if closes else np.zeros(0)
@@ -159,7 +152,7 @@ def _distances_by_class(networks: Networks, members: Members, classes: list[str]
 
 
 def _about_chamfer(diagonals: NDArray[np.float64], paper: bool) -> str:
-    """Explain the Chamfer distances of the following tables, and why the paper's figures are beside them or not."""
+    """Explain the Chamfer distances of the tables that follow, and why the paper's figures are beside them or not."""
     text = (
         "Chamfer distance: mean squared nearest distance, both directions summed, in m² or × "
         f"{TABLE_3_FACTOR:.0f}, the unit of Table 3 of {PAPER}. It grows with the square of an object's size."
@@ -174,12 +167,16 @@ def _about_chamfer(diagonals: NDArray[np.float64], paper: bool) -> str:
 
 
 def _members(categories: Sequence[str] | NDArray[Any]) -> dict[str, NDArray[np.bool_]]:
-    """Find which objects are of each class, and of all."""
+    """Find which objects, (object,), are of each class, and of all."""
     names = np.array(categories)
     return {str(name): names == name for name in np.unique(names)} | {ALL: np.full(len(names), True)}
 
 
-def _estimate(values: NDArray[np.float64], seed: int, factor: float = 1.0) -> Interval | None:
+def _estimate(
+    values: NDArray[np.float64],  # (object,)
+    seed: int,
+    factor: float = 1.0,
+) -> Interval | None:
     """Estimate the mean over objects; None without objects. Intervals of as many objects share their draws."""
     return mean_interval(factor * values, numpy_rng(seed, "intervals")) if len(values) else None
 

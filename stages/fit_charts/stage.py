@@ -1,7 +1,5 @@
 """Supplement 2.3: a chart for each touch, bent from the sensor's square to the points of its depth map."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -85,7 +83,7 @@ def _process(unit: Unit, inputs: Inputs, settings: ChartSettings, model: TouchMo
 
 
 def _clouds(inputs: Inputs, touched: NDArray[np.bool_], sensor: Sensor, model: TouchModel | None) -> list[NDArray[np.float64]]:
-    """Predict the points of each touch by a network; without a network, take the points with D < w. Sensor frame, m."""
+    """Predict the points (n, 3) of each touch by a network; without one, those with D < w. Sensor frame, m."""
     touch = inputs["touch"]
     if model is None:
         return [masked_points(depth, in_gel(depth, sensor), sensor) for depth in touch["depth"][touched].astype(np.float64)]

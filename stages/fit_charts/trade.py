@@ -1,7 +1,5 @@
 """The trade-off of `fit-charts`: the distance of charts from their clouds against the time of fitting."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.dataset.object_rows import ObjectRows

@@ -1,7 +1,5 @@
 """`read-renderings`: the cited renderings of every object, with their cameras in its world (supplement 3.6)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Warnings of objects that do not fit an image."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix

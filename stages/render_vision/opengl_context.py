@@ -1,7 +1,5 @@
 """An off-screen OpenGL context made by EGL, with or without a graphics card, and pyrender's renderer in it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -29,24 +27,11 @@ def shader_paths() -> list[Path]:
 
 
 class OpenGLContext:
-    """One OpenGL context with one `pyrender.Renderer` in it.
+    """One OpenGL context with one `pyrender.Renderer` in it; `NoOpenGL` is raised if none can be made.
 
-    Attributes
-    ----------
-    pyrender
-        The imported module; it may be imported only while the platform is set.
-    renderer
-        The `pyrender.Renderer`.
-
-    Raises
-    ------
-    NoOpenGL
-        No context can be made.
-
-    Notes
-    -----
-    pyrender's own `OffscreenRenderer` terminates the whole EGL display when it is deleted, and with it every other renderer of the
-    process. This class frees only its own context.
+    pyrender's own `OffscreenRenderer` terminates the whole EGL display when it is deleted, and with it every other
+    renderer of the process. This class frees only its own context. `pyrender` is the module; it may be imported only
+    while the platform is set.
     """
 
     def __init__(self, resolution: int) -> None:
@@ -70,24 +55,14 @@ class OpenGLContext:
                 "Only render-vision needs it."
             ) from error
 
-    def render(self, scene: Any, flags: int, shape: tuple[int, int], labels: dict[Any, int] | None = None) -> Any:
-        """Render a scene.
-
-        Parameters
-        ----------
-        scene
-            A `pyrender.Scene`.
-        flags
-            pyrender's `RenderFlags`.
-        shape
-            Rows and columns.
-        labels
-            Each node's label, with the flag SEG.
-
-        Returns
-        -------
-        Colours, or labels with `labels`, (R, C, 3) uint8; and depths (R, C) float32, m, 0 for the background.
-        """
+    def render(
+        self,
+        scene: Any,  # a `pyrender.Scene`
+        flags: int,  # pyrender's `RenderFlags`
+        shape: tuple[int, int],  # rows, columns
+        labels: dict[Any, int] | None = None,  # of each node, with the flag SEG
+    ) -> Any:
+        """Render colours, or the given labels, (R, C, 3) uint8, and depths (R, C) float32, m, 0 for the background."""
         self._platform.make_current()
         self.renderer.viewport_height, self.renderer.viewport_width = shape
         return self.renderer.render(scene, flags | self.pyrender.RenderFlags.OFFSCREEN, labels)

@@ -1,7 +1,5 @@
 """Off-screen rendering of meshes with pyrender: one lamp, constant light, segmentation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -28,21 +26,11 @@ REACH = 10.0
 
 @dataclass(frozen=True)
 class RenderedImage:
-    """An image and its segmentation.
+    """An image and its segmentation."""
 
-    Attributes
-    ----------
-    rgb
-        (R, C, 3) uint8, sRGB, antialiased.
-    segmentation
-        (R, C) uint8 of `Label`: the surface that the ray through the pixel's centre meets first.
-    depth
-        (R, C) float32: how far along the viewing direction that is, m; +inf for the background.
-    """
-
-    rgb: NDArray[np.uint8]
-    segmentation: NDArray[np.uint8]
-    depth: NDArray[np.float32]
+    rgb: NDArray[np.uint8]  # (R, C, 3) sRGB, antialiased
+    segmentation: NDArray[np.uint8]  # (R, C) `Label` of the surface that the ray through the pixel's centre meets first
+    depth: NDArray[np.float32]  # (R, C) m, of that surface along the viewing direction; +inf for the background
 
 
 MeshHandle = Any
@@ -58,17 +46,8 @@ class Renderer(AbstractContextManager["Renderer"]):
     Use it as a context manager: OpenGL frees nothing by itself. Several renderers in one process do not disturb each
     other. The same calls give the same bytes in every process of one machine.
 
-    Parameters
-    ----------
-    scene
-        Camera, lamp, constant light and background.
-    resolution
-        Pixels per side; the camera's intrinsics scale with it.
-
-    Raises
-    ------
-    NoOpenGL
-        Headless OpenGL does not work; the message names the packages to install.
+    Images have `resolution` pixels per side, with which the camera's intrinsics scale. `NoOpenGL` is raised if headless
+    OpenGL does not work; it names the packages to install.
     """
 
     def __init__(self, scene: Scene, resolution: int = 256) -> None:
@@ -105,18 +84,13 @@ class Renderer(AbstractContextManager["Renderer"]):
         finally:
             self.remove(handle)
 
-    def render(self, meshes: Sequence[PosedMesh], camera: Camera | None = None, lamp: Vector | None = None) -> RenderedImage:
-        """Render only the given meshes.
-
-        Parameters
-        ----------
-        meshes
-            Handles, each with its pose in the world, (4, 4).
-        camera
-            Replaces the scene's camera; its shape is the image's.
-        lamp
-            Replaces the position of the scene's lamp, world frame, m.
-        """
+    def render(
+        self,
+        meshes: Sequence[PosedMesh],  # handles, each with its pose (4, 4) in the world
+        camera: Camera | None = None,  # replaces the scene's; its shape is the image's
+        lamp: Vector | None = None,  # replaces the position of the scene's lamp, world frame, m
+    ) -> RenderedImage:
+        """Render only the given meshes."""
         camera = camera or self._camera
         self._place(meshes, camera, lamp or self._lamp_position)
         rgb, _ = self._context.render(self._scene, self._gl.RenderFlags.NONE, camera.shape)
@@ -150,7 +124,7 @@ class Renderer(AbstractContextManager["Renderer"]):
 
 
 def _least_depth(meshes: Sequence[PosedMesh], pose_of_camera: NDArray[np.float64]) -> float:
-    """Find the least depth of the boxes around meshes, m; +inf without meshes."""
+    """Find the least depth of the boxes around meshes, m, from a camera's pose (4, 4); +inf without meshes."""
     backwards, position, least = pose_of_camera[:3, 2], pose_of_camera[:3, 3], np.inf
     for handle, pose in meshes:
         if not handle.mesh.primitives:

@@ -1,7 +1,5 @@
 """`render-vision`: an image of every object alone and one of every grasp (supplement 1.4)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -73,7 +71,7 @@ class RenderVision(ObjectStage):
         raise InvalidInput(f"the files of hand {hand} have changed since the grasps were made; run simulate-grasps again")
 
     def describe_misfits(self, settings: VisionSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
-        """Name objects that leave an image, or are too small in it; and a hand that is not seen."""
+        """Name objects that leave an image, or are too small in it; and an invisible hand."""
         if settings.occluded and not _hand(settings).visual_meshes:
             yield f"hand {settings.hand} has no visual shapes, so no image shows it: give its URDF <visual> elements"
         scene = _scene(settings)

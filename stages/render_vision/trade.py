@@ -1,7 +1,5 @@
 """The trade-off of `render-vision`: the difference of coarser images from a fine one."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

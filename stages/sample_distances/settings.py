@@ -1,7 +1,5 @@
 """The settings of `sample-distances`."""
 
-from __future__ import annotations
-
 from pydantic import model_validator
 
 from pipeline.config.settings import ObjectSettings, setting
@@ -23,7 +21,7 @@ class DistanceSettings(ObjectSettings):
     )
 
     @model_validator(mode="after")
-    def _possible(self) -> DistanceSettings:
+    def _possible(self) -> "DistanceSettings":
         if self.least_spread > self.most_spread:
             raise ValueError(f"least_spread is {self.least_spread}, most_spread {self.most_spread}; the least cannot be above the largest")
         return self

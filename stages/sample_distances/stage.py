@@ -1,7 +1,5 @@
 """`sample-distances`: signed distances from points in space to every object's surface, which implicit networks learn from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

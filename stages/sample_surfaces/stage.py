@@ -1,7 +1,5 @@
 """`sample-surfaces`: every object's cleaned and normalised mesh, and points on its exterior surface (supplement 1.1, 1.2)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The trade-off of `sample-surfaces`: the density of points on the surface against time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ from pipeline.engine.trade import Trade
 def coverage(data: Path, reference: Path) -> dict[str, float]:
     """Measure the distance of the reference's points from the nearest points: RMS by object, mm.
 
-    The reference's first points are left out, if as many remain: with the same random numbers, they lie in the same triangles as these.
+    The reference's first points are skipped, if as many remain: with the same random numbers, they lie in the same triangles as these.
     """
     errors = {}
     for name, (points,), (dense,) in paired_rows(data, reference, "points"):

@@ -1,7 +1,5 @@
 """`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """`simulate-touch`: every sensor's depth map, and the tactile image and local points that follow from it (supplement 1.5)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -100,7 +98,13 @@ def _sensor_names(settings: TouchSettings) -> tuple[str, ...]:
     return settings.sensors or ()
 
 
-def _touch(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor, settings: TouchSettings, rng: np.random.Generator | None) -> Row:
+def _touch(
+    faces: BoxedFaces,
+    pose: np.ndarray,  # (4, 4)
+    sensor: Sensor,
+    settings: TouchSettings,
+    rng: np.random.Generator | None,
+) -> Row:
     """Compute one sensor's arrays; tactile image and local points follow from the depth as it is stored."""
     if settings.tracer == "ray":
         exact = ray_depth(faces, pose, sensor)

@@ -1,7 +1,5 @@
 """The trade-off of `simulate-touch`: the accuracy of depth in the gel against bytes and time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The settings of `train-gcn` and `train-single-image`."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pipeline.config.settings import setting

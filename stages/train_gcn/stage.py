@@ -1,7 +1,5 @@
 """Supplement 3: learn to deform a sphere of vision charts around the touch charts, from images and touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, ClassVar, cast
 
@@ -39,7 +37,7 @@ class GcnLearner(ReconstructionLearner):
         return [items.target(item) for item in numbers]
 
     def loss(self, network: Any, batch: Batch) -> Tensor:
-        """Compute the mean Chamfer distance of the items, and the weighted length of their edges, which the supplement does not have."""
+        """Compute the items' mean Chamfer distance and weighted length of edges; the supplement lacks the latter."""
         inputs = self.stack(network, batch)
         deformed = network(**vars(inputs))
         total: Tensor = self._chamfer(deformed, inputs, batch).mean()
@@ -48,7 +46,7 @@ class GcnLearner(ReconstructionLearner):
         return total
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Compute the Chamfer distance of each item."""
+        """Compute the Chamfer distance of each item, (B,)."""
         inputs = self.stack(network, batch)
         return self._chamfer(network(**vars(inputs)), inputs, batch)
 

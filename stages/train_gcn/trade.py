@@ -1,7 +1,5 @@
 """The trade-off of `train-gcn`: the error on test objects against the time of training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.engine.trade import Trade

@@ -1,7 +1,5 @@
 """`train-implicit`: learn the signed distance from any point in space to the object, from images and touches."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -41,7 +39,7 @@ class ImplicitLearner(ReconstructionLearner):
         return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
-        """Read items as every family does, some of them at a wrong place if the settings ask for it."""
+        """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
         batch, deviation = super().read(items, generators), self.settings.placement_error
         if not deviation:
             return batch
@@ -65,7 +63,7 @@ class ImplicitLearner(ReconstructionLearner):
         return loss
 
     def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Give each item the mean error of the batch, as all items have the same number of points."""
+        """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
         return self.loss(network, batch).expand(len(batch.observations))
 
 

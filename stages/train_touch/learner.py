@@ -1,7 +1,5 @@
 """The training of a local network on presses: windows about contacts, varied, with the truth of the gel."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,10 +24,10 @@ AT_CONTACT = 0.85
 
 
 class Windows(NamedTuple):
-    """Windows of some presses: (B, 3, H, W) changes of colour, levels; (B, 2, H, W) positions; the gel."""
+    """Windows of some presses."""
 
-    change: Tensor
-    position: Tensor
+    change: Tensor  # (B, 3, H, W) change of colours, levels
+    position: Tensor  # (B, 2, H, W)
     truth: GelState
 
 
@@ -69,7 +67,7 @@ class PressLearner(Learner):
         return Windows(change, position, GelState(depth, contact))
 
     def _place(self, contact: np.ndarray, generator: torch.Generator) -> tuple[slice, slice]:
-        """Draw a window's rows and columns."""
+        """Draw a window's rows and columns, given the contact (rows, cols)."""
         about, share, place = (
             torch.rand(1, generator=generator, dtype=torch.float32),
             *torch.rand((2, 2), generator=generator, dtype=torch.float32),
@@ -115,25 +113,14 @@ def _stacked(windows: Sequence[Windows]) -> Windows:
 
 
 def train_local_network(
-    train_presses: Presses, valid: Presses, settings: TouchTrainingSettings, *, folder: Path, seed: int
-) -> tuple[LocalNetwork, dict[str, Any]]:
-    """Train a local network.
-
-    Parameters
-    ----------
-    train_presses, valid
-        Presses of one sensor, to learn from and to watch.
-    settings
-        Of the training.
-    folder
-        Gets checkpoint and curves, as `train` writes them.
-    seed
-        Of weights, order and variation.
-
-    Returns
-    -------
-    The network in evaluation mode, and facts for a record.
-    """
+    train_presses: Presses,  # of one sensor, to learn from
+    valid: Presses,  # of this sensor, to watch
+    settings: TouchTrainingSettings,
+    *,
+    folder: Path,  # gets checkpoint and curves, as `train` writes them
+    seed: int,  # of weights, order and variation
+) -> tuple[LocalNetwork, dict[str, Any]]:  # network in evaluation mode, facts for a record
+    """Train a local network."""
     with seeded_weights(seed, NAME):
         network = LocalNetwork(settings.width)
     facts = train(PressLearner(network, train_presses, valid, settings), settings, folder=folder, seed=seed, name=NAME)

@@ -1,7 +1,5 @@
 """The training data of a local network: presses of `simulate-presses`, or presses made here for a sensor without a dataset."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -22,11 +20,11 @@ ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched"
 
 
 class SimulatedPress(NamedTuple):
-    """A press: (rows, cols, 3) uint8 tactile image, (rows, cols) float32 indentation of the gel, m, and contact."""
+    """A press."""
 
-    image: NDArray[np.uint8]
-    indentation: NDArray[np.float32]
-    contact: NDArray[np.bool_]
+    image: NDArray[np.uint8]  # (rows, cols, 3) tactile image
+    indentation: NDArray[np.float32]  # (rows, cols) m, of the gel
+    contact: NDArray[np.bool_]  # (rows, cols)
 
 
 class Presses(Protocol):
@@ -38,7 +36,7 @@ class Presses(Protocol):
 
     @property
     def untouched(self) -> NDArray[np.uint8]:
-        """(rows, cols, 3) uint8, the image without a press."""
+        """The image (rows, cols, 3) without a press."""
 
     def __len__(self) -> int:
         """Count the presses."""
@@ -79,7 +77,7 @@ class RandomPresses:
     """Random shapes pressed into a sensor, in memory: for a sensor without a dataset."""
 
     sensor: Sensor
-    untouched: NDArray[np.uint8]
+    untouched: NDArray[np.uint8]  # (rows, cols, 3)
     presses: list[SimulatedPress]
 
     def __len__(self) -> int:
@@ -94,20 +92,14 @@ class RandomPresses:
         return f"random press {item}"
 
 
-def random_presses(sensor: Sensor, count: int, seed: int, *, gel: tuple[float, float]) -> RandomPresses:
-    """Press random shapes into a sensor.
-
-    Parameters
-    ----------
-    sensor
-        With as many pixels as the images shall have.
-    count
-        How many.
-    seed
-        Of all draws.
-    gel
-        Least and greatest factor of the elastic gel's thickness, or of the membrane's width, drawn for each press.
-    """
+def random_presses(
+    sensor: Sensor,  # with as many pixels as the images shall have
+    count: int,
+    seed: int,  # of all draws
+    *,
+    gel: tuple[float, float],  # least and greatest factor of gel thickness or membrane width, drawn per press
+) -> RandomPresses:
+    """Press random shapes into a sensor."""
     presses = []
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)

@@ -1,7 +1,5 @@
 """`train-touch`: a local network learns to read depth and contact in photographs, from simulated presses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage

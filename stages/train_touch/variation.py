@@ -1,7 +1,5 @@
 """Random variation of simulated changes of colour: effects in photographs that a sensor's model does not have."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
@@ -12,19 +10,15 @@ DRIFT_SIDE = 3
 """Points per side between which drift is interpolated: it is smooth."""
 
 
-def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, generator: torch.Generator) -> Tensor:
-    """Vary the change of colours of one press: gain, mixed colours, light that grows with the depth, blur, drift, noise and shift.
+def vary_change(
+    change: Tensor,  # (3, H, W) float32 image minus untouched image, levels
+    depth: Tensor,  # (H, W) float32 mm, how deep the gel is drawn in
+    settings: TouchTrainingSettings,  # give the ranges; at 0 each variation is off
+    generator: torch.Generator,
+) -> Tensor:
+    """Vary the change of colours of one press.
 
-    Parameters
-    ----------
-    change
-        (3, H, W) float32, image minus untouched image, levels.
-    depth
-        (H, W) float32, how deep the gel is drawn in, mm.
-    settings
-        Give the ranges; at 0 each variation is off.
-    generator
-        Draws them.
+    Variations are gain, mixed colours, light that grows with the depth, blur, drift, noise and shift.
     """
 
     def share(*shape: int) -> Tensor:
@@ -45,7 +39,7 @@ def vary_change(change: Tensor, depth: Tensor, settings: TouchTrainingSettings, 
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:
-    """Blur (3, H, W) by a Gaussian of some pixels."""
+    """Blur an image (3, H, W) by a Gaussian of standard deviation `sigma`, pixels."""
     if sigma < 0.1:
         return image
     reach = max(1, round(3 * sigma))

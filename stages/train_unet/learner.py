@@ -1,7 +1,5 @@
 """Training data of `train-unet`: the tactile images of sensors that touched, and the depths behind them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,22 +27,12 @@ MICROMETRES = 1e6
 
 @dataclass(frozen=True)
 class Touches:
-    """Hold the touches of a split.
+    """Hold the touches of a split."""
 
-    Attributes
-    ----------
-    rows
-        Gives `tactile_image` (sensor, H, W, 3) uint8 and `depth` (sensor, H, W) float32, m, of each grasp.
-    where
-        (N, 3) int64: object, grasp and sensor of each touch. Sensors without a touch are left out.
-    sensor, untouched
-        The sensor, and its (H, W, 3) uint8 tactile image without a touch.
-    """
-
-    rows: ObjectRows
-    where: np.ndarray
+    rows: ObjectRows  # per grasp `tactile_image` (sensor, H, W, 3) uint8, `depth` (sensor, H, W) float32, m
+    where: np.ndarray  # (N, 3) int64: object, grasp and sensor of each touch
     sensor: Sensor
-    untouched: np.ndarray
+    untouched: np.ndarray  # (H, W, 3) uint8 tactile image without a touch
 
     def __len__(self) -> int:
         return len(self.where)
@@ -60,15 +48,7 @@ class Touches:
 
 
 def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
-    """Find the touches among a split's sensors; at most `cache_megabytes` of what is read of them stay in memory.
-
-    Raises
-    ------
-    StageError
-        The split has no touch.
-    StoreError
-        As `ObjectRows`.
-    """
+    """Find the touches among a split's sensors; at most `cache_megabytes` of them stay in memory."""
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
@@ -97,7 +77,7 @@ class UnetLearner(Learner):
         return f"{self.train.rows.object_ids[number]} grasp {grasp} sensor {sensor}"
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> tuple[Tensor, Tensor, Tensor]:
-        """Read training touches: tactile images, depths, and the images varied as the settings ask."""
+        """Read training touches: tactile images (B, H, W, 3), depths (B, H, W), m, and the images, varied."""
         tactile_images, depth = self.train.read(items)
         pairs = zip(tactile_images.numpy(), generators, strict=True)
         return tactile_images, depth, torch.from_numpy(np.stack([vary_image(image, self.settings, rng) for image, rng in pairs]))
@@ -128,7 +108,12 @@ class UnetLearner(Learner):
         inputs = network_input(varied.to(parameter.device), parameter.dtype)
         return network(inputs) * gel_top(self.train.sensor), depth.to(parameter), mask
 
-    def _loss(self, predicted: Tensor, depth: Tensor, mask: Tensor) -> Tensor:
+    def _loss(
+        self,
+        predicted: Tensor,  # (B, H, W) m
+        depth: Tensor,  # (B, H, W) m
+        mask: Tensor,  # (B, H, W)
+    ) -> Tensor:
         sensor = self.train.sensor
         if self.settings.loss == "depth":
             return masked_depth_loss(predicted, depth, mask, width=sensor.width, gel=self.gel)

@@ -1,7 +1,5 @@
 """Supplement 2.1 and 2.2: a U-Net learns to see depth in tactile images."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
@@ -42,7 +40,7 @@ class TrainUnet(DatasetStage):
         return {"learning_rate": (1e-3, 1e-4, 5e-5, 3e-5, 1e-5)}
 
     def cost(self, settings: UnetSettings, objects: int) -> Cost:
-        """Estimate eighteen touches per object and epoch; a step costs the square of the width, on top of what each pixel costs."""
+        """Estimate eighteen touches per object and epoch; a step costs the square of the width, and each pixel a constant."""
         share = (settings.width / 64) ** 2
         return Cost(seconds=objects * 18 * settings.epochs * (0.006 + 0.31 * share), kilobytes=98_000 * share + 10)
 

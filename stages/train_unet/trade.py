@@ -1,7 +1,5 @@
 """The trade-off of `train-unet`: the error of predicted depths of test objects against the time of training."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
