@@ -89,6 +89,10 @@ class MujocoHoldTest(HoldTest):
             gear = spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, **HARD)
             gear.name1, gear.name2 = hand.joints[follower.link - 1].name, hand.joint_names[follower.entry]
             gear.data[:2] = follower.offset, follower.multiplier
+        for gel in gels:
+            lock = spec.add_equality(name=gel, type=mujoco.mjtEq.mjEQ_JOINT, objtype=mujoco.mjtObj.mjOBJ_JOINT, active=False, **HARD)
+            lock.name1 = gel
+            lock.data[:] = 0.0
         return spec
 
     def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
@@ -145,6 +149,7 @@ class MujocoHoldTest(HoldTest):
         joint = model.joint(name)
         self.data.joint(name).qpos = gel_top(sensor) if out and contact else spring.height
         joint.stiffness, joint.damping = spring.stiffness, spring.damping
+        self.data.eq_active[model.equality(name).id] = contact is None
         model.qpos_spring[joint.qposadr] = gel_top(sensor)
         model.geom_friction[model.body(name).geomadr, 1] = PLATE_TURN * spring.torsion if self.torsion is None else self.torsion
 
