@@ -5,7 +5,7 @@
 # What happens: an edge between more than two faces, as where two boxes meet, makes coacd's default (preprocess_mode="auto") replace the whole
 #     mesh by a level set that lies outside it by 0.55 voxels of its grid (resolution 50). All parts are larger by 0.55 % of the object's extent on
 #     every side, far from that edge too. No message says so (one does at log level "info"); with "off" this mesh has exact parts.
-# Whom it hurts: simulated grasps touch 0.8 mm beside an object of 15 cm and 2.8 mm beside one of 50 cm; thin objects double their thickness.
+# Whom it hurts: an object of 15 cm is 1.6 mm thicker, one of 50 cm 5 mm: grasps touch beside it, and thin blades are twice as thick.
 # Versions: coacd 1.0.14, numpy 2.4.6. Date: 2026-11-29.
 set -eu
 folder=$(mktemp -d)
@@ -37,8 +37,8 @@ for name, second in (("apart", 0.08), ("sharing an edge", 0.075)):
         found = coacd.run_coacd(coacd.Mesh(vertices, faces), seed=0, preprocess_mode=mode)
         points = np.concatenate([part for part, _ in found])
         beyond = np.maximum(vertices.min(axis=0) - points, points - vertices.max(axis=0)).clip(min=0)
-        outside[name, mode] = 1000 * beyond.max(), 1000 * np.linalg.norm(beyond, axis=1).max()
-        print(f"two boxes {name}, {mode}: {len(found)} parts, {outside[name, mode][0]:.2f} mm beyond the sides, {outside[name, mode][1]:.2f} mm at corners")
-sides, corners = outside.pop(("sharing an edge", "auto"))
-raise SystemExit(not (sides > 0.7 and corners > 1 and max(map(max, outside.values())) < 0.01))
+        outside[name, mode] = 1000 * beyond.max()
+        print(f"two boxes {name}, {mode}: {len(found)} parts, {outside[name, mode]:.2f} mm beyond the sides")
+thicker = outside.pop(("sharing an edge", "auto"))
+raise SystemExit(not (0.7 < thicker < 1 and max(outside.values()) < 0.01))
 END
