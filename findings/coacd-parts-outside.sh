@@ -4,8 +4,8 @@
 # One expects: convex parts that together have the shape of the mesh, or lie within it, up to the threshold of concavity.
 # What happens: an edge between more than two faces, as where two boxes meet, makes coacd's default (preprocess_mode="auto") replace the whole
 #     mesh by a level set that lies outside it by 0.55 voxels of its grid (resolution 50). All parts are larger by 0.55 % of the object's extent on
-#     every side, far from that edge too. No message says so (one does at log level "info"); with "off" this mesh has exact parts.
-# Whom it hurts: an object of 15 cm is 1.6 mm thicker, one of 50 cm 5 mm: grasps touch beside it, and thin blades are twice as thick.
+#     every side, far from that edge too; with "off" this mesh has exact parts.
+# Whom it hurts: an object of 15 cm is 1.6 mm thicker everywhere, one of 50 cm 5 mm: simulated fingers touch air beside it.
 # Versions: coacd 1.0.14, numpy 2.4.6. Date: 2026-11-29.
 set -eu
 folder=$(mktemp -d)
