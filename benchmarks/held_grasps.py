@@ -70,7 +70,7 @@ def table(results: HoldResults, engines: Sequence[Engine]) -> Table:
     for name in dict.fromkeys(test for test, _ in results):
         verdicts = np.array([results[name, engine][0] for engine in engines])
         cells = [f"{held.mean():.2f}, {results[name, engine][1]:.2f}" for engine, held in zip(engines, verdicts, strict=True)]
-        shares.add(name, verdicts.shape[1], *cells, f"{(verdicts == verdicts[0]).all(axis=0).mean():.2f}")
+        shares.add(name, verdicts.shape[1], *cells, f"{100 * (verdicts == verdicts[0]).all(axis=0).mean():.1f} %")
     return shares
 
 

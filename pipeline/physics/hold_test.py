@@ -25,7 +25,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
     """A hand that is fixed in the world and an object that is free, in a physics engine; `engines.hold_test` opens one.
 
     Each gel is a plate on a spring (`gel_spring`), which touches the object at its nearest point in the tactile image. A gel without
-    contact is retracted; rigid links are as in the grasp. Motors hold the posture with at most the hand's torque.
+    contact is drawn in and locked; rigid links are as in the grasp. Motors hold the posture with at most the hand's torque.
 
     Parameters
     ----------

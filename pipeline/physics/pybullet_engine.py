@@ -22,6 +22,8 @@ from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 from pipeline.store.temporary import temporary_folder
 
 STEPS_PER_SECOND = 240
+LOCK_FORCE = 1000.0
+"""N that hold the plate of a gel without contact where it is drawn in."""
 
 
 class PybulletHoldTest(HoldTest):
@@ -74,7 +76,6 @@ class PybulletHoldTest(HoldTest):
             client.changeDynamics(self._hand.body, link, spinningFriction=self.torsion)
         self._gels = [self._hand.numbers[gel_name(number)] for number in range(len(self.sensors))]
         for gel in self._gels:
-            client.setJointMotorControl2(self._hand.body, gel, pybullet.VELOCITY_CONTROL, force=0)  # the motor that every joint has
             for collider in (*self._hand.links, *self._gels):
                 client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, collider, 0)
 
@@ -117,5 +118,7 @@ class PybulletHoldTest(HoldTest):
         spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
         twist = spring.torsion if self.torsion is None else self.torsion
         self.client.resetJointState(self._hand.body, gel, gel_top(sensor) if out and contact else spring.height)
+        lock = 0.0 if contact else LOCK_FORCE
+        self.client.setJointMotorControl2(self._hand.body, gel, pybullet.POSITION_CONTROL, targetPosition=0.0, force=lock)
         self.client.changeDynamics(self._hand.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)
         return spring

@@ -38,6 +38,22 @@ def test_convex_parts_have_the_volume_of_a_concave_object_and_are_cached(cache: 
     assert stored.stat().st_mtime_ns == before
 
 
+def test_closed_convex_pieces_are_parts_as_they_are() -> None:
+    """A blade in a handle, which overlap: no vertex is moved, and nothing is between them."""
+    pieces = [trimesh.creation.box((0.002, 0.02, 0.1)), trimesh.creation.cylinder(radius=0.01, height=0.05, sections=16)]
+    pieces[1].apply_translation((0, 0, 0.06))
+    mesh = centred(
+        trimesh.Trimesh(
+            np.concatenate([piece.vertices for piece in pieces]),
+            np.concatenate([pieces[0].faces, pieces[1].faces + len(pieces[0].vertices)]),
+        )
+    )
+    parts = sorted(convex_parts(mesh), key=len)
+    assert [trimesh.convex.convex_hull(part).volume for part in parts] == pytest.approx([piece.convex_hull.volume for piece in pieces])
+    corners = {tuple(vertex) for vertex in mesh.vertices}
+    assert all(tuple(vertex) in corners for part in parts for vertex in part)
+
+
 @pytest.mark.parametrize("module", ["coacd", "mujoco"])
 def test_missing_package_is_reported_with_its_extra(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, module, None)

@@ -18,10 +18,12 @@ from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.engines import Engine, hold_test
-from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_spring
+from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_name, gel_spring
 from pipeline.physics.grasp_tests import GRASP_TESTS
-from pipeline.physics.hold_test import GRAVITY
+from pipeline.physics.hold_test import GRAVITY, HoldTest
 from pipeline.physics.motion import Motion, Track
+from pipeline.physics.mujoco_engine import MujocoHoldTest
+from pipeline.physics.pybullet_engine import PybulletHoldTest
 from tests.kernels.hand.meshes import centred, points_on
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
@@ -81,6 +83,24 @@ def test_recorded_motion_of_an_untouched_object_is_free_fall(engine: Engine) -> 
     assert fallen[-2] < 0.1 < fallen[-1]
     assert motion.joint_angles.shape == (len(times), 1)
     assert np.ptp(motion.joint_angles) < 1e-3
+
+
+@pytest.mark.parametrize("engine", get_args(Engine))
+def test_gels_without_contact_stay_drawn_in(engine: Engine) -> None:
+    """Also under an acceleration along their normals, of ten times gravity."""
+    angles, mesh = np.array([0.03]), post()
+    with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=0.05) as test:
+        test.load(mesh, points_on(mesh, 2000, seed=0)[0])
+        grasp = StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None])
+        test.hold(grasp, acceleration=(0.0, 10 * GRAVITY, 0.0), seconds=0.1, limit=10.0)
+        np.testing.assert_allclose(gel_heights(test), 0.0, atol=2e-4)
+
+
+def gel_heights(test: HoldTest) -> list[float]:
+    if isinstance(test, MujocoHoldTest):
+        return [float(test.data.joint(gel_name(number)).qpos[0]) for number in range(2)]
+    assert isinstance(test, PybulletHoldTest)
+    return [test.client.getJointState(test._hand.body, gel)[0] for gel in test._gels]
 
 
 LIFT = GRASP_TESTS["lift"]
