@@ -44,7 +44,8 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     for variable in opened.variables.values():
         variable.encoding = {name: value for name, value in variable.encoding.items() if name not in ("chunks", "shards")}  # of its files
     attributes = dict(shards[0].attrs)
-    attributes["failures"] = dict(failure for shard in shards for failure in shard.attrs["failures"].items())
+    rows = [row for shard in collection.shards for row in shard.record.rows]
+    attributes["failures"] = {row.object_id: row.failure.model_dump() for row in rows if row.failure}
     if collection.missing:
         attributes["missing"] = list(collection.missing)
     plain = {name: value if type(value) in (str, int, float) else json.dumps(value) for name, value in attributes.items()}

@@ -47,7 +47,7 @@ FAULTS: dict[str, tuple[Fault, int]] = {
     "hand, sensor or mesh changed in place": (changes.description_changed, 10),
     "symbolic link in a dataset": (links.linked, 20),
     "symbolic link in a report": (links.report_linked, 6),
-    "pipe or device in place of a file": (links.irregular, 40),
+    "socket or device in place of a file": (links.irregular, 40),
     "reader open while shards are split otherwise": (links.open_while_resharded, 12),
     "reader open while it is made with other settings": (links.open_while_made_again, 12),
 }
