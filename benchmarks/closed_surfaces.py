@@ -15,10 +15,10 @@ import trimesh
 from benchmarks.timing import Table, three_digits
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.surface_quality import intersection_over_union
 from pipeline.models.reconstruction import close_reconstruction
+from pipeline.reconstruct.predict import predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 

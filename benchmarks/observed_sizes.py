@@ -16,14 +16,14 @@ import yaml
 
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.inference.object_box import find_object
-from pipeline.inference.observation_file import load_observation
-from pipeline.inference.predict import model_reader, reconstruct
 from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
+from pipeline.reconstruct.object_box import find_object
+from pipeline.reconstruct.observation_file import load_observation
+from pipeline.reconstruct.predict import model_reader, reconstruct
 from tools.robot_grasp import BASE, write_grasp
 
 POINTS = 10_000

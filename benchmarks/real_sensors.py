@@ -16,12 +16,12 @@ from benchmarks.ball_photographs import BallSet, gelsight_balls, mini_balls, rec
 from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table, side_by_side, single_call
+from pipeline.contrib.calibration.calibrate_sensor import render_contact
+from pipeline.drawing.plots import draw_calibration
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.calibrate_sensor import render_contact
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image
-from pipeline.reports.plots import draw_calibration
 
 ADDED, ALONE, RIGID = "as shipped, over the untouched photograph", "as shipped, by itself", "by itself, as a rigid plane would be met"
 Model = Callable[[Photograph, Sensor], NDArray[np.uint8]]

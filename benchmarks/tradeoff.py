@@ -19,7 +19,7 @@ import typer
 from benchmarks.provenance import provenance
 from pipeline.config.manifest import load_manifest
 from pipeline.console import console
-from pipeline.reports.trade_pictures import draw_trade
+from pipeline.contrib.report.trade_pictures import draw_trade
 from pipeline.store.atomic import write_atomically
 from pipeline.tradeoff.advice import Workload, within_time
 from pipeline.tradeoff.end_to_end import measure_end_to_end

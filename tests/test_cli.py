@@ -148,7 +148,7 @@ def test_exceptions_of_commands_give_clear_errors(monkeypatch, raised, message):
     def fails():
         raise raised
 
-    monkeypatch.setattr("pipeline.reports.doctor.examine", fails)
+    monkeypatch.setattr("pipeline.checks.doctor.examine", fails)
     code, output = invoke("doctor")
     assert code
     assert message in output

@@ -53,7 +53,7 @@ def command(monkeypatch, tmp_path):
             exec(body, {"press": press})
             time.sleep(60)
 
-        monkeypatch.setattr("pipeline.reports.doctor.examine", examine)
+        monkeypatch.setattr("pipeline.checks.doctor.examine", examine)
         finished = run(lambda: app(["doctor"]), tmp_path / "log")
         return finished.status, finished.output
 

@@ -144,7 +144,7 @@ def group_lives(group: int) -> bool:
     return True
 
 
-@pytest.mark.slow  # tests/export/test_recipe.py remakes a dataset in other shards
+@pytest.mark.slow  # tests/recipes/test_recipe.py remakes a dataset in other shards
 def test_digests_do_not_depend_on_shards(manifest, made, tmp_path):
     for stage in SHARDED:
         if stage == "fit-charts":  # with the model made above: whole runs are compared in another test

@@ -12,7 +12,7 @@ from PIL import Image
 
 from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import Object, fingerprint, identity
-from pipeline.dataset.recipe import read_recipe
+from pipeline.contrib.calibration.ball_photographs import CIRCLES, _read_circles
 from pipeline.errors import PipelineError
 from pipeline.formats.file_content import MESH_SUFFIXES
 from pipeline.formats.image_file import read_depth, read_image, read_mask
@@ -20,11 +20,11 @@ from pipeline.formats.mesh_file import parse_mesh
 from pipeline.formats.rendering_folder import read_renderings
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.formats.urdf import parse_urdf
-from pipeline.inference.ball_photographs import CIRCLES, _read_circles
-from pipeline.inference.observation_file import read_entries
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.models.model_files import DESCRIPTION, WEIGHTS, read_description, read_weights
 from pipeline.models.shipped_weights import card_path, read_card
+from pipeline.recipes.recipe import read_recipe
+from pipeline.reconstruct.observation_file import read_entries
 from pipeline.store.storage import read_bytes
 from stages.sample_surfaces.settings import SurfaceSettings
 from stages.sample_surfaces.stage import SampleSurfaces

@@ -5,12 +5,12 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from pipeline.contrib.report.reconstruction_gallery import render_mesh
+from pipeline.contrib.toy_objects import CATEGORIES, generate
+from pipeline.drawing.second_view import fitted_camera
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import normalise_mesh
-from pipeline.reports.reconstruction_gallery import render_mesh
-from pipeline.reports.second_view import fitted_camera
 from pipeline.rng import numpy_rng
-from pipeline.toy_objects import CATEGORIES, generate
 from stages.render_vision.renderer import Renderer
 from tools.picture_row import Panel, draw_row
 

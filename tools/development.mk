@@ -38,7 +38,7 @@ test-report: installed-browser  ## click through a report in headless Chromium, 
 	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py
 
 test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant, WebDataset and Rerun, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
-	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/export/read_back.py tests/export/other_readers.py
+	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/contrib/exports/read_back.py tests/contrib/exports/other_readers.py
 
 findings:  ## show what surprised us in other software, each in an environment of its own: findings/README.md (5 minutes)
 	@changed=0; for script in findings/*.sh; do \

@@ -11,8 +11,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pipeline.reports.overview import overview_panels
-from pipeline.reports.report_source import ReportSource
+from pipeline.contrib.report.overview import overview_panels
+from pipeline.contrib.report.report_source import ReportSource
 from tools.picture_row import draw_row
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline.reports.plots import save_figure
+from pipeline.drawing.plots import save_figure
 
 Panel = NDArray[np.uint8] | Callable[[Any], None]
 """An image (rows, cols, 3), or a function that draws into axes."""

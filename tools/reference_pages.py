@@ -19,9 +19,9 @@ from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
 from pipeline.engine.stage import names_read
 from pipeline.formats.hand_file import HandFile
-from pipeline.inference.observation_file import RobotObservation
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
+from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.store.atomic import write_atomically
 from schemas.base import COMMON, FIXED, Array
 from schemas.catalogue import ARTIFACTS

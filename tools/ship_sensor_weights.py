@@ -17,13 +17,13 @@ from benchmarks.provenance import commit
 from benchmarks.real_touch.photograph_sets import Press, ball_press
 from benchmarks.real_touch.scores import Reading, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
 from pipeline.models.touch_model import LocalTouchModel
+from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
 from stages.train_touch.settings import TouchTrainingSettings
 from tools.ship_weights import check_size

@@ -14,10 +14,10 @@ from benchmarks.provenance import commit
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors as progress
 from pipeline.errors import StageError
-from pipeline.inference.score import score_shipped
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import model_name
 from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
+from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import place

@@ -15,8 +15,8 @@ refuse_shadows(Path(__file__).parents[1])
 
 from pipeline.errors import InvalidInput  # noqa: E402
 from pipeline.formats.sensor_file import load_sensor  # noqa: E402
-from pipeline.inference.observation_file import RobotObservation  # noqa: E402
 from pipeline.kernels.touch.sensor import Sensor  # noqa: E402
+from pipeline.reconstruct.observation_file import RobotObservation  # noqa: E402
 from vt_pipeline.grasping import Grasps, grasp  # noqa: E402
 from vt_pipeline.objects import TouchObject, load_object  # noqa: E402
 from vt_pipeline.pressing import image, press, untouched_image  # noqa: E402

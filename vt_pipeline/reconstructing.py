@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pipeline.errors import InvalidInput
-from pipeline.inference import observation_file
-from pipeline.inference.observation_file import RobotObservation
+from pipeline.reconstruct import observation_file
+from pipeline.reconstruct.observation_file import RobotObservation
 
 if TYPE_CHECKING:
-    from pipeline.inference.predict import Prediction
+    from pipeline.reconstruct.predict import Prediction
 
 
 def load_observation(path: str | Path) -> RobotObservation:
     """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
-    from pipeline.inference.observation_checks import faults  # imports torch, which `touch` does not need
+    from pipeline.reconstruct.observation_checks import faults  # imports torch, which `touch` does not need
 
     return observation_file.load_observation(path, faults)
 
@@ -62,8 +62,8 @@ def reconstruct(
     StageError, StoreError
         There is no such model, or it cannot be used.
     """
-    from pipeline.inference import predict
     from pipeline.models.shipped_weights import models_place
+    from pipeline.reconstruct import predict
 
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")

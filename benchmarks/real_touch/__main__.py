@@ -19,9 +19,9 @@ from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, distances
 from benchmarks.real_touch.pictures import draw_presses
 from benchmarks.real_touch.scores import Reading, Scores, ball_footprint, ball_radius, mean_scores, score
 from benchmarks.timing import Table
-from pipeline.inference.train_sensor import save_sensor_network, train_sensor_network
 from pipeline.kernels.touch.sensor import MM
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.real_touch.train_sensor import save_sensor_network, train_sensor_network
 
 COLUMNS = ["RMSE, mm", "mean error, mm", "RMSE without the mean error, mm", "normals on balls, °", "on flats, °", "contact, IoU"]
 Method = Callable[[NDArray[np.uint8]], Reading]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.real_touch.photograph_sets import PhotographSet
-from pipeline.inference.calibrate_sensor import uncalibrated_sensor
+from pipeline.contrib.calibration.calibrate_sensor import uncalibrated_sensor
 from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, fit_colours
 from pipeline.kernels.touch.sensor import Sensor
 

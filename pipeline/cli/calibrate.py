@@ -46,11 +46,11 @@ def calibrate_sensor(
     Its colours are fitted to every second photograph and tested on the others, then fitted to all. With --train they are fitted for depth:
     to the contacts above all, with an elastic gel.
     """
-    from pipeline.inference.ball_photographs import read_photographs
-    from pipeline.inference.calibrate_sensor import calibrate, check_name, render_contact, uncalibrated_sensor, write_sensor
+    from pipeline.contrib.calibration.ball_photographs import read_photographs
+    from pipeline.contrib.calibration.calibrate_sensor import calibrate, check_name, render_contact, uncalibrated_sensor, write_sensor
+    from pipeline.drawing.plots import draw_calibration
     from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions
     from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
-    from pipeline.reports.plots import draw_calibration
 
     check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel
@@ -92,8 +92,8 @@ def calibrate_sensor(
     print_line(f"{out}, {report}; `vt-pipeline check {shlex.quote(str(out))}` draws the sensor")
     if train:
         from pipeline.formats.sensor_file import load_sensor
-        from pipeline.inference.read_touch import MODEL_SUFFIX
-        from pipeline.inference.train_sensor import PRESSES, save_sensor_network, train_sensor_network
+        from pipeline.real_touch.read_touch import MODEL_SUFFIX
+        from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 
         print_line(f"calibrated in {time.perf_counter() - began:.0f} s; presses {PRESSES} random shapes into the gel, then trains")
         model, _ = train_sensor_network(load_sensor(out))

@@ -34,13 +34,13 @@ def check(
     All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures. An
     observation is checked as `predict` does before it runs.
     """
-    from pipeline.reports.description_checks import check_file, is_observation
-    from pipeline.reports.manifest_check import MeshFiles
+    from pipeline.checks.description_checks import check_file, is_observation
+    from pipeline.checks.manifest_check import MeshFiles
 
     inputs = None
     if models is not None or configuration is not None or is_observation(file):
-        from pipeline.inference.predict import chosen_models, model_reader
         from pipeline.models.shipped_weights import models_place
+        from pipeline.reconstruct.predict import chosen_models, model_reader
 
         inputs = model_reader(*chosen_models(None if models is None else models_place(models), None, configuration)).inputs
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)

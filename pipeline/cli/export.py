@@ -32,7 +32,7 @@ def view(
 
     Object, hand, sensors, images, tactile images, local points, charts and predictions are shown.
     """
-    from pipeline.export.rerun_view import view_grasps
+    from pipeline.contrib.exports.rerun_view import view_grasps
 
     grasps = view_grasps(place(data), object_id, grasp, save)
     if save:
@@ -55,15 +55,15 @@ def export(
     The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
     object's own frame, or the files of DexGraspBench.
     """
-    from pipeline.export.croissant import write_croissant
-    from pipeline.export.dataset_card import About, facts_of, write_card
-    from pipeline.export.grasp_files import GraspedObjects, write_dexgraspbench, write_grasps
-    from pipeline.export.grasp_frames import GraspFrames
-    from pipeline.export.lerobot_files import write_lerobot
-    from pipeline.export.parquet_files import write_parquet
-    from pipeline.export.scene_files import write_scenes
-    from pipeline.export.webdataset_shards import write_webdataset
-    from pipeline.reports.report_source import ReportSource
+    from pipeline.contrib.exports.croissant import write_croissant
+    from pipeline.contrib.exports.dataset_card import About, facts_of, write_card
+    from pipeline.contrib.exports.grasp_files import GraspedObjects, write_dexgraspbench, write_grasps
+    from pipeline.contrib.exports.grasp_frames import GraspFrames
+    from pipeline.contrib.exports.lerobot_files import write_lerobot
+    from pipeline.contrib.exports.parquet_files import write_parquet
+    from pipeline.contrib.exports.scene_files import write_scenes
+    from pipeline.contrib.exports.webdataset_shards import write_webdataset
+    from pipeline.contrib.report.report_source import ReportSource
 
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")

@@ -38,7 +38,7 @@ def stages() -> None:
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
-    from pipeline.reports import status as report
+    from pipeline.tables import status as report
 
     account = report.read_account(place(data))
     if as_json:
@@ -96,9 +96,9 @@ def validate(
     Exits with status 1 if a check fails.
     """
     from pipeline.cli.recipe import print_comparison
-    from pipeline.dataset.recipe import read_recipe
-    from pipeline.dataset.recipe_comparison import compare
-    from pipeline.reports.report_pages import report_problems
+    from pipeline.contrib.report.report_pages import report_problems
+    from pipeline.recipes.recipe import read_recipe
+    from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None
@@ -118,7 +118,7 @@ def validate(
 
 def doctor() -> None:
     """Check that everything the stages need is installed."""
-    from pipeline.reports.doctor import examine
+    from pipeline.checks.doctor import examine
 
     healthy = True
     for check in examine():
@@ -136,8 +136,8 @@ def summary(
 ) -> None:
     """Print a dataset's statistics and draw its contact sheets."""
     from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
-    from pipeline.reports.contact_sheet import SHOWN, contact_sheets
-    from pipeline.reports.touch_tables import touch_tables
+    from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
+    from pipeline.tables.touch_tables import touch_tables
 
     directory = place(data)
     print_line(str(directory.resolve()))

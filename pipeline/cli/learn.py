@@ -120,8 +120,8 @@ def predict(
 
     The grasps are those of a data directory, or what an observation file describes: it is checked as a whole before anything runs.
     """
-    from pipeline.inference import predict as prediction
     from pipeline.models.shipped_weights import models_place
+    from pipeline.reconstruct import predict as prediction
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
@@ -159,7 +159,7 @@ def demo(folder: Annotated[Path, typer.Argument(help="Folder to write to.")] = P
 
     The grasp is simulated, and reconstructed by the weights that ship: a closed coloured mesh, and a turntable of it beside the object.
     """
-    from pipeline.inference.demo import demo as show
+    from pipeline.reconstruct.demo import demo as show
 
     result = show(folder, console)
     closed = result.prediction.closed
@@ -183,7 +183,7 @@ def score(
 
     Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
     """
-    from pipeline.inference.score import score as measure
+    from pipeline.reconstruct.score import score as measure
     from stages.evaluate.evaluation_files import METRICS
     from stages.evaluate.tables import evaluation_tables
 
@@ -207,15 +207,15 @@ def report(
 
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
-    from pipeline.reports.html_report import write_report
-    from pipeline.reports.results import results_tables, training_facts, training_table
-    from pipeline.reports.training_seeds import outdated_scores, scores
+    from pipeline.contrib.report.html_report import write_report
+    from pipeline.tables.results import results_tables, training_facts, training_table
+    from pipeline.tables.training_seeds import outdated_scores, scores
     from stages.evaluate.evaluation_files import evaluations
     from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     if shipped:
-        from pipeline.inference.score import score_shipped
+        from pipeline.reconstruct.score import score_shipped
 
         for reason in score_shipped(directory.root, console):
             print_line(f"the network that ships is left out: {reason}")

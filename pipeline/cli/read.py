@@ -16,7 +16,7 @@ from pipeline.console import NAMED, errors, pluralise, print_line
 from pipeline.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from pipeline.inference.photograph_stream import NamedPhotograph
+    from pipeline.real_touch.photograph_stream import NamedPhotograph
 
 MM, MM2 = 1e3, 1e6
 
@@ -46,8 +46,8 @@ def read_touch(
     `calibrate-sensor --train` and the stage `train-touch`.
     """
     from pipeline.formats.image_file import read_image
-    from pipeline.inference.photograph_stream import camera_frames, photographs_of, watched
-    from pipeline.inference.read_touch import TouchReader, write_reading
+    from pipeline.real_touch.photograph_stream import camera_frames, photographs_of, watched
+    from pipeline.real_touch.read_touch import TouchReader, write_reading
 
     if (photographs is None) == (camera is None):
         fail("name photographs, or a camera with --camera, one of them")

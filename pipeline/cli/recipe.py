@@ -19,10 +19,10 @@ from pipeline.cli.request import (
 )
 from pipeline.cli.run import run_plan
 from pipeline.console import abbreviate, console, pluralise, print_line
-from pipeline.dataset.recipe import read_recipe
-from pipeline.dataset.recipe_comparison import Comparison, compare
 from pipeline.engine.run import make_plans
 from pipeline.formats.file_content import expanded
+from pipeline.recipes.recipe import read_recipe
+from pipeline.recipes.recipe_comparison import Comparison, compare
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import on_disk, place
 
@@ -42,7 +42,7 @@ def recipe(
 
     `vt-pipeline remake` makes the dataset from it again. Redirect it into a file, such as my.recipe.yaml.
     """
-    from pipeline.export.recipe_writing import recipe_of
+    from pipeline.recipes.recipe_writing import recipe_of
 
     typer.echo(recipe_of(place(data), manifest, objects, units=units, up=up, files_url=files_url, full_digests=rows).text(), nl=False)
 
@@ -64,7 +64,7 @@ def remake(
 
     First the sources are compared with the recipe's. Exits with status 1 if a row differs.
     """
-    from pipeline.export.remake import prepare_remake, reasons, unusual_settings
+    from pipeline.recipes.remake import prepare_remake, reasons, unusual_settings
 
     published, where = read_recipe(recipe), place(data)
     description_folder = expanded(descriptions) if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)

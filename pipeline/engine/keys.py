@@ -20,7 +20,7 @@ NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.e
 RANDOM_STREAMS = "pipeline.rng"
 """A module that every key depends on: a stage need not import it, because units bring their random generators (`Unit.rng`)."""
 
-TOY_OBJECTS = "pipeline.toy_objects"
+TOY_OBJECTS = "pipeline.contrib.toy_objects"
 """A layer that only the keys of its own objects depend on."""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from pipeline.config.manifest import Object
 from pipeline.config.objects import identity
 from pipeline.console import abbreviate, pluralise
+from pipeline.contrib.toy_objects import KINDS, generate
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -22,7 +23,6 @@ from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_tran
 from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from pipeline.toy_objects import KINDS, generate
 from schemas.surfaces import SURFACES
 from stages.sample_surfaces.settings import SurfaceSettings
 

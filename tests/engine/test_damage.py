@@ -16,13 +16,13 @@ from pipeline.cli import app
 from pipeline.engine.run import run as run_plan
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
-from pipeline.reports.status import read_account
 from pipeline.store import garbage
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.record import named_location
 from pipeline.store.rows import Row
 from pipeline.store.validate import problems_below
+from pipeline.tables.status import read_account
 from schemas.base import Array
 from schemas.catalogue import ARTIFACTS
 from tests.engine.tiny_stages import (

@@ -10,11 +10,11 @@ import pytest
 from pipeline.engine.run import run as run_plan
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
-from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.record import FolderRecord, serialise_with_checksum
 from pipeline.store.validate import problems_below
+from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import CONSOLE, Average, MakeNoise, TakeMean, objects, plan_of, request, run
 
 RECORD = Path("models/average.json")

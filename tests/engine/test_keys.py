@@ -40,12 +40,12 @@ for file in changes:
 print(json.dumps(rehashed))
 """
 STAGE_MODULES = sorted({type(load_stage(name)).__module__ for name in STAGES})
-MODULES = ("pipeline.toy_objects.knife", "pipeline.toy_objects.bottle", *STAGE_MODULES)
+MODULES = ("pipeline.contrib.toy_objects.knife", "pipeline.contrib.toy_objects.bottle", *STAGE_MODULES)
 
 
 def test_missing_module_is_an_error_and_not_an_empty_hash():
     with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
-        sources_hash("pipeline.reports.gone")
+        sources_hash("pipeline.tables.gone")
 
 
 def test_layers_left_out_of_the_hash_exist():
@@ -61,7 +61,7 @@ def test_procedural_object_is_keyed_by_the_code_of_its_maker():
 
 def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
     expected = {
-        "pipeline/toy_objects/knife.py": ["pipeline.toy_objects.knife"],
+        "pipeline/contrib/toy_objects/knife.py": ["pipeline.contrib.toy_objects.knife"],
         "pipeline/rng.py": sorted(MODULES),
         "pipeline/store/shard.py": [],
         "pipeline/engine/run.py": [],

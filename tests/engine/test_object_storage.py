@@ -14,7 +14,6 @@ import pytest
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.run import run as run_plan
 from pipeline.errors import InvalidInput, StageError, StoreError
-from pipeline.reports.status import read_account
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
 from pipeline.store.directory import DataDirectory
@@ -24,6 +23,7 @@ from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.storage import Place, files_below, place, read_bytes, remove
 from pipeline.store.validate import problems_below
 from pipeline.store.write import write_group
+from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import CONSOLE, MEAN, Average, MakeNoise, TakeMean, digest, objects, plan_of, published, request, run
 from tests.object_storage import BUCKET, Answer, Proxy, clear, make_bucket, moto_server, proxy, use
 

@@ -20,7 +20,6 @@ from pipeline.engine.run import run as run_plan
 from pipeline.engine.shard_units import pending_units
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
-from pipeline.reports.status import read_account
 from pipeline.rng import numpy_rng
 from pipeline.store import directory as directory_module
 from pipeline.store.atomic import exclusive_lock
@@ -30,6 +29,7 @@ from pipeline.store.origins import check_origins
 from pipeline.store.record import read_record
 from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
+from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import (
     CONSOLE,
     MEAN,

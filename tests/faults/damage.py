@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.console import console_on
-from pipeline.reports import status
+from pipeline.tables import status
 from tests.faults.trial import Trial, Verdict, problems_in
 from tests.forked import OK
 

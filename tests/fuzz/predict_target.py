@@ -14,9 +14,6 @@ import torch
 from PIL import Image
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.observation_checks import faults
-from pipeline.inference.observation_file import load_observation
-from pipeline.inference.predict import predict
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.kernels.networks.unet import UNet
@@ -24,6 +21,9 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.touch_model import load_touch_model, save_touch_model
+from pipeline.reconstruct.observation_checks import faults
+from pipeline.reconstruct.observation_file import load_observation
+from pipeline.reconstruct.predict import predict
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, is_version
 from pipeline.store.publish import FolderOutput

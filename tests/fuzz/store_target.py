@@ -20,8 +20,6 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_statistics import has_paper_sizes, sensors_of, tally
 from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.reports import status
-from pipeline.reports.touch_tables import touch_tables
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
@@ -31,6 +29,8 @@ from pipeline.store.row_files import encode_row
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import numpy_dtype
 from pipeline.store.validate import problems_below
+from pipeline.tables import status
+from pipeline.tables.touch_tables import touch_tables
 from schemas.base import COMMON, FIXED, Array
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES

@@ -14,8 +14,6 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.inference.predict import chosen_models
-from pipeline.inference.read_touch import TouchReader
 from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models import shipped_weights
@@ -30,6 +28,8 @@ from pipeline.models.shipped_weights import (
     shipped_sensor_network,
 )
 from pipeline.models.touch_model import save_touch_model
+from pipeline.real_touch.read_touch import TouchReader
+from pipeline.reconstruct.predict import chosen_models
 from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
@@ -63,7 +63,7 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
     for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
         (weights / old).parent.mkdir(parents=True, exist_ok=True)
         (weights / old).write_text("old")
-    for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict", "stages.evaluate.shipped", "tools.ship_weights"):
+    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "tools.ship_weights"):
         monkeypatch.setattr(f"{module}.SHIPPED", weights)
     ship_weights.ship(data)
     return weights
@@ -101,7 +101,7 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
 
 
 def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, monkeypatch):
-    for module in ("pipeline.models.shipped_weights", "pipeline.inference.predict"):
+    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict"):
         monkeypatch.setattr(f"{module}.SHIPPED", tmp_path / "none")
     with pytest.raises(StageError, match="name a folder of models with --models"):
         chosen_models(None, None, None)

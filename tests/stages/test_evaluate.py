@@ -25,11 +25,11 @@ from pipeline.kernels.metrics.cloud_distances import cloud_distances, nearest_sq
 from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
-from pipeline.reports.orderings import Verdict, orderings, orderings_table
-from pipeline.reports.training_seeds import read_values, trainings_table
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.reshard import reshard, shard_of
+from pipeline.tables.orderings import Verdict, orderings, orderings_table
+from pipeline.tables.training_seeds import read_values, trainings_table
 from stages.evaluate.baselines import BASELINE_PREFIX
 from stages.evaluate.evaluation_files import TABLES_ZARR, Figures, evaluations, read_figures, read_root, read_table, write_evaluation
 from stages.evaluate.grasp_protocol import GraspProtocol, make_cases
@@ -347,7 +347,7 @@ def test_orderings_report_each_claim_of_an_evaluation(evaluation):
 
 def test_implicit_networks_have_the_orderings_of_chart_networks(evaluation, monkeypatch):
     values = {f"implicit-{name}": entry for name, entry in read_values([evaluation[0]]).items() if name != "none"}
-    monkeypatch.setattr("pipeline.reports.orderings.read_values", lambda folders: values)
+    monkeypatch.setattr("pipeline.tables.orderings.read_values", lambda folders: values)
     verdicts = {one.claim: one for one in orderings([evaluation[0]])}
     monkeypatch.undo()
     assert {

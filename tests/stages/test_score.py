@@ -19,11 +19,11 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
-from pipeline.inference.predict import predict
-from pipeline.inference.score import files_digest
-from pipeline.reports.results import results_tables
-from pipeline.reports.training_seeds import outdated_scores, scores
+from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.score import files_digest
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.results import results_tables
+from pipeline.tables.training_seeds import outdated_scores, scores
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import METRICS, read_figures
 from stages.evaluate.scored_files import find_faults, find_files, misplacement, read_surface

@@ -21,9 +21,9 @@ from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.engine.shard_units import failures
 from pipeline.errors import InvalidInput, StageError, StoreError
-from pipeline.inference.predict import predict
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.reconstruct.predict import predict
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from schemas.surfaces import SURFACES

@@ -13,12 +13,12 @@ from rich.console import Console
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
-from pipeline.inference.predict import predict
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
-from pipeline.reports.training_seeds import trainings_table
+from pipeline.reconstruct.predict import predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.training_seeds import trainings_table
 from pipeline.training.items import Items
 from stages.evaluate.evaluation_files import read_figures, read_root
 from stages.evaluate.tables import evaluation_tables

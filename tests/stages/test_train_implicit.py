@@ -11,15 +11,15 @@ import torch
 import trimesh
 from rich.console import Console
 
+from pipeline.contrib.report.reconstruction_gallery import predicted_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput, StageError
-from pipeline.inference.predict import predict
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
-from pipeline.reports.reconstruction_gallery import predicted_mesh
+from pipeline.reconstruct.predict import predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import setting_remarks

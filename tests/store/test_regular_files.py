@@ -15,9 +15,9 @@ from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.models.model_files import read_weights
-from pipeline.reports.status import read_account
 from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import problems_below
+from pipeline.tables.status import read_account
 from pipeline.training import checkpoint
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_root, read_table, write_evaluation

@@ -410,7 +410,7 @@ def test_unknown_target_is_refused(machine):
     assert "there is nothing called x to install" in machine.install("x").stderr
 
 
-@pytest.mark.parametrize("name", ["Dockerfile", ".github/actions/setup/action.yml", "pipeline/reports/doctor.py"])
+@pytest.mark.parametrize("name", ["Dockerfile", ".github/actions/setup/action.yml", "pipeline/checks/doctor.py"])
 def test_documents_name_the_system_packages_that_are_installed(name):
     assert f"packages {LIBRARIES} $" in (ROOT / "tools" / "install.sh").read_text()
     assert LIBRARIES in (ROOT / name).read_text()
@@ -421,6 +421,6 @@ def test_supported_python_versions_are_the_same_everywhere():
     assert requires
     versions = [f"3.{minor}" for minor in range(*map(int, requires.groups()))]
     named = f"{', '.join(versions[:-1])} or {versions[-1]}"
-    for name in ("README.md", "Makefile", "docs/guide/installing.md", "docs/index.md", "tools/install.sh", "pipeline/reports/doctor.py"):
+    for name in ("README.md", "Makefile", "docs/guide/installing.md", "docs/index.md", "tools/install.sh", "pipeline/checks/doctor.py"):
         assert named in (ROOT / name).read_text(), name
     assert f"python: {json.dumps(versions)}" in (ROOT / ".github" / "workflows" / "ci.yml").read_text()

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.contrib.report.paper_figures import procedure_steps
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.drawing.contact_sheet_page import COLORS, depth_colors
 from pipeline.kernels.vision.camera import project_points, projection_matrix
-from pipeline.reports.contact_sheet_page import COLORS, depth_colors
-from pipeline.reports.paper_figures import procedure_steps
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
 from schemas.presses import PRESSED

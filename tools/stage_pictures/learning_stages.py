@@ -9,12 +9,12 @@ from typing import Any
 import matplotlib
 import numpy as np
 
+from pipeline.contrib.report.paper_figures import colored_charts, draw_local_points
+from pipeline.contrib.report.reconstruction_gallery import draw_gallery, two_coloured
+from pipeline.drawing.contact_sheet_page import depth_colors, spread_evenly
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.reports.contact_sheet_page import depth_colors, spread_evenly
-from pipeline.reports.paper_figures import colored_charts, draw_local_points
-from pipeline.reports.reconstruction_gallery import draw_gallery, two_coloured
 from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row
 from tools.stage_pictures.cuts import cutting_plane, frame_cut, outline

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.contrib.report.paper_figures import PIXELS, clearest_grasp
+from pipeline.contrib.report.reconstruction_gallery import render_mesh
+from pipeline.contrib.report.report_source import ReportSource
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.vision_scene import dataset_scene
+from pipeline.drawing.contact_sheet_page import surroundings
 from pipeline.errors import StageError
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, family_of, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT
-from pipeline.reports.contact_sheet_page import surroundings
-from pipeline.reports.paper_figures import PIXELS, clearest_grasp
-from pipeline.reports.reconstruction_gallery import render_mesh
-from pipeline.reports.report_source import ReportSource
 from pipeline.store.storage import Place
 from stages.evaluate.shipped import shipped_folder
 from stages.render_vision.renderer import Renderer

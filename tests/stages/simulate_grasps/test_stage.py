@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from pipeline.contrib.toy_objects import CATEGORIES, generate
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine import keys
 from pipeline.engine.unit import Unit
@@ -18,7 +19,6 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
-from pipeline.toy_objects import CATEGORIES, generate
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
 from stages.simulate_grasps.settings import GraspSettings

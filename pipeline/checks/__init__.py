@@ -1,0 +1,1 @@
+"""Checks of description files, manifests, hands and sensors."""

@@ -1,0 +1,288 @@
+"""Check a hand file: joints, overlaps and faults, and a picture of the hand from three sides."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from pipeline.checks.hand_trial import trial_grasps
+from pipeline.console import Meter, abbreviate, errors, pluralise
+from pipeline.drawing.contact_sheet_page import finger_colors
+from pipeline.drawing.plots import save_figure
+from pipeline.errors import InvalidInput
+from pipeline.formats.hand_file import load_hand
+from pipeline.formats.physics_urdf import inertia_notes
+from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.formats.urdf import ignored_limits, read_urdf
+from pipeline.kernels.geometry.mesh import face_cross_products
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.hand.buried_gels import buried_gels
+from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
+from pipeline.kernels.hand.convex_shapes import convex_error
+from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.rng import numpy_rng
+from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
+from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.size_warnings import opening, sensor_places
+
+POSTURES = 512
+"""Random postures in which links are checked for overlaps."""
+
+MIN_TRAVEL = 1e-3
+"""m, least travel of a sensor along its normal as its finger closes."""
+
+FAR_PALM = 2.0
+"""A palm is far if no sensor comes nearer to its centre than this many times the greatest distance between two sensors."""
+
+LARGE = 2.0
+"""m, that no hand opens."""
+
+VIEWS = {"from +x": (1, 2, 0), "from +y": (0, 2, 1), "from +z": (0, 1, 2)}
+"""Title, and the axes of the root link that point right, up and towards the viewer."""
+
+MAX_TRIANGLES = 20_000
+"""Of each collision shape in a picture; the others are left out."""
+
+ROUNDED = 0.01
+"""Share of a joint's range by which it may pass its limits: multipliers and limits are rounded."""
+
+HOLLOW = 2e-3
+"""m, depth from which a hollow that a convex shape fills is reported: more than a gel is pressed in."""
+
+RED, GREY = (0.9, 0.2, 0.2), (0.6, 0.65, 0.7)
+"""Colours of links that overlap, and of others, where they face the viewer."""
+
+ARROW = 0.15
+"""Length of the palm's arrow, and of a sensor's longest motion, as a share of the hand's size."""
+
+STEP = 0.05
+"""Share of every joint's range by which joints move to find the closing directions."""
+
+
+def check_hand(path: Path, picture: Path) -> list[str]:
+    """Describe a hand file and the links that collide, and draw it; parameters, result and errors as `check_file`."""
+    hand = load_hand(path)
+    sensors = load_worn_sensors(sensor_names(hand))
+    angles = numpy_rng(0, "check", hand.name).uniform(hand.lower, hand.upper, (POSTURES, len(hand.lower)))
+    frames, boxes = forward_kinematics(hand, np.eye(4), angles), collision_boxes(hand)
+    overlaps = frequent_overlaps(hand, boxes, frames)
+    draw_hand(hand, sensors, [(overlap.first, overlap.second) for overlap in overlaps], picture)
+    fingers = ", ".join(
+        f"{finger.name} ({pluralise(len(finger.joints), 'joint')}, {pluralise(len(finger.sensors), 'sensor')})" for finger in hand.fingers
+    )
+    unusable = _unusable_shapes(hand)
+    gels = list(buried_gels(hand, sensors))
+    faults = [*_faults(hand, boxes), *unusable, *(f"fault: {sentence}" for wholly, sentence in gels if wholly)]
+    trial = [] if faults else trial_grasps(path)
+    faulty = any(line.startswith("fault:") for line in (*faults, *trial))
+    return [
+        f"{path}: hand {hand.name}, {len(hand.links)} links, {'faults below' if faulty else 'no faults'}",
+        f"moves: {fingers}; joints that follow another: {len(hand.followers)}, frozen: {len(hand.frozen)}",
+        f"motors {hand.torque:g} N m (N), friction {hand.friction:g}, opens {1e3 * opening(hand):.0f} mm",
+        *faults,
+        *(f"warning: {sentence}" for wholly, sentence in gels if not wholly),
+        *(_overlap_line(hand, overlap) for overlap in overlaps),
+        *([] if unusable else _convex_notes(hand)),
+        *_notes(hand),
+        *trial,
+        f"picture: {picture}",
+    ]
+
+
+def _faults(hand: Hand, boxes: CollisionBoxes) -> list[str]:
+    """List the faults that keep the hand from grasping; `simulate-grasps` stops with the same sentence at fingers that are blocked."""
+    gap = finger_gap(hand)
+    postures = sample_postures(hand, boxes, samples=GraspSettings().ik_samples, gap=gap)
+    blocked = [f"fault: {sentence}" for sentence in blocked_fingers(hand, boxes, postures, gap=gap)]
+    shapeless = [
+        f"fault: no link of {finger.name} has a collision shape"
+        for finger in hand.fingers
+        if not any(hand.links[link].collisions for link in finger.links)
+    ]
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    closing = closing_directions(hand, rest)
+    on_fingers = {sensor for finger in hand.fingers for sensor in finger.sensors}
+    still = [
+        f"fault: the sensor {mount.name} hardly moves along its normal as its finger closes; is the normal outward, and the link the tip?"
+        for number, mount in enumerate(hand.sensors)
+        if number in on_fingers and np.linalg.norm(closing[number]) < MIN_TRAVEL
+    ]
+    width = opening(hand)
+    too_large = [f"fault: the hand opens {width:.3g} m; are lengths in its URDF or hand file in millimetres?"] if width > LARGE else []
+    return [*blocked, *shapeless, *still, *too_large, *_far_palm(hand)]
+
+
+def _unusable_shapes(hand: Hand) -> list[str]:
+    """Detect a collision shape that is flat or too large, as `simulate-grasps` would."""
+    try:
+        collision_spheres(hand, spacing=MEASURE_SPACING)
+    except InvalidInput as error:
+        return [f"fault: {error}"]
+    return []
+
+
+def _far_palm(hand: Hand) -> list[str]:
+    """Detect a palm far from the fingers, such as the base of an arm."""
+    places = sensor_places(hand)
+    nearest = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
+    farthest = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
+    if len(hand.sensors) < 2 or nearest <= FAR_PALM * farthest:
+        return []
+    return [
+        f"fault: no sensor comes nearer to the palm's centre than {1e3 * nearest:.0f} mm, and sensors are at most "
+        f"{1e3 * farthest:.0f} mm apart; is palm.link, {hand.links[0].name}, the link that the fingers grow from, and palm.centre in its "
+        "frame?"
+    ]
+
+
+def _overlap_line(hand: Hand, overlap: LinkOverlap) -> str:
+    names = f"{hand.links[overlap.first].name}, {hand.links[overlap.second].name}"
+    share, depth = f"{100 * overlap.share:.0f} % of random postures", f"{1e3 * overlap.depth:.1f} mm"
+    return f"overlap: [{names}] in {share}, by {depth}: write {remedy(hand, overlap)} into the hand file"
+
+
+def _convex_notes(hand: Hand) -> list[str]:
+    """Describe what convex shapes in place of collision meshes lose, and the hollows that they fill."""
+    links, _ = read_urdf(hand.urdf, hand.links[0].name)  # as they are, meshes and all
+    meshed = [pair for pair in zip(links, hand.links, strict=True) if any(shape.kind == "mesh" for shape in pair[0].collisions)]
+    with Meter(errors, "measuring convex shapes", len(meshed), "links", after=1.0) as meter:
+        measured = {}
+        for link, convex in meshed:
+            measured[link.name] = convex_error(link, convex)
+            meter.advance()
+    if not measured:
+        return []
+    convex_errors = measured.values()
+    notes = [
+        f"collision meshes of {pluralise(len(measured), 'link')} are taken as convex: "
+        f"{sum(error.faces for error in convex_errors)} faces became {sum(error.kept for error in convex_errors)}, and "
+        f"{1e3 * max(error.lost for error in convex_errors):.2f} mm is the most that any of them lost"
+    ]
+    deep = sorted((name for name, error in measured.items() if error.filled > HOLLOW), key=lambda name: -measured[name].filled)
+    if deep:
+        depths = [f"{name} {1e3 * measured[name].filled:.0f} mm" for name in deep]
+        notes.append(
+            f"hollows of meshes that this fills, by depth: {abbreviate(depths)}; they matter where links overlap or block a finger"
+        )
+    return notes
+
+
+def _notes(hand: Hand) -> list[str]:
+    notes = inertia_notes(hand)
+    if unseen := [link.name for link in hand.links if link.collisions and not link.visuals]:
+        notes.append(f"camera images do not show links that have collision shapes and no visual: {abbreviate(unseen)}")
+    notes += [f"warning: {sentence}" for sentence in ignored_limits(hand)]
+    notes += _followers_beyond_limits(hand)
+    if hand.allowed_contacts:
+        pairs = sorted(f"[{hand.links[first].name}, {hand.links[second].name}]" for first, second in hand.allowed_contacts)
+        notes.append(f"let overlap, as stated or as neighbours that do at rest: {', '.join(pairs)}")
+    return notes
+
+
+def _followers_beyond_limits(hand: Hand) -> list[str]:
+    """Name the joints that follow another one beyond limits of their own, which many URDFs state carelessly: the leader's count."""
+    lines = []
+    for follower in hand.followers:
+        joint = hand.joints[follower.link - 1]
+        ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
+        slack = ROUNDED * (joint.upper - joint.lower)
+        if joint.kind != "continuous" and slack > 0 and (min(ends) < joint.lower - slack or max(ends) > joint.upper + slack):
+            lines.append(
+                f"warning: joint {joint.name} follows {hand.joint_names[follower.entry]} through {min(ends):.4g} … {max(ends):.4g}, beyond "
+                f"its own limits {joint.lower:.4g} … {joint.upper:.4g}, which do not count: narrow those of the joint that it follows"
+            )
+    return lines
+
+
+def draw_hand(hand: Hand, sensors: Sequence[Sensor], overlaps: Sequence[tuple[int, int]], path: Path) -> None:
+    """Draw a hand at rest as a PNG, pairs of links that overlap in red: every joint at 0, or at its limit nearest to 0."""
+    rest = np.clip(0.0, hand.lower, hand.upper)
+    frames = forward_kinematics(hand, np.eye(4), rest)
+    poses, closing = sensor_poses_from_links(hand, frames), closing_directions(hand, rest)
+    red = {link for pair in overlaps for link in pair}
+    colors = np.array(finger_colors(len(poses))) / 255
+    gels = [[transform_points(pose, line) for line in gel_lines(sensor)] for pose, sensor in zip(poses, sensors, strict=True)]
+    triangles, normals, base_colors = _triangles(hand, frames, red)
+    size = np.ptp(np.concatenate([triangles.reshape(-1, 3), *(line for lines in gels for line in lines)]), axis=0)
+    arrow = ARROW * float(size.max())
+    closing *= arrow / max(float(np.linalg.norm(closing, axis=1).max(initial=0.0)), 1e-12)
+    figure = Figure(figsize=(18, 7), layout="constrained")
+    proportions = {"width_ratios": [(size[right] + arrow) / (size[up] + arrow) for right, up, _ in VIEWS.values()]}
+    for axes, (title, (right, up, eye)) in zip(figure.subplots(1, 3, gridspec_kw=proportions), VIEWS.items(), strict=True):
+        order, shades = np.argsort(triangles[:, :, eye].mean(axis=1)), base_colors * (0.5 + 0.5 * np.abs(normals[:, eye, None]))
+        axes.add_collection(
+            PolyCollection(list(triangles[order][:, :, [right, up]]), facecolors=shades[order], edgecolors="none", alpha=0.6)
+        )
+        _arrow(axes, hand.palm_centre[[right, up]], hand.palm_facing[[right, up]] * arrow, "black", "palm")
+        for number, (pose, color) in enumerate(zip(poses, colors, strict=True)):
+            for line in gels[number]:
+                axes.plot(line[:, right], line[:, up], color=color, linewidth=1.2)
+            _arrow(axes, pose[[right, up], 3], pose[[right, up], 0] * sensors[number].width, color, "+x")
+            _arrow(axes, pose[[right, up], 3], closing[number][[right, up]], color, "", dashed=True)
+        axes.set(title=title, xlabel="xyz"[right] + ", m", ylabel="xyz"[up] + ", m", aspect="equal")
+        axes.autoscale_view()
+    names = [Line2D([], [], color=color, label=mount.name) for mount, color in zip(hand.sensors, colors, strict=True)]
+    figure.legend(handles=names, loc="outside lower center", ncols=min(len(names), 10))
+    figure.suptitle(f"{hand.name}: gels with their +x, dashed: where a sensor moves as its finger closes, red: links that overlap")
+    save_figure(figure, path, dpi=90)
+
+
+def gel_lines(sensor: Sensor) -> list[NDArray[np.float64]]:
+    """Trace a gel: the rims of its base and of its surface, and the surface's middle row and column.
+
+    Returns
+    -------
+    Lines of points (N, 3), sensor frame, m.
+    """
+    height = np.broadcast_to(gel_surface(sensor), sensor.shape)
+    x, y = (np.linspace(-side / 2, side / 2, count) for side, count in ((sensor.width, sensor.cols), (sensor.height, sensor.rows)))
+    grid = np.stack([*np.meshgrid(x, y), height], axis=-1)  # (rows, cols, 3)
+    rim = np.concatenate([grid[0], grid[:, -1], grid[-1, ::-1], grid[::-1, 0]])
+    return [rim * [1, 1, 0], rim, grid[sensor.rows // 2], grid[:, sensor.cols // 2]]
+
+
+def closing_directions(hand: Hand, joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute how far each sensor moves along its normal from a posture (J,), by its finger's joints together.
+
+    Returns
+    -------
+    (S, 3) float64, m: every joint moves by a share of its range in the sense that carries the sensor forwards.
+    """
+    rest = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles))
+    steps = STEP * (hand.upper - hand.lower)
+    moved = sensor_poses_from_links(hand, forward_kinematics(hand, np.eye(4), joint_angles + np.diag(steps)))  # (J, S, 4, 4)
+    shift = moved[..., :3, 3] - rest[:, :3, 3]  # (J, S, 3)
+    forwards = np.einsum("jsi,si->js", shift, rest[:, :3, 2])
+    return np.asarray(np.einsum("jsi,js->si", shift, np.sign(forwards)))
+
+
+def _triangles(hand: Hand, frames: NDArray[np.float64], red: set[int]) -> tuple[NDArray[np.float64], ...]:
+    """Collect the triangles of all collision shapes (T, 3, 3), root frame, m, their unit normals (T, 3) and colours (T, 3)."""
+    triangles, colors = [np.empty((0, 3, 3))], [np.empty((0, 3))]
+    for number, link in enumerate(hand.links):
+        for shape in link.collisions:
+            faces = shape.mesh.faces[:: 1 + len(shape.mesh.faces) // MAX_TRIANGLES]
+            triangles.append(transform_points(frames[number], shape.mesh.vertices)[faces])
+            colors.append(np.broadcast_to(RED if number in red else GREY, (len(faces), 3)))
+    corners = np.concatenate(triangles)
+    normals = face_cross_products(corners)
+    return corners, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12), np.concatenate(colors)
+
+
+def _arrow(axes: Any, start: NDArray[np.float64], by: NDArray[np.float64], color: Any, label: str, dashed: bool = False) -> None:
+    style = {"arrowstyle": "->", "color": color, "linestyle": "--" if dashed else "-", "linewidth": 1.5}
+    axes.annotate("", xy=start + by, xytext=start, arrowprops=style)
+    axes.text(*(start + by), label, color=color, fontsize=7)
+    axes.update_datalim([start, start + by])  # annotations alone do not widen the view

@@ -1,0 +1,1 @@
+"""Packages that ship with the project and are found by entry points; nothing in the house imports them."""

@@ -1,0 +1,153 @@
+"""Read photographs of a ball in a sensor's gel, and find their contacts."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.console import pluralise
+from pipeline.errors import InvalidInput
+from pipeline.formats.file_content import read_text
+from pipeline.formats.image_file import image_files, read_image
+from pipeline.kernels.touch.ball_contact import Circle, Photograph
+from pipeline.kernels.touch.find_contact import SMALLEST, contact_aspect, find_contact
+from pipeline.real_touch.photograph_faults import photograph_faults, stop_at
+
+CIRCLES = "circles.csv"
+"""File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""
+MAX_BYTES = 10 * 2**20
+"""Largest size of `CIRCLES`."""
+ROUND = 0.05
+"""Largest deviation of contacts' width over height from 1, in the median. That of public sets is 0.007, 0.006 and 0.032."""
+MIN_PHOTOGRAPHS = 4
+"""Half of them are fitted, the others tested."""
+
+
+def read_photographs(
+    folder: Path, untouched_path: Path, *, row_scale: float | None = None, accept_photographs: bool = False
+) -> tuple[list[Photograph], NDArray[np.uint8], dict[str, str]]:
+    """Read photographs, and detect their contacts.
+
+    Parameters
+    ----------
+    folder
+        Image files, in it and in folders below it, and perhaps a file `CIRCLES`.
+    untouched_path
+        The photograph with nothing in the gel; it may lie in the folder.
+    row_scale
+        Height over width of a pixel. By default pixels are square, and it is an error if contacts are not round.
+    accept_photographs
+        Whether to use photographs that look altered as a whole beside the untouched one, which is an error otherwise.
+
+    Returns
+    -------
+    The usable photographs, sorted by name; the untouched one; and why others are left out, by name.
+
+    Raises
+    ------
+    InvalidInput
+        The folder does not exist, the untouched photograph or `CIRCLES` cannot be read, `CIRCLES` names another file, photographs look
+        altered, or fewer than `MIN_PHOTOGRAPHS` can be used.
+    """
+    if not folder.is_dir():
+        raise InvalidInput(f"folder {folder} does not exist; give one with photographs of a ball in the gel")
+    untouched, circles = read_image(untouched_path), _read_circles(folder / CIRCLES)
+    photographs: list[Photograph] = []
+    left_out: dict[str, str] = {}
+    altered: list[str] = []
+    for path in image_files(folder.rglob("*"), untouched_path):
+        name = path.relative_to(folder).as_posix()
+        try:
+            image = read_image(path)
+            if not accept_photographs and (faults := photograph_faults(image, untouched, name=name)):
+                altered += faults
+                continue
+            photographs.append(Photograph(name, image, _contact(image, untouched, circles.get(name), row_scale or 1.0)))
+        except InvalidInput as error:
+            left_out[name] = str(error)
+    stop_at(altered)
+    if unknown := sorted(circles.keys() - left_out.keys() - {photograph.name for photograph in photographs}):
+        raise InvalidInput(
+            f"{folder / CIRCLES} names {unknown[0]}, which is not a photograph in {folder}; correct its name, or remove the line"
+        )
+    if len(photographs) < MIN_PHOTOGRAPHS:
+        causes = reasons(left_out) or "it holds no others"
+        raise InvalidInput(f"{folder} has {pluralise(len(photographs), 'usable photograph')}, {MIN_PHOTOGRAPHS} are needed; {causes}")
+    if row_scale is None:
+        _check_roundness(photographs, untouched)
+    return photographs, untouched, left_out
+
+
+def _check_roundness(photographs: list[Photograph], untouched: NDArray[np.uint8]) -> None:
+    """Raise an `InvalidInput` if contacts are ellipses: pixels are not square."""
+    measured = (contact_aspect(photograph.image, untouched, photograph.contact) for photograph in photographs)
+    aspects = [aspect for aspect in measured if aspect is not None]
+    if len(aspects) < MIN_PHOTOGRAPHS or abs((aspect := float(np.median(aspects))) - 1) <= ROUND:
+        return
+    wider = f"{100 * (aspect - 1):.0f} % wider than high" if aspect > 1 else f"{100 * (1 / aspect - 1):.0f} % higher than wide"
+    raise InvalidInput(
+        f"contacts are {wider}, in pixels (median of {len(aspects)}): pixels are not square; add --mm-per-row: by this "
+        f"measurement {aspect:.3f} times --mm-per-pixel, which is along a row"
+    )
+
+
+def _contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8], annotated: Circle | None, row_scale: float) -> Circle:
+    if image.shape != untouched.shape:
+        size, untouched_size = (f"{pixels.shape[0]} x {pixels.shape[1]}" for pixels in (image, untouched))
+        raise InvalidInput(f"it has {size} pixels, the untouched photograph {untouched_size}")
+    if annotated is None:
+        if row_scale == 1:
+            return find_contact(image, untouched)
+        stretched = [_stretched(pixels, row_scale) for pixels in (image, untouched)]
+        found = find_contact(*stretched)
+        return Circle(found.x, (found.y + 0.5) * len(image) / len(stretched[0]) - 0.5, found.radius)
+    rows, cols = image.shape[:2]
+    outside = (max(-place, place - last, 0.0) for place, last in ((annotated.x, cols - 1), (annotated.y, rows - 1)))
+    if math.hypot(*outside) >= annotated.radius:
+        raise InvalidInput(
+            f"its contact in {CIRCLES}, x {annotated.x:g}, y {annotated.y:g}, radius {annotated.radius:g}, lies outside its "
+            f"{cols} x {rows} pixels; correct that line"
+        )
+    return annotated
+
+
+def _stretched(image: NDArray[np.uint8], row_scale: float) -> NDArray[np.uint8]:
+    """Give an image square pixels, as wide as they are."""
+    rows, cols = image.shape[:2]
+    return np.asarray(Image.fromarray(image).resize((cols, round(rows * row_scale)), Image.Resampling.BILINEAR))
+
+
+def reasons(left_out: dict[str, str]) -> str:
+    """Write on one line why photographs are left out."""
+    return "; ".join(f"{name}: {reason}" for name, reason in left_out.items())
+
+
+def _read_circles(path: Path) -> dict[str, Circle]:
+    if not path.is_file():
+        return {}
+    try:
+        rows = csv.DictReader(io.StringIO(read_text(path, MAX_BYTES), newline=""))
+        lines = [(row["name"], Circle(float(row["x"]), float(row["y"]), float(row["radius"]))) for row in rows]
+    except InvalidInput:
+        raise
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            f"{path} needs the columns name, x, y, radius, with numbers in pixels; {type(error).__name__}: {error}"
+        ) from error
+    circles: dict[str, Circle] = {}
+    for name, circle in lines:
+        if name in circles:
+            raise InvalidInput(f"{path} has two lines for {name}; keep one")
+        if not (math.isfinite(circle.x) and math.isfinite(circle.y) and SMALLEST <= circle.radius < math.inf):
+            raise InvalidInput(
+                f"{path}: {name} has x {circle.x}, y {circle.y}, radius {circle.radius}; they must be finite, the radius at least "
+                f"{SMALLEST:g}: remove the line, or photograph a deeper press"
+            )
+        circles[name] = circle
+    return circles

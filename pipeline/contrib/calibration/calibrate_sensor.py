@@ -1,0 +1,206 @@
+"""Calibrate a sensor from photographs of a ball in its gel, and write its file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from pipeline.console import pluralise
+from pipeline.contrib.calibration.ball_photographs import MIN_PHOTOGRAPHS, reasons
+from pipeline.errors import InvalidInput
+from pipeline.formats.image_file import read_image
+from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
+from pipeline.kernels.touch.calibrated_shading import calibrated_change
+from pipeline.kernels.touch.colour_fit import ColourFit, ColourFitOptions, fit_background, fit_colours
+from pipeline.kernels.touch.optics import Calibration
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.store.atomic import write_atomically
+
+SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
+
+
+@dataclass(frozen=True)
+class ImageErrors:
+    """Hold the mean errors of the model and of the untouched photograph, levels of 255, in a contact and in the ring around it."""
+
+    name: str
+    contact: float
+    ring: float
+    untouched_contact: float
+    untouched_ring: float
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """Hold a calibrated sensor, and the errors of one fitted to half of the photographs.
+
+    Attributes
+    ----------
+    fit
+        The fit to all photographs, which is written.
+    half
+        The fit to every second photograph, from which the errors are computed.
+    photographs
+        All that were used; the odd ones are held out from `half`.
+    fitted_errors, tested_errors
+        Errors of `half` on the photographs that it was fitted to, and on the others.
+    left_out
+        Why other photographs are not used, by name.
+    """
+
+    fit: ColourFit
+    half: ColourFit
+    photographs: list[Photograph]
+    fitted_errors: list[ImageErrors]
+    tested_errors: list[ImageErrors]
+    left_out: dict[str, str]
+
+    @property
+    def tested(self) -> list[Photograph]:
+        """Photographs that `half` was not fitted to."""
+        return self.photographs[1::2]
+
+
+def check_name(path: Path, untouched_path: Path) -> None:
+    """Raise an InvalidInput if the name of a sensor file is not a sensor's name, or its report would replace the untouched photograph."""
+    if not SENSOR_NAME.fullmatch(path.stem) or path.suffix not in (".yaml", ".yml"):
+        raise InvalidInput(f"{path}: a sensor file is called NAME.yaml, NAME of letters, digits, '.', '_' and '-'")
+    for picture_name in (f"{path.stem}-calibration.png", f"{path.stem}.png"):  # the report, and what `check` draws
+        if path.with_name(picture_name).resolve() == untouched_path.resolve():
+            raise InvalidInput(f"{untouched_path} would be replaced by a picture of {path}; rename one of them")
+
+
+def uncalibrated_sensor(name: str, shape: tuple[int, int], *, pitch: float, thickness: float, row_scale: float = 1.0) -> Sensor:
+    """Describe a sensor whose colours are not known: photographs of `shape` (rows, cols) pixels, a gel `thickness` m thick.
+
+    Pixels are `pitch` m wide, and `row_scale` times as high.
+
+    Raises
+    ------
+    ValidationError
+        No sensor is like this.
+    """
+    rows, cols = shape
+    return Sensor.model_validate(
+        {
+            "name": name,
+            "width": cols * pitch,
+            "height": rows * pitch * row_scale,
+            "rows": rows,
+            "cols": cols,
+            "w": thickness,
+            "range": 5 * thickness,
+            "noise": "none",
+            "calibrated": {"coefficients": [[[0.0]] * 2] * 3, "background": [(0.0, 0.0, 0.0)]},
+        }
+    )
+
+
+def calibrate(
+    sensor: Sensor,
+    photographs: Sequence[Photograph],
+    untouched: NDArray[np.uint8],
+    *,
+    ball_radius: float,
+    options: ColourFitOptions,
+    left_out: dict[str, str],
+) -> CalibrationResult:
+    """Fit a sensor to every second photograph and test it on the others; then fit it to all.
+
+    The sensor gives the geometry, `read_photographs` the photographs; the radius is in m.
+
+    Returns
+    -------
+    The sensor that was fitted to all photographs, and the errors on both halves of the one that was fitted to half of them.
+
+    Raises
+    ------
+    InvalidInput
+        Fewer than `MIN_PHOTOGRAPHS` photographs have a contact that the ball can make, or one is deeper than the gel is thick.
+    """
+    largest = ball_radius / sensor.pitch[1]
+    too_large = {
+        photograph.name: f"its contact of {photograph.contact.radius:.0f} pixels is wider than the ball"
+        for photograph in photographs
+        if photograph.contact.radius >= largest
+    }
+    usable = [photograph for photograph in photographs if photograph.name not in too_large]
+    left_out = left_out | too_large
+    if len(usable) < MIN_PHOTOGRAPHS:
+        raise InvalidInput(f"{pluralise(len(usable), 'photograph')} can be used, {MIN_PHOTOGRAPHS} are needed; {reasons(left_out)}")
+    deepest = max(usable, key=lambda photograph: photograph.contact.radius)
+    depth = ball_radius - np.sqrt(ball_radius**2 - (deepest.contact.radius * sensor.pitch[1]) ** 2)  # of a gel that is not drawn in
+    if depth > sensor.w:
+        raise InvalidInput(
+            f"in {deepest.name} the ball is pressed in {1e3 * depth:.3g} mm deep, the gel is {1e3 * sensor.w:.3g} mm thick; give its "
+            "thickness with --thickness, or correct --ball-radius and --mm-per-pixel"
+        )
+    half = fit_colours(sensor, usable[::2], untouched, ball_radius, options)
+    fitted, tested = (
+        [image_errors(half.sensor, half.calibration, photograph, untouched, ball_radius) for photograph in part]
+        for part in (usable[::2], usable[1::2])
+    )
+    fit = fit_colours(sensor, usable, untouched, ball_radius, options)
+    return CalibrationResult(fit, half, usable, fitted, tested, left_out)
+
+
+def image_errors(
+    sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
+) -> ImageErrors:
+    """Compare a photograph with the image of the same contact by a sensor and calibration from `calibrate`; the radius is in m.
+
+    Returns
+    -------
+    Mean errors in the contact and in the ring around it, of the model's image and of the untouched one, levels.
+    """
+    model = render_contact(sensor, calibration, photograph, untouched, ball_radius)
+    distance = distance_from(sensor, photograph.contact) / (photograph.contact.radius * sensor.pitch[1])
+    contact, ring = distance < 1, (distance >= 1) & (distance < RING)
+    differences = [np.abs(image.astype(float) - photograph.image) for image in (model, untouched)]
+    means = [float(difference[region].mean()) if region.any() else 0.0 for difference in differences for region in (contact, ring)]
+    return ImageErrors(photograph.name, *means)
+
+
+def render_contact(
+    sensor: Sensor, calibration: Calibration, photograph: Photograph, untouched: NDArray[np.uint8], ball_radius: float
+) -> NDArray[np.uint8]:
+    """Render the contact of a photograph over the untouched one, (rows, cols, 3) uint8; parameters as `image_errors`."""
+    change = calibrated_change(ball_impression(sensor, photograph.contact, ball_radius), sensor, calibration)
+    return np.rint(np.clip(untouched + change, 0, 255)).astype(np.uint8)
+
+
+def write_sensor(result: CalibrationResult, path: Path, untouched_path: Path, *, background_degree: int | None, note: str) -> None:
+    """Write the sensor file, and beside it the untouched photograph unless the background is a polynomial.
+
+    Parameters
+    ----------
+    result
+        From `calibrate`.
+    path
+        The YAML file.
+    untouched_path
+        The untouched photograph.
+    background_degree
+        Degree of a polynomial in place of the photograph; None for the photograph.
+    note
+        Comment at the head of the file.
+    """
+    sensor, calibration = result.fit.sensor, result.fit.calibration
+    if background_degree is None:
+        photograph = path.with_name(f"{path.stem}-untouched{untouched_path.suffix.lower()}")
+        if photograph.resolve() != untouched_path.resolve():  # a previous run may have written it
+            write_atomically(photograph, untouched_path.read_bytes())
+        background: Any = photograph.name
+    else:
+        background = [list(levels) for levels in fit_background(read_image(untouched_path), sensor, background_degree)]
+    described = sensor.model_dump(mode="json", exclude_none=True, exclude={"lights", "diffuse", "calibrated"})
+    optics = {**calibration.model_dump(mode="json"), "background": background}
+    text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)
+    write_atomically(path, ("".join(f"# {line}\n" for line in note.splitlines()) + text).encode())

@@ -1,0 +1,89 @@
+"""Export to Hugging Face parquet: one table per split, a row per grasp; images decode, arrays keep shape and type."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.console import Meter, errors
+from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
+from pipeline.errors import InvalidInput
+
+
+def write_parquet(frames: GraspFrames, folder: Path) -> int:
+    """Write `data/SPLIT.parquet`; return the number of frames."""
+    pa = import_arrow()
+    (folder / "data").mkdir(parents=True, exist_ok=True)
+    schema, count = schema_of(frames.columns), 0
+    with Meter(errors, "export", sum(map(len, frames.object_ids.values())), "objects") as meter:
+        for split, ids in frames.object_ids.items():
+            with pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd") as writer:
+                for object_id in ids:
+                    rows = list(frames.frames(object_id, split))
+                    writer.write_table(table_of(rows, frames.columns))
+                    count += len(rows)
+                    meter.advance()
+    return count
+
+
+def import_arrow() -> Any:
+    """Import pyarrow; raise an `InvalidInput` with the command that installs it if it is missing."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ModuleNotFoundError as error:
+        raise InvalidInput("parquet files need pyarrow; `pip install -c constraints.txt -e '.[export]'` installs it (50 MB)") from error
+    return pyarrow
+
+
+def schema_of(columns: Mapping[str, Column]) -> Any:
+    """Make the Arrow schema of some columns, with their Hugging Face features as metadata."""
+    pa = import_arrow()
+    fields = [pa.field(name, _type(pa, column)) for name, column in columns.items()]
+    features = {name: feature_of(column) for name, column in columns.items()}
+    return pa.schema(fields, metadata={"huggingface": json.dumps({"info": {"features": features}})})
+
+
+def feature_of(column: Column) -> dict[str, Any]:
+    """Describe a column as Hugging Face's `datasets` does."""
+    if column.kind == "image":
+        return {"_type": "Image"}
+    value = {"dtype": column.kind, "_type": "Value"}
+    if len(column.shape) < 2:
+        return {"feature": value, "length": column.shape[0], "_type": "Sequence"} if column.shape else value
+    return {"shape": list(column.shape), "dtype": column.kind, "_type": f"Array{len(column.shape)}D"}
+
+
+def table_of(frames: Sequence[Mapping[str, Any]], columns: Mapping[str, Column]) -> Any:
+    """Make a table of frames (see `GraspFrames`); images become PNG."""
+    pa, schema = import_arrow(), schema_of(columns)
+    arrays = [_array(pa, [frame[name] for frame in frames], column, schema.field(name).type) for name, column in columns.items()]
+    return pa.Table.from_arrays(arrays, schema=schema)
+
+
+def _array(pa: Any, values: list[Any], column: Column, arrow_type: Any) -> Any:
+    if column.kind == "image":
+        return pa.array([{"bytes": png(value), "path": None} for value in values], arrow_type)
+    if not column.shape:
+        return pa.array(values, arrow_type)
+    flat = np.stack(values)
+    array = pa.array(flat.reshape(-1))
+    if len(column.shape) == 1:
+        return pa.FixedSizeListArray.from_arrays(array, column.shape[0])
+    for axis in range(flat.ndim - 1, 0, -1):  # lists of lists, the innermost first
+        lists = int(np.prod(flat.shape[:axis]))
+        array = pa.ListArray.from_arrays(np.arange(lists + 1, dtype=np.int32) * flat.shape[axis], array)
+    return array
+
+
+def _type(pa: Any, column: Column) -> Any:
+    if column.kind == "image":
+        return pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    arrow_type = {"bool": pa.bool_(), "string": pa.string()}.get(column.kind) or getattr(pa, column.kind)()
+    if len(column.shape) == 1:
+        return pa.list_(arrow_type, column.shape[0])
+    for _ in column.shape:
+        arrow_type = pa.list_(arrow_type)
+    return arrow_type

@@ -1,0 +1,1 @@
+"""The report: pages of a dataset and its evaluations."""

@@ -1,0 +1,291 @@
+"""Write the report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import shutil
+from collections import Counter
+from collections.abc import Container, Mapping, Sequence
+from contextlib import ExitStack
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+from numpy.typing import ArrayLike
+from PIL import Image
+from rich.console import Console
+
+import pipeline
+from pipeline.console import Meter, Row, Table, pluralise, visible
+from pipeline.contrib.report.left_out import left_out_table
+from pipeline.contrib.report.object_page import ObjectPages
+from pipeline.contrib.report.overview import overview_panels
+from pipeline.contrib.report.paper_figures import CANDIDATES, clearest_grasp, draw_figures
+from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
+from pipeline.contrib.report.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
+from pipeline.contrib.report.report_source import ReportSource
+from pipeline.contrib.report.trade_pictures import report_trades
+from pipeline.dataset.touch_statistics import PAPER, Tally, has_paper_sizes, sensors_of
+from pipeline.drawing.contact_sheet_page import spread_evenly
+from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
+from pipeline.engine.keys import sources_hash
+from pipeline.errors import StoreError
+from pipeline.physics.grasp_tests import REST, WITHIN
+from pipeline.store import digest
+from pipeline.store.atomic import atomic_writes
+from pipeline.store.digest import hashes_of
+from pipeline.store.directory import changed_files
+from pipeline.store.storage import Place, exists, remove
+from pipeline.tables.results import results_tables, trained_models, training_losses
+from pipeline.tables.results_summary import GIVEN, summarise
+from pipeline.tables.touch_tables import supplement_touches, touch_tables, touches_per_grasp
+
+ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
+COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
+PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
+UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
+"""Units that are kept on the line of their number."""
+
+CARDS = 8
+"""Objects on the first page."""
+
+
+def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
+    """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
+
+    A figure shows at most `max_objects` reconstructions.
+
+    Returns
+    -------
+    Its first page.
+
+    Raises
+    ------
+    StoreError
+        An artifact that a report needs is missing or out of date, or the folder is or holds a symbolic link.
+    """
+    source, report = ReportSource(data), data / "report"
+    refuse_report_links(report)
+    try:
+        before = read_pages(report)
+    except StoreError:  # there is none, or it is damaged
+        before = Pages()
+    with atomic_writes(report) as folder:
+        (folder / "objects").mkdir()
+        (folder / "figures").mkdir()
+        for name in COPIED:
+            shutil.copyfile(ASSETS / name, folder / name)
+        objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
+        common = {"objects": len(objects), "evaluated": source.evaluation is not None, "has_images": "vision" in source.collections}
+        cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
+        paper = has_paper_sizes(data)
+        tables = touch_tables(source.tallies, sensors_of(data), paper=paper)
+        plots = _plots(source, objects, folder, paper)
+        first_cards = spread_evenly(cards, CARDS)
+        hero, tiles = _overview(source, folder), _tiles(source)
+        _write(source, folder, "index.html", hero=hero, cards=first_cards, tables=tables, plots=plots, tiles=tiles, **common)
+        categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
+        _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
+        _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", max_objects))
+        _write(source, folder, "results.html", **_results(source, folder), trades=_trades(source, folder))
+        _write(source, folder, "about.html", **_about(source))
+        other_files = {name: sha256 for name, sha256 in hashes_of(folder).items() if not name.startswith("objects/")}
+        pages = Pages(objects=objects, files=other_files)
+        (folder / WRITTEN).write_text(pages.model_dump_json())
+        for obsolete in before.every_file().keys() - pages.every_file().keys():
+            if exists(report / obsolete):
+                remove(report / obsolete)
+    return report / "index.html"
+
+
+def _write_objects(source: ReportSource, folder: Path, console: Console, previous: Pages, changed: Container[str]) -> dict[str, ObjectCard]:
+    """Write the pages of objects that changed since the last report, or whose report files changed; return the cards of all objects."""
+    template = _environment().get_template("object.html.j2")
+    common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
+    shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
+    evaluated = [source.directory.folder(name).files for name in source.measured]
+    ids = source.object_ids
+    cards = {}
+    with Meter(console, "report", len(ids), "objects") as meter, ExitStack() as opened:
+        pages = ObjectPages(source, template, folder / "objects", opened)
+        for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
+            split = source.collections["surfaces"].row(object_id).split  # which no digest contains
+            key = digest.of_json([shared_hashes, evaluated, source.digests(object_id), split, before, after, common["name"]])
+            if (card := previous.objects.get(object_id)) is None or not card.is_up_to_date(key, changed):
+                card = ObjectCard(key=key, **pages.write(object_id, before, after, common))
+            cards[object_id] = card
+            meter.advance()
+    return cards
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(ASSETS), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_escaped
+    )
+    environment.filters["units"] = _with_units
+    return environment
+
+
+def _with_units(text: str) -> Markup:
+    """Keep a number and its unit on one line."""
+    return Markup(re.sub(rf"(?<=[0-9]) (?=(?:{UNITS})\b|[%°×])", "&nbsp;", str(escape(visible(text)))))
+
+
+def _escaped(value: Any) -> Any:
+    """Show the control characters of names and reasons as codes, so that a browser does not obey them."""
+    return value if not isinstance(value, str) or hasattr(value, "__html__") or value.isprintable() else visible(value)
+
+
+def _write(source: ReportSource, folder: Path, name: str, **content: Any) -> None:
+    page = _environment().get_template(f"{name}.j2").render(up="", current=PAGES[name], name=source.name, pages=PAGES, **content)
+    (folder / name).write_text(page, encoding="utf-8")
+
+
+def _tiles(source: ReportSource) -> list[tuple[str, str]]:
+    """Count objects, grasps, touches, failures, and grasps that hold where that was tested, for the first page."""
+    tallies = source.tallies
+    touched = np.concatenate([grasps for entry in tallies.values() for grasps in entry.touched])
+    held = [grasps for entry in tallies.values() for grasps in entry.held]
+    hold_tiles = [(f"{100 * np.concatenate(held).mean():.0f} %", "of grasps hold the object")] if held else []
+    return [
+        _counted(len(source.object_ids), "object", " without failures" if source.failures else ""),
+        _counted(len(tallies), "class"),
+        _counted(len(touched), "grasp"),
+        _counted(int(touched.sum()), "touch", f", {100 * touched.mean():.0f} % of {touched.size}"),
+        *hold_tiles,
+        _counted(len(source.failures), "failure"),
+    ]
+
+
+def _counted(number: int, noun: str, share: str = "") -> tuple[str, str]:
+    """Make a tile: a number, and what it counts."""
+    return str(number), pluralise(number, noun).partition(" ")[2] + share
+
+
+def _overview(source: ReportSource, folder: Path) -> dict[str, Any]:
+    """Draw the pictures of the first page, of an object from the better half of the evaluated ones, if there are any."""
+    ranked = source.evaluation.ranked(source.evaluation.configurations) if source.evaluation else []
+    reconstructed = [name for name in ranked if name in source.object_ids]
+    candidates = spread_evenly(reconstructed[: -(-len(reconstructed) // 2)] or source.object_ids, CANDIDATES)
+    object_id, grasp = clearest_grasp(source, candidates, 1 if reconstructed else None)  # reconstructions with one grasp are of the first
+    pictures = []
+    for number, (caption, image) in enumerate(overview_panels(source, object_id, grasp), start=1):
+        name = f"figures/overview-{number}.webp"
+        Image.fromarray(image).save(folder / name, quality=85)
+        pictures.append({"file": name, "alt": f"{object_id}: {caption}", "caption": caption})
+    return {"object_id": object_id, "grasp": grasp + 1, "pictures": pictures, "columns": min(3, len(pictures))}
+
+
+def _plots(source: ReportSource, objects: Mapping[str, ObjectCard], folder: Path, paper: bool) -> list[dict[str, str]]:
+    """Draw the touches per grasp, beside the paper's if these are to be compared, and the contact areas by class."""
+    touched = np.concatenate([grasps for entry in source.tallies.values() for grasps in entry.touched])
+    shares = touches_per_grasp(touched)
+    theirs = supplement_touches(len(shares)) if paper else ()
+    bars: Mapping[str, ArrayLike] = {"here": shares} | ({PAPER: theirs} if theirs else {})
+    draw_bars(folder / "figures" / "touches.svg", bars, range(len(shares)), x="touches per grasp", y="% of grasps")
+    areas = {
+        category: 1e6 * np.concatenate([card.areas for card in objects.values() if card.category == category])
+        for category in sorted({card.category for card in objects.values()})
+    }
+    draw_histogram(folder / "figures" / "contact.svg", areas, x="contact area per touch, mm²", y="% of touches")
+    means = ", ".join(f"{name} {values.mean():.0f}" for name, values in areas.items() if len(values))
+    shares_text = ", ".join(f"{count}: {share:.1f} %" for count, share in enumerate(shares))
+    return [
+        {"file": "figures/touches.svg", "alt": f"Touches per grasp here: {shares_text}", "caption": "Successful touches per grasp"},
+        {"file": "figures/contact.svg", "alt": f"Mean contact area, mm²: {means}", "caption": f"Contact area; mean, mm²: {means}"},
+        *_hold_plots(source.tallies, folder / "figures"),
+    ]
+
+
+def _hold_plots(tallies: Mapping[str, Tally], folder: Path) -> list[dict[str, str]]:
+    """Draw how far and how fast objects moved at the end of the hold test, beside the limits of what holds; none if not tested."""
+    total = Tally.joined(tallies.values())
+    if not total.motions:
+        return []
+    plots = []
+    measured = 1e3 * np.concatenate(total.motions).reshape(-1, 2).T
+    for name, unit, limit, values in (("distance", "mm", 1e3 * WITHIN, measured[0]), ("speed", "mm/s", 1e3 * REST, measured[1])):
+        file, held, beyond = f"hold-{name}.svg", values[values <= limit], values[values > limit]
+        draw_histogram(folder / file, {"kept grasps": values}, x=f"{name}, {unit}", y="% of hold tests", limit=limit)
+        ends = [f"{len(held)} of {len(values)} up to {limit:g} {unit}", *([f"greatest {held.max():.3g}"] if len(held) else [])]
+        ends += [f"least beyond {beyond.min():.3g} {unit}"] if len(beyond) else []
+        caption = f"The object's {name} at the end of the hold test: {', '.join(ends)}"
+        plots.append({"file": f"{folder.name}/{file}", "alt": caption, "caption": caption})
+    return plots
+
+
+def _results(source: ReportSource, folder: Path) -> dict[str, Any]:
+    """Make the summary and the tables of the evaluations, and the figures of the learning curves."""
+    directory, models = source.directory, trained_models(source.directory, source.evaluated)
+    tables = results_tables(directory, source.evaluated, source.scored)
+    curves = []
+    for name, place in models.items():
+        file = f"figures/learning-{name}.svg"
+        draw_curves(*training_losses(directory.verified_folder(place)), folder / file)
+        curves.append({"file": file, "alt": f"Training and validation loss of {name} by epoch", "caption": name})
+    return {"summary": _summary(source, folder), "groups": _tables_with_lines(tables), "curves": curves}
+
+
+def _summary(source: ReportSource, folder: Path) -> dict[str, Any] | None:
+    """Summarise the results, and draw the error by what networks are given."""
+    evaluated, scored = ([source.directory.verified_folder(name) for name in names] for names in (source.evaluated, source.scored))
+    folders = [*evaluated[:1], *scored]
+    if not folders or (summary := summarise(folders[0], folders[1:], evaluated[1:])) is None:
+        return None
+    file = "figures/errors.svg"
+    draw_errors(folder / file, summary.errors, summary.retrieved, GIVEN, "mean distance, mm")
+    series_texts = [
+        f"{series}: {', '.join(f'{way} {error.mean:.1f}' for way, error in of_series.items())}"
+        for series, of_series in summary.errors.items()
+    ]
+    over = "objects and trainings" if len(evaluated) > 1 else "objects"
+    caption = f"Error with one grasp by what is given, with 95 % intervals over {over}."
+    return {"sentences": summary.sentences, "file": file, "alt": f"Mean distance, mm: {'; '.join(series_texts)}", "caption": caption}
+
+
+def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]:
+    """Group each table with the lines of text before it; lines after the last table belong to that table."""
+    groups: list[tuple[Table, list[str]]] = []
+    lines: list[str] = []
+    for table in tables:
+        if table.columns:
+            groups.append((table, lines))
+            lines = []
+        else:
+            lines.append(table.title)
+    if groups:
+        groups[-1][1].extend(lines)
+    return groups
+
+
+def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
+    """Draw the measured trades of speed for accuracy, if the data directory is on a disk."""
+    settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
+    return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
+
+
+def _about(source: ReportSource) -> dict[str, Any]:
+    """Collect the failures by reason, and the origin of all artifacts and folders."""
+    origins = records(source.directory)
+    return {
+        "failures": _failures(source.failures),
+        "left_out": left_out_table(source),
+        "contents": contents_table(origins),
+        "commands": commands(source.directory, origins),
+        "settings": settings_tables(source.directory, origins),
+        "versions": versions_tables(origins),
+    }
+
+
+def _failures(failures: Mapping[str, tuple[str, str]]) -> Table:
+    """Count the failures by stage and reason."""
+    rows = []
+    for (stage, reason), count in Counter(failures.values()).most_common():
+        names = [name for name, why in failures.items() if why == (stage, reason)]
+        rows.append(Row([stage, reason, str(count), ", ".join(names[:5]) + (" …" if count > 5 else "")]))
+    return Table("", ["stage", "reason", "objects", "which"], rows)

@@ -1,0 +1,185 @@
+"""Draw plots with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.console import visible
+from pipeline.drawing.contact_sheet_page import COLORS, spread_evenly
+from pipeline.errors import InvalidInput
+from pipeline.kernels.metrics.bootstrap import Interval
+from pipeline.kernels.touch.ball_contact import RING, Photograph
+from pipeline.store.atomic import write_atomically
+
+INK = "#010203"
+"""Placeholder for the colour of text and lines, which follows the page's theme."""
+
+THEME = "<style>svg{--ink:#1b1f24}@media (prefers-color-scheme:dark){svg{--ink:#e8eaed}}</style>"
+DECADES = 3
+"""Decades below a limit that a histogram shows; values beyond them, or a decade above it, count at its ends."""
+HATCHES = ("", "//")
+"""Hatches of bars, so that they differ without colours."""
+LINES = ("-", "--", "-.", ":")
+MARKERS = ("o", "s", "D", "^", "v")
+
+PHOTOGRAPHS, GAIN = 3, 4
+"""Photographs shown of a calibration, spread evenly, and the factor by which differences are enlarged."""
+
+
+def save_figure(figure: Figure, path: Path, **options: Any) -> None:
+    """Write a figure in the format of the suffix, with literal texts: a `$` does not begin a formula.
+
+    The file is replaced at once; options are those of `Figure.savefig`.
+
+    Raises
+    ------
+    InvalidInput
+        Matplotlib does not write that format.
+    """
+    supported = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:] not in supported:
+        raise InvalidInput(f"{path}: the suffix {path.suffix or '(none)'} names no picture format; use {', '.join(supported)}")
+    for text in figure.findobj(Text):
+        if text.get_text():  # not the labels of ticks, which are written when the figure is drawn
+            text.set_text(visible(text.get_text()))
+            text.set_parse_math(False)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=path.suffix[1:], **options)
+    write_atomically(path, buffer.getvalue())
+
+
+@contextmanager
+def themed_svg(path: Path, size: tuple[float, float] = (4.6, 2.8), font_size: int = 9) -> Iterator[Figure]:
+    """Open a figure, and write it at the end as an SVG that follows the page's light or dark theme.
+
+    Width and height are in inches, the font size in points.
+    """
+    inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+    style: Any = dict.fromkeys(inks, INK) | {
+        "font.size": font_size,
+        "svg.fonttype": "none",
+        "svg.hashsalt": path.stem,
+        "figure.facecolor": "none",
+        "axes.facecolor": "none",
+        "savefig.facecolor": "none",
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+    }
+    with matplotlib.rc_context(style):
+        figure = Figure(size, layout="constrained")
+        yield figure
+        save_figure(figure, path, metadata={"Date": None})
+    svg = path.read_text(encoding="utf-8").replace(INK, "var(--ink)")
+    end_of_tag = svg.index(">", svg.index("<svg")) + 1
+    path.write_text(svg[:end_of_tag] + THEME + svg[end_of_tag:], encoding="utf-8")
+
+
+def draw_bars(path: Path, bars: Mapping[str, ArrayLike], labels: Sequence[object], *, x: str, y: str) -> None:
+    """Draw bars in groups as an SVG; each series has a height per label."""
+    with themed_svg(path) as figure:
+        axes, width = figure.subplots(), 0.8 / len(bars)
+        for number, (name, values) in enumerate(bars.items()):
+            color, hatch = _color(number), HATCHES[number % 2]
+            places = np.arange(len(labels)) + (number - (len(bars) - 1) / 2) * width
+            axes.bar(places, values, width, label=_label(name), color=color, hatch=hatch, edgecolor=INK, linewidth=0.6)
+        axes.set(xlabel=x, ylabel=y, xticks=range(len(labels)), xticklabels=labels)
+        axes.legend(frameon=False)
+
+
+def draw_histogram(path: Path, values: Mapping[str, NDArray[np.floating]], *, x: str, y: str, limit: float | None = None) -> None:
+    """Draw the distributions of series (N,) as lines over common bins, as an SVG; with a limit, over decades and with a line there."""
+    with themed_svg(path) as figure:
+        axes = figure.subplots()
+        if limit is None:
+            highest = max((float(np.max(series, initial=0)) for series in values.values()), default=0.0) or 1.0
+            bins = np.linspace(0, highest, 25)
+        else:
+            bins = limit * np.logspace(-DECADES, 1, 6 * (DECADES + 1) + 1)
+            values = {name: np.clip(series, bins[0], bins[-1]) for name, series in values.items()}
+            axes.axvline(limit, color=INK, linewidth=1, linestyle=LINES[1])
+            axes.set(xscale="log")
+        for number, (name, series) in enumerate(values.items()):
+            shares = 100 * np.histogram(series, bins)[0] / max(len(series), 1)
+            axes.stairs(shares, bins, label=_label(name), color=_color(number), linewidth=1.6, linestyle=LINES[number % len(LINES)])
+        axes.set(xlabel=x, ylabel=y)
+        axes.legend(frameon=False)
+
+
+def _label(name: str) -> str:
+    """Return the label of a series in a legend, which leaves out those that begin with an underscore."""
+    return f" {name}" if name.startswith("_") else name
+
+
+def draw_curves(train: Sequence[float], valid: Sequence[float], path: Path) -> None:
+    """Draw the training and validation losses of a model by epoch as an SVG, with a dot at the epoch that was kept."""
+    with themed_svg(path, (3.4, 2.4), font_size=8) as figure:
+        axes, epochs = figure.subplots(), range(1, len(valid) + 1)
+        axes.semilogy(epochs, train, label="training", linewidth=1)
+        axes.semilogy(epochs, valid, label="validation", linewidth=1, linestyle=LINES[1])
+        axes.plot([1 + valid.index(min(valid))], [min(valid)], "o", markersize=4, color=INK)
+        axes.set(xlabel="epoch", ylabel="loss")
+        axes.legend(frameon=False)
+
+
+def draw_errors(
+    path: Path, errors: Mapping[str, Mapping[str, Interval]], line: Mapping[str, float], labels: Mapping[str, str], y: str
+) -> None:
+    """Draw errors with their intervals by series and place, and reference values as a line by place, as an SVG.
+
+    Places are in the order of their `labels`; those without errors are left out.
+    """
+    places = [place for place in labels if any(place in series for series in errors.values())]
+    with themed_svg(path, (4.8, 3.2), font_size=10) as figure:
+        axes, step = figure.subplots(), 0.6 / max(len(errors), 1)
+        for number, (name, series) in enumerate(errors.items()):
+            shift = (number - (len(errors) - 1) / 2) * step
+            for place in (place for place in places if place in series):
+                error, at = series[place], places.index(place) + shift
+                if np.isfinite([error.low, error.high]).all():
+                    axes.plot([at, at], [error.low, error.high], color=_color(number), linewidth=1.4)
+            points = [(places.index(place) + shift, error.mean) for place, error in series.items()]
+            axes.plot(*zip(*points, strict=True), MARKERS[number % len(MARKERS)], color=_color(number), markersize=6, label=_label(name))
+        ends = np.array([(places.index(place) + side, error) for place, error in line.items() for side in (-0.45, 0.45, np.nan)])
+        if len(ends):
+            axes.plot(*ends.T, color=INK, linewidth=1.2, linestyle=LINES[1], label="training object retrieved in its place")
+        axes.set(ylabel=y, xticks=range(len(places)), xticklabels=[labels[place] for place in places], xlim=(-0.5, len(places) - 0.5))
+        axes.set_ylim(bottom=0)
+        axes.tick_params(axis="x", labelsize=8)
+        axes.legend(frameon=False, fontsize=8)
+
+
+def _color(number: int) -> tuple[float, ...]:
+    return tuple(channel / 255 for channel in COLORS[number % len(COLORS)])
+
+
+def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
+    """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
+    pairs = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
+    figure = Figure((9, 3 * len(pairs)), dpi=72, layout="constrained")
+    panels = figure.subplots(len(pairs), 3, squeeze=False)
+    for row, (photograph, model) in zip(panels, pairs, strict=True):
+        difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
+        part = _around(photograph)
+        panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
+        for axes, (title, image) in zip(row, panels_of_row.items(), strict=True):
+            axes.imshow(image[part])
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(title, fontsize=9)
+    save_figure(figure, path)
+
+
+def _around(photograph: Photograph) -> tuple[slice, slice]:
+    """Find the part of a photograph that the ring around its contact covers."""
+    contact, reach = photograph.contact, RING * photograph.contact.radius
+    row, col = (slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
+    return row, col

@@ -1,1 +1,0 @@
-"""Export datasets to other formats: LeRobot, Hugging Face parquet, WebDataset shards, glTF scenes."""

@@ -1,1 +1,0 @@
-"""Prediction from files or stored grasps, and calibration of sensors."""

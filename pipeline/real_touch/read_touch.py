@@ -1,0 +1,203 @@
+"""Read depth, contact, normals and points in photographs with a sensor's network, and write them to files."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.photograph_alteration import rim_change
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import Sensor, masked_points, sensor_differences
+from pipeline.models.model_files import DESCRIPTION
+from pipeline.models.shipped_weights import shipped_sensor_network
+from pipeline.models.touch_model import LocalTouchModel, load_touch_model
+from pipeline.real_touch.photograph_faults import photograph_faults, stop_at, untouched_faults
+from pipeline.store.atomic import write_atomically
+from pipeline.store.record import named_location
+
+ZARR = "touches.zarr"
+MODEL_SUFFIX = "-touch"
+"""Suffix of the folder beside a sensor file that holds its network: `my_gel-touch` beside `my_gel.yaml`."""
+SAME_IMAGES = {"rows": True, "cols": True, "gel": {"modulus"}}
+"""Entries that may differ from the sensor of a network that was not named: they change neither images nor indentation."""
+PNG_STEP = 1e-7
+"""m per level of a depth PNG: 16 bits reach 6.5 mm."""
+DEEPEST = 2**16 - 1
+RIM_SHARE = 0.03
+"""Share of the rim that shows a press, above which the rim counts as pressed. Of public photographs, 26 of 28 whose contact the rim cuts
+have more, and 14 of 84 whose contact lies a radius or more away from it, because light drifts."""
+REMEDY = "train one with `vt-pipeline calibrate-sensor --train` or `vt-pipeline run train-touch`, and name its folder with --model"
+
+
+@dataclass(frozen=True, eq=False)
+class TouchReading:
+    """Depth and contact that are read in a photograph.
+
+    Attributes
+    ----------
+    indentation
+        (rows, cols) float32, m, >= 0: how deep the gel's surface lies below its rest.
+    contact
+        (rows, cols): where something touches.
+    sensor
+        With the photograph's pixels.
+    rim_pressed
+        Whether the photograph shows a press at the rim, where depth is taken to be 0: the gel lies deeper everywhere than is read, as it
+        does when something tilts all of it.
+    """
+
+    indentation: NDArray[np.float32]
+    contact: NDArray[np.bool_]
+    sensor: Sensor
+    rim_pressed: bool
+
+    @property
+    def normals(self) -> NDArray[np.float32]:
+        """(rows, cols, 3) float32 unit normals of the gel's surface, sensor frame, out of the gel."""
+        down, across = np.gradient(self._height, *self.sensor.pitch)
+        normals = np.stack([-across, -down, np.ones_like(down)], axis=-1)
+        return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True), np.float32)
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(n, 3) float64 points of the gel's surface in the contact, sensor frame, m, row by row."""
+        return masked_points(self._height, self.contact, self.sensor)
+
+    @property
+    def _height(self) -> NDArray[np.float64]:
+        return np.asarray(gel_surface(self.sensor) - self.indentation.astype(np.float64))
+
+
+class TouchReader:
+    """Reads photographs of one sensor with its network.
+
+    Parameters
+    ----------
+    sensor
+        A sensor file, or the name of a shipped one: its sides and its gel are taken from it.
+    untouched
+        (rows, cols, 3) uint8, the photograph with nothing in the gel; the others have its pixels.
+    model
+        A network of `train-touch`, DATA/models/touch, or the folder of one of `calibrate-sensor --train`; by default `NAME-touch` beside
+        the sensor file, else the network that ships for the sensor. Either must have been trained for the sensor as its file describes
+        it, but for its pixels and its gel's modulus.
+    device
+        Where the network computes.
+    accept_photographs
+        Whether to read photographs that look altered as a whole, which is an error otherwise: by exchanged colours, turned, mirrored,
+        grey, with another exposure, white balance, contrast or hue, of another sensor, or touched and untouched exchanged.
+
+    Attributes
+    ----------
+    network
+        Names the network, for messages.
+
+    Raises
+    ------
+    InvalidInput
+        There is no such sensor, it has no network, or one of another sensor; the network is a U-Net; or the photograph has not the
+        sensor's sides, or looks altered beside the background of the sensor file.
+    StoreError
+        The network's files are damaged.
+    """
+
+    def __init__(
+        self,
+        sensor: str | Path,
+        untouched: NDArray[np.uint8],
+        model: Path | None = None,
+        device: str = "cpu",
+        *,
+        accept_photographs: bool = False,
+    ) -> None:
+        path = description_path("sensor", sensor)
+        described = load_sensor(path)
+        beside, shipped = path.with_name(path.stem + MODEL_SUFFIX), shipped_sensor_network(described.name)
+        model = model and model.resolve()  # `.` has a name, too
+        if model is not None and (named := named_location(model.with_name(f"{model.name}.json"))):  # of DATA/models/touch
+            model = model.with_name(named)
+        folder = model or (shipped if shipped and not (beside / DESCRIPTION).is_file() else beside)
+        if not (folder / DESCRIPTION).is_file():
+            raise InvalidInput(f"{folder} holds no network for sensor {path.stem}; {REMEDY}")
+        loaded = load_touch_model(folder, device)
+        if not isinstance(loaded, LocalTouchModel):
+            raise InvalidInput(f"{folder} holds a U-Net, which reads simulated images; photographs are read by a network of `train-touch`")
+        self.network = f"the network that ships for {described.name}" if folder == shipped else str(folder)
+        if model is None and (differing := sensor_differences(loaded.sensor, described, but_for=SAME_IMAGES)):
+            raise InvalidInput(
+                f"{self.network} was trained for another sensor than {path} describes: {', '.join(differing)} differ; {REMEDY}, or name "
+                f"{folder} there if larger errors do no harm"
+            )
+        self.pixel_aspect = described.pitch[0] / described.pitch[1]
+        loaded.check_sides(*described.shape, self.pixel_aspect)
+        self.model, self.untouched, self.described, self.accept_photographs = loaded, untouched, described, accept_photographs
+        if not accept_photographs:
+            stop_at(untouched_faults(untouched, described))
+        rows, cols = untouched.shape[:2]
+        loaded.check_sides(rows, cols, self.pixel_aspect)
+        self.sensor = resample(described, rows, cols)
+
+    def read(self, image: NDArray[np.uint8]) -> TouchReading:
+        """Read a photograph, (rows, cols, 3) uint8; an `InvalidInput` if it has other pixels than the untouched one, or looks altered."""
+        if not self.accept_photographs:
+            stop_at(photograph_faults(image, self.untouched, self.described))
+        if image.shape != self.untouched.shape:
+            size, needed = (f"{pixels.shape[1]} x {pixels.shape[0]}" for pixels in (image, self.untouched))
+            raise InvalidInput(f"it has {size} pixels, the untouched photograph {needed}; take both with one size, and crop both alike")
+        indentation, contact = self.model.read(image[None], self.untouched, self.pixel_aspect)
+        rim_pressed = rim_change(image, self.untouched) > RIM_SHARE
+        return TouchReading(indentation[0], contact[0], self.sensor, rim_pressed)
+
+
+def write_reading(reading: TouchReading, folder: Path, name: str) -> list[Path]:
+    """Write a reading into a folder, which is made where it is missing: PNG files, a point cloud, and arrays of `ZARR`.
+
+    Returns
+    -------
+    `NAME-depth.png`, 16 bits, `PNG_STEP` m per level; `NAME-contact.png`, 255 in the contact; `NAME-normals.png`, (n + 1) / 2 as colours;
+    `NAME.ply`, points in the contact with normals, m; and the group.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    normals = reading.normals
+    levels = np.minimum(np.rint(reading.indentation.astype(np.float64) / PNG_STEP), DEEPEST).astype(np.uint16)
+    pictures: dict[str, np.ndarray] = {
+        "depth": levels,
+        "contact": np.where(reading.contact, 255, 0).astype(np.uint8),
+        "normals": np.rint(127.5 * (normals + 1)).astype(np.uint8),
+    }
+    files = []
+    for label, pixels in pictures.items():
+        files.append(folder / f"{name}-{label}.png")
+        with io.BytesIO() as content:
+            Image.fromarray(pixels).save(content, "PNG")
+            write_atomically(files[-1], content.getvalue(), durable=False)
+    files.append(folder / f"{name}.ply")
+    write_atomically(files[-1], _ply(reading.points, normals[reading.contact]), durable=False)
+    group = zarr.open_group(folder / ZARR, mode="a").require_group(name)
+    group.attrs["rim_pressed"] = reading.rim_pressed
+    arrays: dict[str, tuple[np.ndarray, tuple[str, ...], dict[str, Any]]] = {
+        "indentation": (reading.indentation, ("row", "col"), {"units": "m"}),
+        "contact": (reading.contact, ("row", "col"), {"units": "1"}),
+        "normals": (normals, ("row", "col", "xyz"), {"units": "1", "frame": "sensor"}),
+    }
+    for key, (values, dims, attributes) in arrays.items():
+        group.create_array(key, data=np.ascontiguousarray(values), dimension_names=dims, attributes=attributes, overwrite=True)
+    return [*files, folder / ZARR / name]
+
+
+def _ply(points: NDArray[np.float64], normals: NDArray[np.float32]) -> bytes:
+    """Write points with normals as binary PLY; no point makes an empty cloud."""
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz")) + "end_header\n"
+    return header.encode() + np.concatenate([points, normals], axis=1).astype("<f4").tobytes()

@@ -1,0 +1,1 @@
+"""Datasets as what makes them: write, remake, compare."""

@@ -1,0 +1,234 @@
+"""Make a dataset again from its recipe; everything is checked before anything runs."""
+
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import JsonValue, ValidationError
+
+from pipeline.config.manifest import Manifest, Object
+from pipeline.config.presets import load_presets
+from pipeline.config.settings import Settings
+from pipeline.console import NAMED, abbreviate, pluralise
+from pipeline.engine import keys
+from pipeline.engine.executor import Executor, Serial
+from pipeline.engine.plan import Request
+from pipeline.engine.stage import ObjectStage
+from pipeline.engine.versions import PHYSICS, library_versions
+from pipeline.errors import InvalidInput, unknown_name
+from pipeline.formats.description_file import invalid_entries, shipped_files
+from pipeline.recipes.own_files import DESCRIBED, place_files
+from pipeline.recipes.recipe import Recipe
+from pipeline.recipes.recipe_writing import Folders, source_hash
+from pipeline.store.storage import Place
+from stages.registry import DATASET, load_stage, resolve
+
+
+@dataclass(frozen=True)
+class Remake:
+    """A recipe that is ready to run, with the user's folders; nothing has been run."""
+
+    recipe: Recipe
+    items: Sequence[Object]  # its objects, or a sample of them
+    settings: Mapping[str, Settings]  # by stage
+    sampled: bool = False  # `items` are a sample
+
+    def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
+        """Yield the request of each stage in turn."""
+        for name, settings in self.settings.items():
+            yield Request(
+                stage=load_stage(name),
+                settings=settings,
+                manifest=self.recipe.manifest.name,
+                objects=self.items,
+                preset=self.recipe.preset,
+                seed=self.recipe.seed,
+                data=data,
+                shards=shards,
+                executor=executor or Serial(),
+            )
+
+
+def prepare_remake(
+    recipe: Recipe,  # possibly from an untrusted source
+    objects: Path | None = None,  # folder of its meshes; of the folders, where the recipe names several
+    descriptions: Path | None = None,  # for hand, sensor and scene files of no package; the recipe's are written there
+    sample: int | None = None,  # how many objects, drawn at random
+) -> Remake:
+    """Check everything that a recipe needs before anything is made.
+
+    An `InvalidInput` names a source, setting or description file that is missing or is not that of the recipe, and what
+    to do.
+    """
+    if recipe.texts or recipe.files:
+        if descriptions is None:
+            raise InvalidInput("the recipe has hand, sensor or scene files of its own; name a folder for them with --descriptions FOLDER")
+        place_files(recipe, descriptions)
+    settings = {name: _settings(recipe, name, descriptions) for name in recipe.stages}
+    _check_stages(recipe)
+    manifest = _with_folders(recipe.manifest, objects)
+    items = _listed(recipe, manifest, objects)
+    if sample is not None and sample < len(items):
+        drawn = set(secrets.SystemRandom().sample([item.object_id for item in items], sample))
+        items = [item for item in items if item.object_id in drawn]
+    _check_sources(recipe, items)
+    return Remake(recipe, items, settings, sampled=len(items) < len(recipe.rows))
+
+
+def _check_stages(recipe: Recipe) -> None:
+    """Check the order of the stages: each follows those whose artifacts it reads."""
+    made: set[str] = set()
+    for name, expected in zip(recipe.stages, [name for name in DATASET if name in recipe.stages], strict=True):
+        stage = load_stage(name)
+        lacking = [artifact.stage for artifact in stage.inputs(stage.settings_type()) if artifact.stage not in made]
+        if name != expected or lacking:
+            raise InvalidInput(
+                f"the recipe's stages must be {', '.join(DATASET)}, or some of them in this order, each with those that it reads from; "
+                f"{name} is out of place"
+            )
+        made.add(name)
+
+
+def _settings(recipe: Recipe, name: str, descriptions: Path | None) -> Settings:
+    """Validate the settings of a stage, whose description files are shipped ones or the recipe's."""
+    if name not in DATASET:
+        raise InvalidInput(f"the recipe: {unknown_name('stage', name, DATASET)}")
+    recorded, stage = recipe.stages[name], load_stage(name)
+    values: dict[str, Any] = dict(recorded.settings)
+    for setting in DESCRIBED.keys() & values.keys():
+        value = values[setting]
+        values[setting] = (
+            [_described(recipe, name, setting, item, descriptions) for item in value]
+            if isinstance(value, list)
+            else _described(recipe, name, setting, value, descriptions)
+        )
+    try:
+        settings: Settings = stage.settings_type.model_validate(values)
+    except ValidationError as error:
+        faults = invalid_entries(error, stage.settings_type.model_fields)
+        raise InvalidInput(f"the recipe's settings of {name}: {faults}; {_version_remedy(recipe)}") from error
+    assert isinstance(stage, ObjectStage)
+    if recorded.schema_version != stage.output.version:
+        raise InvalidInput(
+            f"{name} writes version {stage.output.version} of {stage.output.name} here, the recipe has {recorded.schema_version}; "
+            f"{_version_remedy(recipe)}"
+        )
+    try:
+        files_digest = keys.assets_digest(stage.assets(settings))
+    except OSError as error:  # a hand or sensor file of the recipe's names one that is not there
+        raise InvalidInput(f"{name}: {error.filename!s:.300} cannot be read ({error.strerror}), which the recipe's files name") from error
+    if files_digest != recorded.files:
+        named = ", ".join(str(recorded.settings[setting]) for setting in DESCRIBED if recorded.settings.get(setting))
+        raise InvalidInput(f"{name}: the files of {named or 'the stage'} are not those of the recipe; {_version_remedy(recipe)}")
+    return settings
+
+
+def _described(recipe: Recipe, stage: str, setting: str, value: JsonValue, descriptions: Path | None) -> JsonValue:
+    shipped = shipped_files(DESCRIBED[setting])
+    files = [name for name in (*recipe.texts, *recipe.files) if name.endswith((".yaml", ".yml"))]
+    if value is None or (isinstance(value, str) and value in shipped):
+        return value
+    if descriptions is None or value not in files:
+        raise InvalidInput(
+            f"the recipe's {stage}.{setting} is {value!r:.80}; {unknown_name(DESCRIBED[setting], value, [*shipped, *files])}"
+        )
+    return str((descriptions / str(value)).absolute())
+
+
+def _version_remedy(recipe: Recipe) -> str:
+    return f"install vt-pipeline {recipe.versions.get('vt-pipeline', 'as the recipe says')}"
+
+
+def _with_folders(manifest: Manifest, objects: Path | None) -> Manifest:
+    """Resolve the folders that the recipe names below the user's folder."""
+    named = [source.path for source in manifest.sources if isinstance(source, Folders) and source.path]
+    if named and objects is None:
+        raise InvalidInput(
+            f"the recipe takes meshes from folders {abbreviate(list(map(str, named)))}; give what holds them: --objects FOLDER"
+        )
+    changed = [
+        source.model_copy(update={"path": objects / source.path}) if isinstance(source, Folders) and source.path and objects else source
+        for source in manifest.sources
+    ]
+    return manifest.model_copy(update={"sources": tuple(changed)})
+
+
+def _listed(recipe: Recipe, manifest: Manifest, objects: Path | None) -> list[Object]:
+    """List the objects, which must be those of the recipe: others would change how splits are drawn."""
+    folders = [source for source in manifest.sources if isinstance(source, Folders)]
+    root = None if any(source.path for source in folders) or not folders else objects
+    if objects is not None and not folders:
+        raise InvalidInput(f"the recipe of {manifest.name} names its own objects; leave --objects out")
+    found_ids = {item.object_id for source in manifest.sources for item in source.find(root if isinstance(source, Folders) else None)}
+    if missing := sorted(recipe.rows.keys() - found_ids):
+        raise InvalidInput(
+            f"{pluralise(len(missing))} of the recipe not found ({abbreviate(missing)}), whose files have these SHA-256: "
+            f"{abbreviate([recipe.rows[name].source for name in missing])}; {_where(manifest)}"
+        )
+    if extra := sorted(found_ids - recipe.rows.keys()):
+        raise InvalidInput(
+            f"{pluralise(len(extra))} not in the recipe ({abbreviate(extra)}), with which splits would be drawn otherwise; "
+            f"move their files out of {objects}"
+        )
+    return manifest.objects(root)
+
+
+def _where(manifest: Manifest) -> str:
+    """Say where sources can be obtained."""
+    urls = [source.url for source in manifest.sources if source.url]
+    return f"they can be had at {', '.join(urls)}" if urls else "the recipe does not say where they can be had; ask who published it"
+
+
+def _check_sources(recipe: Recipe, items: Sequence[Object]) -> None:
+    """Compare the files of objects, and the code of toy objects, with the recipe's hashes."""
+    changed: list[str] = []
+    toys: list[str] = []
+    for item in items:
+        try:
+            actual = source_hash(item.source)
+        except (OSError, InvalidInput) as error:
+            raise InvalidInput(f"{item.object_id} cannot be read: {error}; {_where(recipe.manifest)}") from error
+        expected = recipe.rows[item.object_id].source
+        if actual == expected:
+            continue
+        if "file" not in item.source:
+            toys.append(item.object_id)
+            continue
+        beside = ", or a file that it names," if actual[:64] == expected[:64] else ""
+        changed.append(f"{item.object_id}: {item.source['file']}{beside} has SHA-256 {actual}, the recipe says {expected}")
+    if changed:
+        raise InvalidInput(
+            f"{pluralise(len(changed), 'source')} changed: {'; '.join(changed[:NAMED])}{'; …' if len(changed) > NAMED else ''}. "
+            f"Put the files back that the dataset was made of: {_where(recipe.manifest)}"
+        )
+    if toys:
+        raise InvalidInput(f"{abbreviate(toys)} are modelled by other code than the recipe's; {_version_remedy(recipe)}")
+
+
+def reasons(recipe: Recipe) -> list[str]:
+    """List possible reasons for rows that differ from the recipe's (other code, other libraries), with remedies."""
+    installed = library_versions()
+    lines = []
+    if changed := [name for name, stage_recipe in recipe.stages.items() if keys.code_hash(load_stage(name)) != stage_recipe.code]:
+        lines.append(f"the code of {', '.join(changed)} is another; {_version_remedy(recipe)}, of the publisher's commit")
+    for name, recorded in recipe.versions.items():
+        # either package of the physics engine gives the same bits
+        if name == "vt-pipeline" or (name in PHYSICS and name not in installed and installed.keys() & set(PHYSICS)):
+            continue
+        # 2.13.0+cpu is 2.13.0
+        if installed.get(name, "").partition("+")[0] not in (version.partition("+")[0] for version in recorded.split(", ")):
+            lines.append(
+                f"{name} is {installed.get(name, 'not installed')} here, {recorded} there: pip install {name}=={recorded.split(', ')[0]}"
+            )
+    return lines
+
+
+def unusual_settings(recipe: Recipe, stage: str) -> list[str]:
+    """List the settings of a stage that differ from the recipe's preset: if nothing else explains a difference, one may be wrong."""
+    if recipe.preset not in load_presets():
+        return []
+    usual = resolve(stage, recipe.preset, ()).results()
+    settings = recipe.stages[stage].settings
+    return [f"{name}={value}" for name, value in settings.items() if name in usual and usual[name] not in (value, None)]

@@ -1,0 +1,142 @@
+"""The demo: an object that no training saw is grasped once, seen once, and reconstructed by the weights that ship."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from rich.console import Console
+
+from pipeline.config.manifest import load_manifest
+from pipeline.config.objects import Object
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.drawing.second_view import fitted_camera
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.engine.stage import ObjectStage
+from pipeline.errors import StageError
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
+from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.kernels.vision.camera import Camera
+from pipeline.kernels.vision.labels import Label
+from pipeline.models.shipped_weights import DEFAULT, shipped_models
+from pipeline.reconstruct.predict import Prediction, predict
+from pipeline.store.directory import DataDirectory
+from schemas.surfaces import SURFACES
+from stages.registry import DATASET, load_stage, resolve
+from stages.render_vision.renderer import Renderer
+
+MANIFEST, OBJECT = "toy", "bottle-0001"
+"""An object of a class that the shipped weights know, which is not in their training set."""
+SETTINGS = ("simulate-grasps.grasps=1",)
+FRAMES, PIXELS, MILLISECONDS = 36, 256, 80
+"""Of the turntable: pictures of a turn, pixels per side of each mesh, and time per picture."""
+GREY = (150, 170, 190)
+"""Colour of what the image does not show."""
+
+
+@dataclass(frozen=True)
+class Demo:
+    """Hold the results of a demo.
+
+    Attributes
+    ----------
+    mesh, turntable, image
+        Files: the closed mesh, an animation of the object beside it, and the image that the network was given.
+    prediction
+        The reconstruction.
+    distance
+        Mean distance between reconstruction and object, m.
+    seconds
+        Duration of the reconstruction, without the simulation and the pictures.
+    """
+
+    mesh: Path
+    turntable: Path
+    image: Path
+    prediction: Prediction
+    distance: float
+    seconds: float
+
+
+def demo(folder: Path, console: Console) -> Demo:
+    """Simulate a grasp of a bottle, reconstruct it from one image and the touches of that grasp, and draw it beside the object.
+
+    The folder gets the mesh, the pictures and, below `data`, the simulated grasp.
+
+    Raises
+    ------
+    StageError
+        No weights ship with this version, or the folder holds another dataset.
+    """
+    models, data = shipped_models(), folder / "data"
+    if other_objects := set(DataDirectory(data).collection(SURFACES)) - {OBJECT}:
+        raise StageError(f"{data} holds another dataset, of {min(other_objects)} and so on; name another folder")
+    item = next(item for item in load_manifest(MANIFEST).objects() if item.object_id == OBJECT)
+    simulate(item, data, console)
+    mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
+    began = time.perf_counter()
+    prediction = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    seconds = time.perf_counter() - began
+    rows = ObjectRows(data, ["occluded", "points"], None)
+    Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
+    draw_turntable(read_mesh(DataDirectory(data).collection(SURFACES).view(OBJECT)), reconstructed_mesh(prediction), turntable)
+    assert prediction.closed is not None
+    points = rows.read("points", OBJECT)
+    drawn, _ = sample_triangles(prediction.closed.vertices[prediction.closed.faces], len(points), np.random.default_rng(0))
+    mean_distance = cloud_distances(drawn, points).mean_distance
+    return Demo(mesh, turntable, image_path, prediction, mean_distance, seconds)
+
+
+def simulate(item: Object, data: Path, console: Console) -> None:
+    """Make the dataset of one object and one grasp."""
+    for name in DATASET:
+        stage = load_stage(name)
+        assert isinstance(stage, ObjectStage)
+        for plan in make_plans(Request(stage, resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data)):
+            if not plan.up_to_date():
+                run(plan, console)
+
+
+def reconstructed_mesh(prediction: Prediction) -> Mesh:
+    """Make a mesh of a closed reconstruction, in the image's colours, grey elsewhere."""
+    assert prediction.closed is not None
+    closed = prediction.closed
+    colors = np.where(closed.seen[:, None], closed.colors, np.array(GREY, np.uint8))
+    look = Look.plain(len(closed.vertices), len(closed.faces), (255, 255, 255))
+    faces = closed.faces.astype(np.int32)
+    return Mesh(closed.vertices, faces, replace(look, vertex_color=np.insert(colors, 3, 255, axis=1)))
+
+
+def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
+    """Draw an object and its reconstruction side by side, once around, as an animated WebP."""
+    scene = load_scene("supplement")
+    with Renderer(scene, PIXELS) as renderer:
+        cameras, views = _orbit(scene.camera.with_resolution(PIXELS), truth.vertices), []
+        for mesh in (truth, reconstruction):
+            with renderer.added(mesh, Label.OBJECT) as handle:
+                views.append([renderer.render([(handle, np.eye(4))], camera).rgb for camera in cameras])
+        frames = [Image.fromarray(np.concatenate(pair, axis=1)) for pair in zip(*views, strict=True)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, quality=80)
+
+
+def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
+    """Place cameras once around the middle of points, starting from a camera, each with a view of all points."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y, z = ((low + high) / 2).tolist()
+    size = float(np.linalg.norm(high - low)) / np.sqrt(12)
+    corners = np.array([[x, y, z]]) + size * np.array(list(product((-1, 1), repeat=3)))  # of a cube that is as large
+    across, along, up = (np.array(camera.position) - (x, y, z)).tolist()
+    cameras = []
+    for angle in np.arange(FRAMES) * 2 * np.pi / FRAMES:
+        cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+        position = (x + cosine * across - sine * along, y + sine * across + cosine * along, z + up)
+        cameras.append(fitted_camera(camera.model_copy(update={"position": position}), corners))
+    return cameras

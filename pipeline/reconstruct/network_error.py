@@ -1,0 +1,88 @@
+"""Describe a network's error: from its evaluation, from the card of a shipped network, or from its training."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from pipeline.console import pluralise
+from pipeline.errors import StoreError
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.kernels.networks.implicit_network import ImplicitConfig
+from pipeline.models.families import ROWS, model_name, network_of
+from pipeline.models.shipped_weights import card_path, read_card
+from pipeline.reconstruct.observation_reader import ObservationReader
+from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
+from pipeline.store.storage import exists
+from stages.evaluate.baselines import BASELINE_PREFIX, LABELS, retrieved_by
+from stages.evaluate.evaluation_files import evaluation_name, read_figures
+
+
+def error_note(reader: ObservationReader) -> str:
+    """Describe the error of a reader's network on objects that it was not trained on; warn if looking up a training object is better.
+
+    Raises
+    ------
+    StoreError
+        The card of a network that ships cannot be read.
+    """
+    models, model = reader.models, reader.model
+    model_inputs = (model.configuration, model.image, model.touch)
+    name = next(
+        (row for row, (configuration, row_inputs) in ROWS.items() if (configuration, row_inputs.image, row_inputs.touch) == model_inputs),
+        model.configuration,
+    )
+    if note := _by_evaluation(reader, name):
+        return note
+    card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None
+    if card and (overall := card.errors.get(name, {}).get("all")):
+        mm, objects = _rms_distance(overall.mean), overall.objects
+        return f"{name}: {mm:.0f} mm (root mean square) from the surfaces of {objects} objects of 0.5 m that it has not seen"
+    subject = f"{network_of(name)}, over all combinations of inputs" if name in ROWS else name
+    advice = "" if card else "; `evaluate` compares it with looking up the nearest training object"
+    return f"{subject}: {_by_training(reader, name)}{advice}"
+
+
+def _by_evaluation(reader: ObservationReader, name: str) -> str | None:
+    """Compare the mean distance with that of the training object retrieved by the same inputs; None if the network was not evaluated."""
+    directory, evaluated = DataDirectory(reader.models.parent), evaluation_name(reader.training_seed)
+    if reader.models.name != "models" or not exists(directory.folder_record(evaluated)):
+        return None
+    try:
+        check_origins(directory, [evaluated])
+        figures = read_figures(directory.verified_folder(evaluated))
+    except StoreError:
+        return None  # out of date: `evaluate` says why
+    baseline_name = retrieved_by(reader.model.image, reader.model.touch)
+    if name not in figures or (baseline := figures.get(baseline_name)) is None:
+        return None
+    ours, theirs = (1e3 * float(rows.per_object("mean_distance").mean()) for rows in (figures[name], baseline))
+    nearer = "" if ours < theirs else "warning: worse than looking up: "
+    objects = pluralise(len(figures[name].object_ids), "test object")
+    return (
+        f"{nearer}{name}: {ours:.1f} mm from the surfaces of {objects} on average, with one grasp of each; "
+        f"the {LABELS[baseline_name.removeprefix(BASELINE_PREFIX)]} in its place: {theirs:.1f} mm"
+    )
+
+
+def _by_training(reader: ObservationReader, name: str) -> str:
+    """Convert the validation loss of the best epoch to mm."""
+    model = reader.model
+    record = model_name(name, reader.training_seed).removeprefix("models/")
+    directory = DataDirectory(reader.models)
+    try:
+        loss = float(directory.folder(record).facts["best"]["loss"])
+    except (KeyError, TypeError, ValueError) as error:
+        path = directory.folder_record(record)
+        raise StoreError(f"{path}: it lacks the validation loss of a training; delete it and train the model again") from error
+    if isinstance(model.config, ImplicitConfig):
+        return f"signed distances near validation objects, scaled to 0.5 m, are wrong by {1e3 * loss * model.config.band:.1f} mm on average"
+    if model.has_charts:
+        return f"{_rms_distance(loss):.1f} mm (root mean square) from the surfaces of validation objects, scaled to 0.5 m"
+    return f"validation loss {loss:.3g}"
+
+
+def _rms_distance(chamfer: float) -> float:
+    """Convert a Chamfer distance, in Table 3's unit, to the root mean square distance of one direction, mm."""
+    return 1e3 * math.sqrt(chamfer / (2 * TABLE_3_FACTOR))

@@ -1,0 +1,273 @@
+"""Observations of a robot: what it saw and felt of one object, as a YAML file or as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, model_validator
+
+from pipeline.console import pluralise
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
+from pipeline.formats.file_units import METRES
+from pipeline.kernels.vision.background import foreground
+from pipeline.reconstruct.observed_files import Depth, Image, Mask, SensorName, check_array, size_text
+from pipeline.reconstruct.observed_pose import Entries, Pose, Vector
+
+NOWHERE = "object.centre is missing"
+"""Beginning of the fault that the object cannot be located."""
+
+TO_ADD = ": add the entry "
+"""Precedes the entries that a model needs, at the end of the fault that they are missing."""
+
+MAX_TOUCHES = 256
+
+
+class ObservedObject(Entries):
+    """Where the object is."""
+
+    centre: Annotated[
+        Vector | None, Field(description="of its bounding box; by default estimated from `depth` and `mask`, else touches")
+    ] = None
+    diagonal: Annotated[float | None, Field(gt=0, description="of its bounding box; by default estimated from `depth` and `mask`")] = None
+
+
+class Intrinsics(Entries):
+    """Focal lengths and principal point, pixels; the centre of the top left pixel is (½, ½)."""
+
+    fx: Annotated[float, Field(ge=10, le=1e6, description="focal length along columns")]
+    fy: Annotated[float, Field(ge=10, le=1e6, description="focal length along rows")]
+    cx: Annotated[float, Field(ge=-1e6, le=1e6, description="column of the principal point; OpenCV's and ROS's plus ½")]
+    cy: Annotated[float, Field(ge=-1e6, le=1e6, description="row of the principal point; OpenCV's and ROS's plus ½")]
+
+
+class ObservedCamera(Entries):
+    """A rectified photograph and its camera."""
+
+    image: Annotated[Image, Field(description="8-bit RGB photograph, without distortion")]
+    intrinsics: Annotated[Intrinsics, Field(description="of the photograph")]
+    pose: Annotated[Pose, Field(description="camera to the file's frame: an extrinsic, as from hand-eye calibration")]
+    convention: Annotated[
+        Literal["opencv", "opengl"],
+        Field(
+            description="axes of the camera: `opencv` and ROS's optical frames look along +z, +y down; `opengl` and Blender along -z, +y up"
+        ),
+    ] = "opencv"
+    mask: Annotated[
+        Mask | None,
+        Field(
+            description="not 0 where the photograph shows the object; without it, all that differs in colour from the photograph's border"
+        ),
+    ] = None
+    hand_mask: Annotated[Mask | None, Field(description="not 0 where it shows the robot in front of the object")] = None
+    depth: Annotated[
+        Depth | None, Field(description="depth along the viewing direction, registered to the photograph: 16-bit PNG, or .npy, m")
+    ] = None
+    depth_scale: Annotated[float, Field(gt=0, le=1, description="m per level of a 16-bit depth image; 0.001 for mm")] = 1e-3
+    depth_as_touch: Annotated[
+        bool,
+        Field(description="give the visible points of `depth` as touched, to networks with touch: for depth right to 2 mm; needs `mask`"),
+    ] = False
+
+    @model_validator(mode="after")
+    def _is_one_size(self) -> ObservedCamera:
+        check_array("image", self.image, np.uint8, 3)
+        shape = self.image.shape[:2]
+        for name in ("mask", "hand_mask"):
+            if (mask := getattr(self, name)) is not None:
+                check_array(name, mask, np.bool_, 2)
+        if self.depth is not None:
+            check_array("depth", self.depth, self.depth.dtype if self.depth.dtype.kind == "f" else np.uint16, 2)
+        for name in ("mask", "hand_mask", "depth"):
+            if (array := getattr(self, name)) is not None and array.shape != shape:
+                raise ValueError(f"{name} has {size_text(array)} pixels, the image {size_text(self.image)}; register them")
+        if self.mask is not None and not self.mask.any():
+            raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
+        if lacking := [name for name in ("depth", "mask") if getattr(self, name) is None and self.depth_as_touch]:
+            raise ValueError(f"depth_as_touch needs {' and '.join(lacking)}: without, nobody knows which points are the object's")
+        return self
+
+    @cached_property
+    def metres(self) -> NDArray[np.float64] | None:
+        """(rows, cols) depth, m; NaN where nothing was measured: at 0, negative and infinite numbers."""
+        if self.depth is None:
+            return None
+        depth = self.depth.astype(np.float64) * (self.depth_scale if self.depth.dtype == np.uint16 else 1.0)
+        return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
+
+    @cached_property
+    def object_pixels(self) -> NDArray[np.bool_]:
+        """(rows, cols): where the photograph shows the object, by its mask or else by its border's colour, and not the robot."""
+        mask = foreground(self.image) if self.mask is None else self.mask
+        return mask if self.hand_mask is None else mask & ~self.hand_mask
+
+
+class ObservedTouch(Entries):
+    """A tactile image and the pose of its sensor."""
+
+    tactile_image: Annotated[Image, Field(description="8-bit RGB photograph by the sensor's camera, +x along columns, +y along rows")]
+    pose: Annotated[Pose, Field(description="sensor frame to the file's frame: origin in the middle of the gel's base, +z out of the gel")]
+    touched: Annotated[
+        bool | Literal["auto"], Field(description="whether the sensor touches; `auto`: if the image differs from the untouched one")
+    ] = "auto"
+    name: Annotated[str | None, Field(max_length=100, description="for messages: `index`, `thumb`")] = None
+
+
+class RobotObservation(Entries):
+    """What a robot saw and felt of one object that does not move, in one frame of its own: its base, say."""
+
+    unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
+    up: Annotated[Vector, Field(description="direction against gravity in the file's frame: networks know objects upright")] = (0, 0, 1)
+    object: Annotated[ObservedObject, Field(description="where the object is")] = ObservedObject()
+    camera: Annotated[ObservedCamera | None, Field(description="photograph and camera; needed by networks with an image")] = None
+    sensor: Annotated[SensorName | None, Field(description="name or file of the sensors' description; needed with touches")] = None
+    untouched: Annotated[
+        Image | None, Field(description="tactile image of the sensor without contact; by default the one that the model was trained with")
+    ] = None
+    accept_photographs: Annotated[
+        bool,
+        Field(description="take tactile images that look altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"),
+    ] = False
+    touches: Annotated[
+        tuple[ObservedTouch, ...],
+        Field(
+            max_length=MAX_TOUCHES, description=f"touches, at most {MAX_TOUCHES}; needed by networks with touch, unless `depth_as_touch`"
+        ),
+    ] = ()
+
+    def __init__(self, **entries: Any) -> None:
+        try:
+            super().__init__(**entries)
+        except ValidationError as error:
+            faults = invalid_entries(error, entry_names(RobotObservation))
+            raise InvalidInput(f"observation: {faults}. {entries_of(RobotObservation)}") from error
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # `model_validate` does without it, and keeps its context
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> RobotObservation:
+        if self.touches and self.sensor is None:
+            raise ValueError("touches need the entry sensor: a shipped sensor's name, or a sensor file")
+        if not any(self.up):
+            raise ValueError("up is the zero vector; it must point against gravity")
+        images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
+        images += [] if self.untouched is None else [("untouched", self.untouched)]
+        for name, image in images:
+            check_array(name, image, np.uint8, 3)
+            first, size = images[0][0], size_text(images[0][1])
+            if size_text(image) != size:
+                raise ValueError(f"{name} has {size_text(image)} pixels, {first} {size}; give photographs by one kind of sensor")
+        return self
+
+    @property
+    def metres_per_unit(self) -> float:
+        """Metres per unit of length."""
+        return METRES[self.unit]
+
+    @property
+    def is_felt(self) -> bool:
+        """Check whether there is input for networks with touch: a touch that is not stated to be none, or visible points in its place."""
+        return any(touch.touched is not False for touch in self.touches) or (self.camera is not None and self.camera.depth_as_touch)
+
+    def name_of(self, number: int) -> str:
+        """Name a touch for messages."""
+        return self.touches[number].name or f"touches.{number}"
+
+    def metric(self, pose: Pose) -> NDArray[np.float64]:
+        """Return a pose (4, 4), m."""
+        scaled = pose.array.copy()
+        scaled[:3, 3] *= self.metres_per_unit
+        return scaled
+
+    @cached_property
+    def projection(self) -> NDArray[np.float64] | None:
+        """(3, 4) projection matrix of the photograph: this frame, m, to pixels."""
+        if self.camera is None:
+            return None
+        k, pose = self.camera.intrinsics, self.metric(self.camera.pose)
+        if self.camera.convention == "opengl":
+            pose = pose @ np.diag([1.0, -1, -1, 1])
+        intrinsic = np.array([[k.fx, 0, k.cx], [0, k.fy, k.cy], [0, 0, 1.0]])
+        return np.asarray(intrinsic @ np.column_stack([pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]]))
+
+    @cached_property
+    def sensor_poses(self) -> NDArray[np.float64]:
+        """(T, 4, 4) sensor frames, m."""
+        return np.array([self.metric(touch.pose) for touch in self.touches]).reshape(-1, 4, 4)
+
+    def __repr__(self) -> str:
+        photograph = "a photograph" if self.camera else "no photograph"
+        return f"RobotObservation({photograph}, {pluralise(len(self.touches), 'touch')}, {self.unit})"
+
+    __str__ = __repr__
+
+
+def read_entries(path: Path) -> Any:
+    """Read the entries of an observation file, and no file that they name; an `InvalidInput` if it is missing or no YAML."""
+    try:
+        return read_yaml(path)
+    except (ValueError, yaml.YAMLError) as error:
+        raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
+
+
+def load_observation(path: Path | str, faults: Callable[[RobotObservation], list[str]] = lambda observation: []) -> RobotObservation:
+    """Read an observation file with all files that it names.
+
+    Parameters
+    ----------
+    path
+        The YAML file; names in it are relative to its folder.
+    faults
+        Finds further faults.
+
+    Raises
+    ------
+    InvalidInput
+        The file cannot be used; the message lists every unknown, missing or unusable entry, every file that cannot be read, and what
+        `faults` finds in the rest.
+    """
+    path = Path(path)
+    entries = read_entries(path)
+    context, lines, hint = {"folder": path.parent}, [], ""
+    try:
+        observation: RobotObservation | None = RobotObservation.model_validate(entries, context=context)
+    except ValidationError as error:
+        names = entry_names(RobotObservation)
+        lines, hint = [invalid_entries(error, names)], f". {entries_of(RobotObservation)}"
+        observation = _usable_part(entries, error, context)
+    if observation is not None:  # invalid cameras or touches might have located the object
+        lines += [line for line in faults(observation) if not (lines and _may_follow(line, entries, observation))]
+    if lines:
+        raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
+    assert observation is not None
+    return observation
+
+
+def _may_follow(line: str, entries: dict[str, Any], observation: RobotObservation) -> bool:
+    """Return whether a fault of the usable part may be due to invalid entries that were taken out of it."""
+    removed = [name for name in ("camera", "touches") if entries.get(name) and not getattr(observation, name)]
+    return line.startswith(NOWHERE) or any(name in line.rpartition(TO_ADD)[2] for name in removed if TO_ADD in line)
+
+
+def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:
+    """Validate the entries that an error does not name, so that their faults are found too."""
+    places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
+    if not isinstance(entries, dict) or () in places:
+        return None
+    faulty = {place[0] for place in places if len(place) == 1}
+    if "sensor" in faulty:  # without it no touch is valid
+        faulty.add("touches")
+    usable = {name: value for name, value in entries.items() if name not in faulty}
+    if isinstance(usable.get("touches"), list):
+        numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(usable["touches"])]
+        usable["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]
+    try:
+        return RobotObservation.model_validate(usable, context=context)
+    except ValidationError:
+        return None

@@ -1,1 +1,0 @@
-"""Reports: statistics, tables, contact sheets, galleries."""

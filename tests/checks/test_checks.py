@@ -1,0 +1,191 @@
+"""`vt-pipeline check` of sensors, scenes and observations: faults are named, and a picture is drawn."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from pipeline.checks.description_checks import check_file
+from pipeline.checks.hand_check import gel_lines
+from pipeline.drawing.plots import draw_curves, draw_histogram
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.description_file import description_path
+from pipeline.formats.scene_file import load_scene
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.vision.camera import projection_matrix
+from pipeline.reconstruct.model_inputs import ModelInputs
+from pipeline.tables.results import training_losses
+from tests.checks.edited_descriptions import edited
+from tests.reconstruct.robot import SENSOR, write_files, write_observation
+
+
+@pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "one-of-each"])
+def test_shipped_files_have_no_faults_and_a_picture(name: str, tmp_path: Path) -> None:
+    lines = check_file(name, tmp_path / "a.png")
+    assert "no faults" in lines[0]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 300
+
+
+def test_elastic_gel_is_described_with_the_force_of_the_ball_in_the_picture(tmp_path: Path) -> None:
+    path = edited("sensor", "gel_16mm", tmp_path / "soft.yaml", gel={"modulus": 2e5})
+    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    layer = "elastic gel: 0.2 MPa, Poisson's ratio 0.48, 6.8 mm; the ball in the picture, 1.7 mm deep"
+    found = re.fullmatch(layer + r", presses with (\S+) N, at most (\S+) kPa", line)
+    assert found
+    hertz = 4 / 3 * 2e5 / (1 - 0.48**2) * (0.01641 / 4) ** 0.5 * 0.0017**1.5
+    assert hertz < float(found[1]) < 2.5 * hertz  # of a half-space; the layer's plate is near
+    assert 30 < float(found[2]) < 300
+    assert not [line for line in check_file("gel_16mm", tmp_path / "a.png") if line.startswith("elastic")]
+
+
+def test_ball_in_the_picture_is_pressed_into_a_gel_that_is_low_in_the_middle(tmp_path: Path) -> None:
+    dish = {"heights": [[0.0068] * 3, [0.0068, 0.004, 0.0068], [0.0068] * 3]}
+    path = edited("sensor", "gel_16mm", tmp_path / "dish.yaml", gel={"modulus": 2e5}, surface=dish)
+    (line,) = [line for line in check_file(str(path), tmp_path / "a.png") if line.startswith("elastic")]
+    assert re.search(r"the ball in the picture, 1(\.0\d)? mm deep, presses with \d*\.?\d*[1-9]\d* N", line)
+
+
+def test_gel_lines_have_the_size_and_curvature_of_the_gel() -> None:
+    base, rim, row, column = gel_lines(load_sensor("digit"))  # 20 x 30 x 5 mm, on a ball of 100 mm
+    np.testing.assert_allclose(np.ptp(base, axis=0), [0.02, 0.03, 0])
+    np.testing.assert_allclose([row[:, 2].max(), column[:, 2].max()], 0.005, atol=1e-5)
+    np.testing.assert_allclose(rim[0], [-0.01, -0.015, 0.005 - 0.1 + np.sqrt(0.1**2 - 0.01**2 - 0.015**2)], atol=5e-5)
+
+
+def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
+    (camera,) = yaml.safe_load(description_path("scene", "supplement").read_text())["cameras"]
+    path = edited("scene", "supplement", tmp_path / "seen.yaml", cameras=[camera | {"name": "default"}])
+    assert "no faults" in check_file(str(path), tmp_path / "a.png")[0]
+    away = camera | {"name": "away", "rotation": [70.458, 4.94, -66.46]}
+    path = edited("scene", "supplement", tmp_path / "away.yaml", cameras=json.loads(json.dumps([camera, away])))
+    lines = check_file(str(path), tmp_path / "a.png")
+    assert "faults below" in lines[0]
+    assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
+    entries = write_files(tmp_path)
+    entries["touches"][1]["pose"] = (np.array(entries["touches"][1]["pose"]) @ np.diag([1.0, -1, -1, 1])).tolist()
+    if unit == "mm":
+        entries["unit"] = unit
+        entries["object"] = {"centre": [1e3 * value for value in entries["object"]["centre"]]}
+        for holder in (entries["camera"], *entries["touches"]):
+            holder["pose"] = (np.array(holder["pose"]) * np.vstack([[[1, 1, 1, 1e3]] * 3, [[1, 1, 1, 1]]])).tolist()
+    path = write_observation(tmp_path, entries)
+    lines = check_file(str(path), tmp_path / "a.png")
+    place = {"m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m", "mm": "[400, -100, 200] mm (as stated), size not known"}[unit]
+    assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
+    assert "camera: 160 x 120 pixels, 0.5 m from the object, 0.0° above its horizon" in lines[2]
+    assert lines[3].startswith("touches.0: touches if its image shows so, 59 mm from the object's centre")
+    assert "warning: it faces away" in lines[4]
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 900
+
+
+def test_observation_is_checked_against_a_model_and_drawn_as_its_input(tmp_path: Path) -> None:
+    path = write_observation(tmp_path, write_files(tmp_path))
+    camera = projection_matrix(load_scene("supplement").camera)
+    given = ModelInputs("occluded-touch", CONFIGURATIONS["occluded-touch"], camera, (256, 256), (230, 232, 235), SENSOR)
+    lines = check_file(str(path), tmp_path / "a.png", given)
+    assert "with model occluded-touch:" in lines
+    assert any("the views differ by 19.2°" in line for line in lines)
+    assert any("give camera.hand_mask too" in line for line in lines)
+    with pytest.raises(InvalidInput, match="is a scene file; only an observation is checked against models"):
+        check_file("supplement", tmp_path / "b.png", given)
+
+
+def test_masks_that_are_inverted_or_hide_the_object_are_named(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    mask = np.asarray(Image.open(tmp_path / "mask.png"))
+    Image.fromarray(255 - mask).save(tmp_path / "inverted.png")
+    given = ModelInputs(
+        "unoccluded", CONFIGURATIONS["unoccluded"], projection_matrix(load_scene("supplement").camera), (256, 256), None, None
+    )
+    for changes, words in (
+        ({"mask": "inverted.png"}, "camera.mask holds most of the photograph's border: is it inverted?"),
+        ({"hand_mask": "inverted.png"}, "camera.hand_mask holds most of the photograph's border: is it inverted?"),
+        ({"hand_mask": "mask.png"}, "camera.hand_mask covers all of the object: is it inverted?"),
+    ):
+        path = write_observation(tmp_path, entries | {"camera": entries["camera"] | changes})
+        assert f"warning: {words}" in check_file(str(path), tmp_path / "a.png", given)
+
+
+def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:
+    entries = write_files(tmp_path)
+    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "seen.png")
+    del entries["camera"]["mask"]
+    entries["camera"]["intrinsics"] = {"fx": 10, "fy": 10, "cx": 0.5, "cy": 0.5}
+    assert check_file(str(write_observation(tmp_path, entries)), tmp_path / "a.png")
+
+
+def test_picture_replaces_a_symbolic_link_and_keeps_its_target(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    (tmp_path / "a.png").symlink_to(tmp_path / "thesis.txt")
+    check_file("supplement", tmp_path / "a.png")
+    assert (tmp_path / "thesis.txt").read_text() == "mine"
+    with Image.open(tmp_path / "a.png") as picture:
+        assert picture.width > 300
+
+
+def test_picture_that_would_replace_a_file_of_the_observation_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_observation(tmp_path, write_files(tmp_path)).rename(tmp_path / "seen.yaml")
+    (tmp_path / "elsewhere").mkdir()
+    photograph = (tmp_path / "seen.png").read_bytes()
+    monkeypatch.chdir(tmp_path)
+    for picture in (None, Path("seen.png"), tmp_path / "index.png"):
+        with pytest.raises(InvalidInput, match=r"(seen|index).png is a file that .*seen.yaml needs, .*name another one with --picture"):
+            check_file("seen.yaml", picture)
+    with pytest.raises(InvalidInput, match=r"seen.yaml is a file that seen.yaml needs"):
+        check_file("seen.yaml", tmp_path / "seen.yaml")
+    assert (tmp_path / "seen.png").read_bytes() == photograph
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    check_file(str(path), None)
+    assert Path("seen.png").is_file()
+
+
+def test_picture_of_an_unknown_format_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match=r"a.xyz: the suffix .xyz names no picture format; use .*png"):
+        check_file("supplement", tmp_path / "a.xyz")
+
+
+FORMULA = r"$\frac{$"
+"""What matplotlib cannot read as a formula."""
+
+
+def test_names_with_dollars_are_drawn_literally(tmp_path: Path) -> None:
+    source = {"kind": "pybullet", "licence": "zlib", "category": FORMULA, "files": {"duck": {"file": "duck.obj"}}}
+    manifest = {"name": "n", "description": "d", "seed": 0, "splits": {"train": 1, "valid": 0, "test": 0}, "sources": [source]}
+    (tmp_path / "manifest.yaml").write_text(yaml.safe_dump(manifest))
+    check_file(str(tmp_path / "manifest.yaml"), tmp_path / "manifest.png")
+    draw_histogram(tmp_path / "areas.svg", {FORMULA: np.ones(3), "a\x00b": np.ones(2)}, x="x", y="y")
+    drawn = (tmp_path / "areas.svg").read_text()
+    assert FORMULA in drawn
+    assert "a\\x00b" in drawn
+
+
+def test_histogram_with_a_limit_counts_what_lies_beyond_its_decades(tmp_path: Path) -> None:
+    draw_histogram(tmp_path / "speed.svg", {"_": np.array([0.0, 1e-9, 3.0, 1e9, np.inf])}, x="speed", y="%", limit=10.0)
+    drawn = (tmp_path / "speed.svg").read_text()
+    assert "speed" in drawn
+    assert "stroke-dasharray" in drawn  # the limit
+
+
+def test_learning_curves_keep_the_powers_of_their_ticks_and_need_losses(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").write_text(json.dumps([{"loss": 0.1, "train_loss": 10.0}, {"loss": 0.01, "train_loss": 0.001}]))
+    draw_curves(*training_losses(tmp_path), tmp_path / "curves.svg")
+    drawn = re.sub("<!--.*?-->", "", (tmp_path / "curves.svg").read_text())
+    assert "epoch" in drawn
+    assert "mathdefault" not in drawn
+    for damage in ("", "[]", "{}", "[1]", '[{"loss": 1}]'):
+        (tmp_path / "metrics.json").write_text(damage)
+        with pytest.raises(StoreError, match=r"metrics.json lacks the losses"):
+            training_losses(tmp_path)

@@ -1,0 +1,167 @@
+"""Exports: contents of WebDataset shards, and errors. Other libraries read their formats in `read_back.py`."""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import io
+import json
+import os
+import tarfile
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.contrib.exports.lerobot_files import QUANTILES, _Statistics
+from pipeline.contrib.exports.webdataset_shards import write_webdataset
+from pipeline.dataset.object_rows import ObjectRows
+from pipeline.errors import StoreError
+from pipeline.store.atomic import atomic_writes
+from tests.stages import ball_dataset
+
+FINGERS = [f"finger-{number}" for number in range(4)]
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("balls")
+    ball_dataset.make_data(folder, 2)
+    return folder
+
+
+def vt(*arguments: object, fails: bool = False) -> str:
+    result = CliRunner().invoke(app, [*map(str, arguments)])
+    assert (result.exit_code != 0) == fails, result.output
+    return result.output
+
+
+def files_in(shard: Path) -> dict[str, bytes]:
+    with tarfile.open(shard) as tar:
+        return {member.name: tar.extractfile(member).read() for member in tar}
+
+
+def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
+    output = vt("export", data, tmp_path / "out", "--to", "webdataset")
+    shards = sorted((tmp_path / "out").iterdir())
+    frames = GraspFrames(data)
+    assert [shard.name for shard in shards] == [f"{split}-000000.tar" for split in sorted(frames.object_ids)]
+    rows = ObjectRows(data, ["depth", "tactile_image"], split=None)
+    samples = 0
+    for shard in shards:
+        files = files_in(shard)
+        for key in {name.partition(".")[0] for name in files}:
+            about = json.loads(files[f"{key}.json"])
+            depth = np.load(io.BytesIO(files[f"{key}.depth_{FINGERS[2]}.npy"]))
+            image = np.asarray(Image.open(io.BytesIO(files[f"{key}.tactile_image_{FINGERS[2]}.png"])))
+            np.testing.assert_array_equal(depth, rows.read("depth", about["object_id"], about["grasp"])[2])
+            np.testing.assert_array_equal(image, rows.read("tactile_image", about["object_id"], about["grasp"])[2])
+            samples += 1
+    assert f"{samples} grasps" in output
+    write_webdataset(frames, tmp_path / "again")
+    assert [(tmp_path / "again" / shard.name).read_bytes() for shard in shards] == [shard.read_bytes() for shard in shards]
+
+
+def test_folder_that_is_not_empty_is_refused(data, tmp_path):
+    (tmp_path / "mine").write_text("")
+    assert "is not empty" in vt("export", data, tmp_path, "--to", "webdataset", fails=True)
+    assert "mine is a file; name a folder that is not there yet" in vt("export", data, tmp_path / "mine", fails=True)
+
+
+def test_unsupported_format_writes_nothing(data, tmp_path):
+    assert "scenes are written as glTF" in vt("export", data, tmp_path / "duck.obj", "--object", "a", fails=True)
+    assert not (tmp_path / "duck.obj").exists()
+
+
+def test_object_option_is_for_scenes_only(data, tmp_path):
+    assert "--object is for --to mesh" in vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyarrow") is not None, reason="pyarrow is installed")
+def test_missing_pyarrow_is_named_with_the_command_that_installs_it(data, tmp_path):
+    assert "pip install -c constraints.txt -e '.[export]'" in vt("export", data, tmp_path / "out", "--to", "parquet", fails=True)
+
+
+@pytest.mark.parametrize("block", [1, 2**22])
+def test_lerobot_statistics_are_those_of_numpy_over_all_finite_values(tmp_path, monkeypatch, block):
+    monkeypatch.setattr("pipeline.contrib.exports.lerobot_files.BLOCK", block)
+    rng = np.random.default_rng(0)
+    depth = rng.normal(size=(37, 2, 3)).astype(np.float32)
+    depth[::3, 0, 1], depth[:, 1, 2] = np.inf, np.inf
+    images, grasps = rng.integers(0, 200, (37, 8, 9, 3), np.uint8), np.arange(37) % 5
+    columns = {"depth": Column("float32", (2, 3)), "image": Column("image", (8, 9, 3)), "grasp": Column("int64"), "split": Column("string")}
+    with (tmp_path / "numbers").open("w+b") as file:
+        statistics = _Statistics(columns, file)
+        for number in range(37):
+            statistics.update({"depth": depth[number], "image": images[number], "grasp": grasps[number], "split": "test"})
+        summary = statistics.summary()
+    assert summary.keys() == {"depth", "image", "grasp"}
+    for name, values in {"depth": np.where(np.isfinite(depth), depth, np.nan), "image": images / 255, "grasp": grasps[:, None]}.items():
+        axes, shape = ((0, 1, 2), (3, 1, 1)) if name == "image" else (0, values.shape[1:])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the pixel without a finite depth
+            expected = {key: np.nanquantile(values, share, axis=axes, method="linear") for key, share in QUANTILES.items()}
+            expected |= {"mean": np.nanmean(values, axis=axes, dtype=float), "std": np.nanstd(values, axis=axes, dtype=float)}
+        assert summary[name].pop("count") == [37]
+        assert summary[name].keys() == expected.keys()
+        for key, value in expected.items():
+            np.testing.assert_allclose(summary[name][key], np.nan_to_num(value).reshape(shape), rtol=1e-6, atol=1e-7, err_msg=key)
+
+
+def test_killed_export_is_started_again_by_the_next(data, tmp_path):
+    unfinished = tmp_path / "out" / ".unfinished" / "files"
+    unfinished.mkdir(parents=True)
+    (unfinished / "test-000000.tar").write_text("half")
+    (unfinished / "test-000009.tar").write_text("half")
+    vt("export", data, tmp_path / "out", "--to", "webdataset")
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["test-000000.tar"]
+    assert files_in(tmp_path / "out" / "test-000000.tar")
+
+
+def test_failed_export_leaves_nothing_and_names_the_folder(data, tmp_path, monkeypatch):
+    def fails(frames, folder):
+        (folder / "half.tar").write_text("half")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("pipeline.contrib.exports.webdataset_shards.write_webdataset", fails)
+    output = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
+    assert f"No space left on device: '{tmp_path / 'out'}'" in output
+    assert not (tmp_path / "out").exists()
+
+
+def test_second_export_into_a_folder_is_refused_while_the_first_is_at_work(tmp_path):
+    with atomic_writes(tmp_path / "out") as folder:
+        (folder / "a").write_text("first")
+        with pytest.raises(StoreError, match="out is being made by another run"), atomic_writes(tmp_path / "out"):
+            pass
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["a"]
+
+
+@pytest.mark.parametrize("name", ["a", "b", ".unfinished"])
+def test_export_is_not_written_through_links_in_its_folder(tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "v").mkdir()
+    (tmp_path / "out" / name).symlink_to(tmp_path / "v")
+
+    def write() -> None:
+        with atomic_writes(tmp_path / "out") as folder:
+            (folder / "a").mkdir()
+            for file in ("a/one", "b"):
+                (folder / file).write_text("ours")
+
+    with pytest.raises(StoreError, match=f"{name} is a symbolic link to .*; nothing is written through links"):
+        write()
+    assert not [*(tmp_path / "v").iterdir()]
+
+
+def test_export_into_a_linked_folder_is_written(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    with atomic_writes(tmp_path / "out") as folder:
+        (folder / "a").write_text("ours")
+    assert (tmp_path / "disk" / "a").read_text() == "ours"

@@ -1,0 +1,170 @@
+"""Procedural objects: closed outward-wound parts, determined by the seed, all different."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from pipeline.contrib.toy_objects import CATEGORIES, KINDS, generate, maker_module
+from pipeline.kernels.geometry.mesh import Mesh, face_cross_products
+
+ROOT = Path(__file__).parents[2]
+SEEDS = 20
+KIND_NUMBERS = [pytest.param(c, k, id=f"{c}-{kind.__name__}") for c, kinds in KINDS.items() for k, kind in enumerate(kinds)]
+
+
+def draw(category: str, seed: int, kind: int | None = None) -> Mesh:
+    return generate(category, np.random.default_rng(seed), kind)
+
+
+def digest(mesh: Mesh) -> str:
+    look = mesh.look
+    arrays = (mesh.vertices, mesh.faces, look.uv, look.face_material, look.base_color, look.material_texture, *look.textures)
+    return hashlib.sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
+
+
+def parts(mesh: Mesh) -> np.ndarray:
+    """(F,) the connected part of every face."""
+    f = mesh.faces
+    links = coo_array((np.ones(2 * len(f)), (f[:, [0, 1]].ravel(), f[:, [1, 2]].ravel())), shape=(len(mesh.vertices),) * 2)
+    label: np.ndarray = connected_components(links, directed=False)[1]
+    return label[f[:, 0]]
+
+
+def check(mesh: Mesh) -> None:
+    """Check all properties that every object must have."""
+    vertices, faces, look = mesh.vertices, mesh.faces, mesh.look
+    assert vertices.dtype == np.float64
+    assert faces.dtype == np.int32
+    assert np.isfinite(vertices).all()
+    assert 500 <= len(faces) <= 15_000
+    assert np.array_equal(np.unique(faces), np.arange(len(vertices)))
+
+    # every directed edge once, and its reverse once: closed, manifold, consistently wound
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    there, back = edges @ [len(vertices), 1], edges @ [1, len(vertices)]
+    assert len(np.unique(there)) == len(there)
+    assert np.array_equal(np.sort(there), np.sort(back))
+
+    # outward: each part's signed volume is positive
+    part = parts(mesh)
+    first = np.unique(part, return_index=True)[1]  # parts are numbered from 0 without gaps
+    corners = mesh.triangles - vertices[faces[first, 0]][part][:, None]
+    volume = np.bincount(part, np.einsum("ij,ij->i", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    assert (volume > 0.0).all()
+
+    # no face so flat that float32 at the stored size would lose it: its height over its longest side
+    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
+    longest = np.linalg.norm(mesh.triangles - np.roll(mesh.triangles, 1, axis=1), axis=2).max(axis=1)
+    height = np.linalg.norm(face_cross_products(mesh.triangles), axis=1) / longest
+    assert height.min() > 1e-5 * diagonal
+
+    assert look.uv.shape == (len(vertices), 2)
+    assert look.uv.dtype == np.float32
+    assert look.uv.min() >= 0.0
+    assert look.uv.max() <= 1.0
+    assert look.face_material.shape == (len(faces),)
+    assert np.array_equal(np.unique(look.face_material), np.arange(len(look.base_color)))
+    assert look.base_color.shape[1] == 4
+    assert look.base_color.dtype == np.uint8
+    assert look.material_texture.shape == (len(look.base_color),)
+    assert set(look.material_texture[look.material_texture >= 0]) == set(range(len(look.textures)))
+    assert all(t.dtype == np.uint8 and t.ndim == 3 and t.shape[2] == 4 for t in look.textures)
+    assert len(look.base_color) >= 2
+
+
+@pytest.mark.parametrize(("category", "kind"), KIND_NUMBERS)
+def test_every_kind_has_closed_outward_parts_and_a_consistent_look(category: str, kind: int) -> None:
+    for seed in range(6):
+        check(draw(category, 1000 + seed, kind))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_many_objects_have_closed_outward_parts_and_a_consistent_look(category: str) -> None:
+    for seed in range(500):
+        check(draw(category, seed))
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_object_follows_from_the_seed(category: str) -> None:
+    assert digest(draw(category, 7)) == digest(draw(category, 7)) != digest(draw(category, 8))
+
+
+PRINT_DIGEST = """
+import hashlib
+from tests.contrib.toy_objects.test_toy_objects import CATEGORIES, KINDS, digest, draw
+print("digest", hashlib.sha256("".join(digest(draw(c, k, k)) for c in CATEGORIES for k in range(len(KINDS[c]))).encode()).hexdigest())
+"""
+
+
+def test_meshes_are_the_same_bytes_without_vector_instructions() -> None:
+    fewer = {
+        "NPY_DISABLE_CPU_FEATURES": " ".join(numpy_dispatched_features()),
+        "OPENBLAS_CORETYPE": "Prescott",
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F",
+    }
+    outputs = [
+        subprocess.run([sys.executable, "-c", PRINT_DIGEST], cwd=ROOT, env={**os.environ, **extra}, stdout=subprocess.PIPE, check=True)
+        for extra in ({}, fewer)
+    ]
+    assert outputs[0].stdout == outputs[1].stdout != b""
+
+
+def numpy_dispatched_features() -> list[str]:
+    """List the features of this processor for which numpy has separate code."""
+    features = np._core._multiarray_umath.__cpu_features__  # type: ignore[attr-defined]
+    return [name for name in np._core._multiarray_umath.__cpu_dispatch__ if features.get(name)]  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_objects_of_a_class_differ_in_shape_and_number_of_parts(category: str) -> None:
+    meshes = [draw(category, seed) for seed in range(SEEDS)]
+    extents = np.array([np.ptp(m.vertices, axis=0) for m in meshes])
+    shape = extents / np.linalg.norm(extents, axis=1, keepdims=True)
+    apart = np.abs(shape[:, None] - shape[None]).max(axis=2) + np.eye(SEEDS)
+    assert apart.min() > 1e-4  # of the diagonal
+    assert len({len(np.unique(parts(m))) for m in meshes}) >= 4
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_long_side_lies_along_the_axis_of_the_class_and_has_a_real_size(category: str) -> None:
+    axis, low, high = {
+        "bottle": (2, 0.05, 0.4),
+        "cellphone": (2, 0.09, 0.35),
+        "knife": (1, 0.13, 0.45),
+        "rifle": (1, 0.6, 1.6),
+        "brush": (1, 0.08, 0.45),
+        "hammer": (1, 0.15, 0.6),
+        "screwdriver": (1, 0.07, 0.45),
+    }.get(category, (None, 0.03, 0.5))
+    for seed in range(SEEDS):
+        extent = np.ptp(draw(category, seed).vertices, axis=0)
+        assert axis is None or extent.argmax() == axis
+        assert low < extent.max() < high
+
+
+@pytest.mark.parametrize("category", ["bottle", "cellphone"])
+def test_bottles_and_phones_have_textures(category: str) -> None:
+    assert all(draw(category, seed).look.textures for seed in range(SEEDS))
+
+
+@pytest.mark.parametrize("category", CATEGORIES)
+def test_maker_of_a_class_imports_no_other_class(category: str) -> None:
+    module = importlib.import_module(maker_module(category))
+    imported = {getattr(value, "__module__", None) for value in vars(module).values()}
+    assert not imported & {maker_module(other) for other in CATEGORIES if other != category}
+
+
+def test_unknown_category_is_refused_with_the_list_of_categories() -> None:
+    with pytest.raises(ValueError, match="'spoon'; known: bottle, cellphone, knife, rifle, bowl"):
+        draw("spoon", 0)

@@ -1,0 +1,261 @@
+"""`read-touch`: written files, watched folders, cameras, and errors."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import trimesh
+import yaml
+import zarr
+from numpy.typing import NDArray
+from PIL import Image
+from typer.testing import CliRunner
+
+from pipeline.cli.app import app
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import description_path
+from pipeline.formats.image_file import read_depth, read_image
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.networks.local_network import LocalNetwork
+from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
+from pipeline.models.shipped_weights import shipped_sensor_network
+from pipeline.models.touch_model import LocalTouchModel, save_touch_model
+from pipeline.real_touch.photograph_stream import camera_frames, photographs_of, watched
+from pipeline.real_touch.read_touch import PNG_STEP, TouchReader, write_reading
+from pipeline.real_touch.train_sensor import save_sensor_network
+from pipeline.store.digest import of_json
+
+ROWS, COLS = 36, 48
+SENSOR = resample(load_sensor("gelsight"), ROWS, COLS).model_copy(update={"name": "my_gel"})
+UNTOUCHED = untouched_image(SENSOR)
+
+
+def ball(depth: float) -> NDArray[np.uint8]:
+    y, x = np.mgrid[-1:1:36j, -1:1:48j] * 0.007
+    return tactile_image(np.where(np.hypot(x, y) < 0.003, SENSOR.w - depth, np.inf), SENSOR)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write a sensor file, an untrained network beside it, and three photographs."""
+    folder = tmp_path_factory.mktemp("sensor")
+    described = SENSOR.model_dump(mode="json", exclude_none=True)
+    (folder / "my_gel.yaml").write_text(yaml.safe_dump(described))
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(0)
+        network = LocalNetwork(4).eval()
+    save_sensor_network(LocalTouchModel(network, SENSOR, UNTOUCHED), folder / "my_gel-touch")
+    (folder / "photographs").mkdir()
+    for name, image in {"untouched": UNTOUCHED, "a": ball(0.001), "b": ball(0.0005)}.items():
+        Image.fromarray(image).save(folder / "photographs" / f"{name}.png")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def reader(folder: Path) -> TouchReader:
+    return TouchReader(folder / "my_gel.yaml", UNTOUCHED)
+
+
+def test_network_of_the_current_folder_is_found(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder / "my_gel-touch")
+    TouchReader(folder / "my_gel.yaml", read_image(folder / "photographs" / "untouched.png"), Path())
+
+
+def test_network_of_a_data_directory_is_found_by_its_record(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "my_gel-touch", tmp_path / "models" / "touch-0123")
+    record = {"location": "touch-0123"}
+    (tmp_path / "models" / "touch.json").write_text(json.dumps({"checksum": of_json(record), **record}))
+    reader = TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path / "models" / "touch")
+    assert reader.network == str(tmp_path / "models" / "touch-0123")
+
+
+def test_written_files_hold_the_reading(reader: TouchReader, tmp_path: Path) -> None:
+    reading = reader.read(ball(0.001))
+    files = write_reading(reading, tmp_path / "out", "a")
+    assert all(file.exists() for file in files)
+    depth = read_depth(tmp_path / "out" / "a-depth.png") * PNG_STEP
+    np.testing.assert_allclose(depth, np.minimum(reading.indentation, 65535 * PNG_STEP), rtol=0, atol=PNG_STEP)
+    group = zarr.open_group(tmp_path / "out" / "touches.zarr", mode="r")
+    arrays: Any = {name: group[f"a/{name}"] for name in ("indentation", "contact", "normals")}
+    np.testing.assert_array_equal(arrays["indentation"][:], reading.indentation)
+    np.testing.assert_array_equal(arrays["contact"][:], reading.contact)
+    np.testing.assert_array_equal(arrays["normals"][:], reading.normals)
+    assert arrays["indentation"].attrs["units"] == "m"
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "out" / "a-contact.png")) == 255, reading.contact)
+    np.testing.assert_allclose(np.linalg.norm(reading.normals, axis=-1), 1, rtol=0, atol=1e-6)
+    cloud: Any = trimesh.load(tmp_path / "out" / "a.ply")
+    assert len(cloud.vertices) == reading.contact.sum()
+    np.testing.assert_allclose(cloud.vertices, reading.points, rtol=0, atol=1e-8)
+    write_reading(reading, tmp_path / "out", "a")  # replaces the first
+
+
+def test_empty_cloud_is_written(reader: TouchReader, tmp_path: Path) -> None:
+    reading = reader.read(UNTOUCHED)
+    object.__setattr__(reading, "contact", np.zeros_like(reading.contact))
+    write_reading(reading, tmp_path, "none")
+    assert b"element vertex 0\n" in (tmp_path / "none.ply").read_bytes()
+
+
+def test_normals_follow_the_surface_of_the_gel(reader: TouchReader) -> None:
+    reading = reader.read(ball(0.001))
+    x = (np.arange(COLS) + 0.5) / COLS * SENSOR.width
+    object.__setattr__(reading, "indentation", np.broadcast_to(0.5 * x, (ROWS, COLS)).astype(np.float32))
+    np.testing.assert_allclose(reading.normals[5, 5], np.array([0.5, 0, 1]) / np.sqrt(1.25), rtol=0, atol=1e-5)
+
+
+def test_command_reads_all_photographs_of_a_folder_but_the_untouched_one(folder: Path, tmp_path: Path) -> None:
+    photographs = folder / "photographs"
+    options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml"), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
+    assert result.exit_code == 0, result.output
+    assert "2 photographs" in result.output
+    assert "read by " in result.output
+    assert {file.name for file in (tmp_path / "out").glob("*-depth.png")} == {"a-depth.png", "b-depth.png"}
+
+
+def test_photograph_of_another_size_is_named(folder: Path, tmp_path: Path) -> None:
+    photographs = shutil.copytree(folder / "photographs", tmp_path / "photographs")
+    Image.new("RGB", (7, 5)).save(photographs / "small.png")
+    options = ["--untouched", str(photographs / "untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
+    result = CliRunner().invoke(app, ["read-touch", str(photographs), *options])
+    assert result.exit_code == 1
+    assert "small: it has 7 x 5 pixels, the untouched photograph 48 x 36" in " ".join(result.output.split())
+
+
+def test_new_photographs_of_a_watched_folder_are_read_when_complete(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def watched_names() -> Iterator[str]:
+        for name, _ in watched(tmp_path, tmp_path / "untouched.png"):
+            yield name
+
+    Image.fromarray(UNTOUCHED).save(tmp_path / "untouched.png")
+    Image.fromarray(UNTOUCHED).save(tmp_path / "a.png")
+    names = watched_names()
+    assert next(names) == "a"
+    (tmp_path / "b.png").write_bytes((tmp_path / "a.png").read_bytes()[:-40])  # half written
+    Image.fromarray(UNTOUCHED).save(tmp_path / "c.png")
+    assert next(names) == "c"
+    Image.fromarray(UNTOUCHED).save(tmp_path / "b.png")
+    assert next(names) == "b"
+    (tmp_path / "d.png").write_text("no photograph")
+    os.utime(tmp_path / "d.png", (0, 0))  # written long ago
+    Image.fromarray(UNTOUCHED).save(tmp_path / "e.png")
+    assert next(names) == "e"
+    Image.fromarray(UNTOUCHED).save(tmp_path / "a.bmp")  # another file of the same name
+    (tmp_path / "f.png").write_bytes((tmp_path / "b.png").read_bytes())
+    assert next(names) == "f"
+    reports = " ".join(capsys.readouterr().err.split())
+    assert reports.count("left out until it changes") == 1
+    assert "d.png" in reports
+    assert "left out: a.bmp, as a.png has the same name" in reports
+    Image.fromarray(UNTOUCHED).save(tmp_path / "d.png")
+    assert next(names) == "d"
+    with pytest.raises(InvalidInput, match="is no folder; --watch"):
+        next(watched(tmp_path / "a.png", tmp_path))
+
+
+class Capture:
+    """A camera with two frames and the interface of OpenCV."""
+
+    def __init__(self, number: int) -> None:
+        self.frames = [np.full((2, 3, 3), (1, 2, 3), np.uint8)] * 2 if number == 0 else []
+        self.released = False
+
+    def isOpened(self) -> bool:
+        return bool(self.frames)
+
+    def read(self) -> tuple[bool, Any]:
+        return (True, self.frames.pop()) if self.frames else (False, None)
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_camera_frames_are_converted_to_rgb(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", types.SimpleNamespace(VideoCapture=Capture))
+    frames = list(camera_frames(0))
+    assert [name for name, _ in frames] == ["000000", "000001"]
+    assert frames[0][1][0, 0].tolist() == [3, 2, 1]
+    with pytest.raises(InvalidInput, match="OpenCV opens no camera 1"):
+        next(camera_frames(1))
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(InvalidInput, match=r"\.\[camera\]"):
+        next(camera_frames(0))
+
+
+def test_network_beside_the_sensor_file_precedes_the_shipped_one_and_both_require_the_same_sensor(folder: Path, tmp_path: Path) -> None:
+    untouched = untouched_image(load_sensor("gelsight_mini", shape=(ROWS, COLS)))
+    ships = "the network that ships for gelsight_mini"
+    shipped = TouchReader("gelsight_mini", untouched)
+    assert shipped.network == ships
+    copy = tmp_path / "gelsight_mini.yaml"
+    described = yaml.safe_load(description_path("sensor", "gelsight_mini").read_text())
+    stiff = described["gel"] | {"modulus": 1e5}
+    copy.write_text(yaml.safe_dump(described | {"rows": 120, "cols": 160, "gel": stiff}))
+    assert TouchReader(copy, untouched).network == ships  # the same images in other sizes
+    copy.write_text(yaml.safe_dump(described | {"gel": described["gel"] | {"thickness": 0.003}, "w": 0.005}))
+    with pytest.raises(InvalidInput, match=f"{ships} was trained for another sensor than {copy} describes: gel, w differ; train one"):
+        TouchReader(copy, untouched)
+    named = shipped_sensor_network("gelsight_mini")
+    assert TouchReader(copy, untouched, named).network == ships
+    shutil.copytree(folder / "my_gel-touch", beside := tmp_path / "gelsight_mini-touch")
+    with pytest.raises(InvalidInput, match=r"gelsight_mini-touch was trained for another sensor .*: calibrated, .*name, .* differ"):
+        TouchReader(copy, untouched)
+    assert TouchReader(copy, untouched, beside).network == str(beside)
+    result = CliRunner().invoke(app, ["read-touch", "--help"])
+    assert "gelsight_mini ship" in " ".join(result.output.split())
+
+
+def test_photographs_whose_pixels_are_not_square_are_read(folder: Path, tmp_path: Path) -> None:
+    shutil.copytree(folder / "my_gel-touch", tmp_path / "my_gel-touch")
+    described = yaml.safe_load((folder / "my_gel.yaml").read_text())
+    (tmp_path / "my_gel.yaml").write_text(yaml.safe_dump(described | {"rows": 32}))
+    low = resample(SENSOR, 32, COLS)
+    reading = TouchReader(tmp_path / "my_gel.yaml", untouched_image(low)).read(untouched_image(low))
+    assert reading.sensor.pitch == pytest.approx((SENSOR.height / 32, SENSOR.width / COLS))
+    with pytest.raises(InvalidInput, match="crop them to what the sensor file describes"):
+        TouchReader(tmp_path / "my_gel.yaml", UNTOUCHED)
+
+
+def test_photographs_with_negative_strides_are_read(reader: TouchReader) -> None:
+    image = ball(0.001)
+    turned = image[..., ::-1].copy()[..., ::-1]  # negative strides, as after conversion from BGR
+    np.testing.assert_array_equal(reader.read(turned).indentation, reader.read(image).indentation)
+
+
+def test_unusable_inputs_give_clear_errors(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="does not exist; give a photograph"):
+        photographs_of(tmp_path / "missing", tmp_path)
+    with pytest.raises(InvalidInput, match="holds no photographs besides the untouched one"):
+        photographs_of(tmp_path, tmp_path)
+    for suffix in ("png", "bmp"):
+        Image.fromarray(UNTOUCHED).save(tmp_path / f"a.{suffix}")
+    with pytest.raises(InvalidInput, match=r"a.* and .*a.* have one name but for the suffix; rename one"):
+        photographs_of(tmp_path, tmp_path)
+    with pytest.raises(InvalidInput, match="holds no network for sensor gel_16mm; train one"):
+        TouchReader("gel_16mm", UNTOUCHED)
+    save_touch_model(tmp_path, UNet(1), sensor=SENSOR, untouched=UNTOUCHED, mask_threshold=1e-3)
+    with pytest.raises(InvalidInput, match="holds a U-Net, which reads simulated images"):
+        TouchReader(folder / "my_gel.yaml", UNTOUCHED, tmp_path)
+    result = CliRunner().invoke(app, ["read-touch", "--untouched", str(folder / "photographs/untouched.png"), "--sensor", "gelsight"])
+    assert result.exit_code == 1
+    assert "name photographs, or a camera with --camera" in result.output
+    options = ["--untouched", str(folder / "photographs/untouched.png"), "--sensor", str(folder / "my_gel.yaml")]
+    before = sorted((folder / "photographs").iterdir())
+    result = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--out", str(folder / "photographs")])
+    assert "is the folder of the photographs" in result.output
+    assert sorted((folder / "photographs").iterdir()) == before
+    assert "leave it out with --camera" in CliRunner().invoke(app, ["read-touch", *options, "--camera", "0", "--watch"]).output
+    result = CliRunner().invoke(app, ["read-touch", str(folder / "photographs"), *options, "--frames", "1"])
+    assert "--frames 1 ends --watch or --camera; leave it out" in result.output

@@ -1,0 +1,70 @@
+"""Mesh files of reconstructions: accuracy, joined charts, and vertices that are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from pipeline.errors import StageError
+from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.vision_charts import vision_charts
+from pipeline.kernels.metrics.cloud_distances import cloud_distances
+from pipeline.models.reconstruction import Reconstruction, join_vision_charts
+from pipeline.reconstruct.mesh_files import write_charts, write_joined
+from tests.stages import ball_dataset as spheres
+
+SPHERE = vision_charts(0)
+SIZE = spheres.SIDE**2
+
+
+def surface(scale: float, offset: float, touches: int = 1) -> Reconstruction:
+    """Make the sphere with random touch charts, scaled and moved."""
+    _, square = chart_square(spheres.SIDE)
+    rng = np.random.default_rng(0)
+    vertices = np.concatenate([SPHERE.vertices, rng.uniform(-1, 1, (touches * SIZE, 3))]) * scale + offset
+    first = len(SPHERE.vertices) + SIZE * np.arange(touches)
+    faces = np.concatenate([SPHERE.faces, (square.numpy()[None] + first[:, None, None]).reshape(-1, 3)])
+    return Reconstruction(vertices, faces, len(SPHERE.vertices), SPHERE.position, spheres.SIDE)
+
+
+def read(path: Path) -> np.ndarray:
+    whole = trimesh.load_scene(path, process=False).to_mesh().vertices
+    return whole[:, [0, 2, 1]] * [1, -1, 1] if path.suffix == ".glb" else whole
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
+@pytest.mark.parametrize(("scale", "offset"), [(1e-3, 0.0), (0.25, 0.6), (10.0, 0.0), (0.25, 10.0)])
+def test_mesh_file_error_is_within_the_documented_bound(tmp_path: Path, suffix: str, scale: float, offset: float) -> None:
+    """Errors are at most half of the eighth decimal along each axis for OBJ, and the rounding of float32 for PLY and GLB."""
+    reconstruction = surface(scale, offset)
+    bound = 1.01 * np.sqrt(3) * (5e-9 if suffix == ".obj" else 6e-8 * np.abs(reconstruction.vertices).max())
+    write_charts(tmp_path / f"apart{suffix}", reconstruction)
+    write_joined(tmp_path / f"joined{suffix}", reconstruction)
+    for name, vertices in (
+        ("apart", reconstruction.vertices),
+        ("joined", np.concatenate([join_vision_charts(reconstruction)[0], reconstruction.vertices[reconstruction.vision :]])),
+    ):
+        distances = cloud_distances(read(tmp_path / f"{name}{suffix}"), vertices)  # the order of parts may differ
+        assert len(distances.predicted) == len(distances.truth)
+        assert max(distances.predicted.max(), distances.truth.max()) <= bound**2
+
+
+def test_coinciding_vertices_are_joined_without_moving() -> None:
+    reconstruction = surface(1.0, 10.0, touches=0)
+    vertices, faces = join_vision_charts(reconstruction)
+    np.testing.assert_allclose(vertices[SPHERE.position], reconstruction.vertices, rtol=1e-15, atol=0)
+    assert trimesh.Trimesh(vertices, faces, process=False).is_watertight
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("vertex", [0, -1])
+def test_vertices_that_are_not_finite_are_refused(tmp_path: Path, vertex: int, value: float) -> None:
+    reconstruction = surface(1.0, 0.0)
+    reconstruction.vertices[vertex, 1] = value
+    for write in (write_charts, write_joined):
+        with pytest.raises(StageError, match=r"1 of \d+ vertices hold NaN or infinity"):
+            write(tmp_path / "mesh.obj", reconstruction)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,80 @@
+"""The note of `predict` about the error of its network."""
+
+import io
+import math
+import re
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.engine.plan import Request
+from pipeline.engine.run import make_plans, run
+from pipeline.errors import StoreError
+from pipeline.models.shipped_weights import SHIPPED, read_card
+from pipeline.reconstruct.network_error import error_note
+from pipeline.reconstruct.predict import model_reader
+from pipeline.store.directory import DataDirectory
+from stages.evaluate.settings import EvaluationSettings
+from stages.evaluate.stage import Evaluate
+from tests.stages import ball_dataset as spheres
+
+SPLITS = ("train", "test", "test")
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("balls")
+    spheres.make_data(folder, 3, SPLITS)  # balls of radius 100, 120, 140 mm
+    spheres.make_model(folder, "none", still=True)  # predicts a ball of 250 mm for every object
+    spheres.make_model(folder, "touch")
+    spheres.make_implicit_model(folder, "implicit-any")
+    return folder
+
+
+def note_of(data, name: str) -> str:
+    return error_note(model_reader(data / "models", name))
+
+
+def test_note_of_an_unevaluated_network_shows_its_validation_loss(data):
+    assert f"none: {1e3 * math.sqrt(2.5 / 9000 / 2):.1f} mm" in note_of(data, "none")  # each way counts
+    by_training = note_of(data, "implicit-any-touch")
+    assert (
+        "implicit-any, over all combinations of inputs: signed distances near validation objects, scaled to 0.5 m, are wrong by 75"
+        in by_training
+    )
+    assert "`evaluate` compares it" in note_of(data, "none")
+
+
+@pytest.mark.parametrize("facts", [{}, {"best": None}, {"best": {"loss": "small"}}])
+def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch, facts):
+    reader = model_reader(data / "models", "none")
+    record = DataDirectory(data / "models").folder("gcn/none").model_copy(update={"facts": facts})
+    monkeypatch.setattr(DataDirectory, "folder", lambda *_: record)
+    with pytest.raises(StoreError, match=r"none.json: it lacks the validation loss of a training; delete it and train the model again"):
+        error_note(reader)
+
+
+def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data, tmp_path):
+    settings = EvaluationSettings(points=500, configurations=("none",))
+    objects = spheres.objects(3, SPLITS)
+    (plan,) = make_plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
+    run(plan, Console(file=io.StringIO()))
+    command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
+    output = " ".join(CliRunner().invoke(app, command).output.split())
+    warning = re.search(
+        r"worse than looking up: none: (\S+) mm from .* 2 test objects .* typical training object in its place: (\S+) mm", output
+    )
+    assert warning, output
+    radius = (120 + 140) / 2  # mm; the network's sphere stays around the box of each ball
+    ours, theirs = map(float, warning.groups())
+    assert ours == pytest.approx((3**0.5 - 1) * radius, rel=0.1)  # of facets and points
+    assert theirs < 15  # another ball, scaled to this one's size, but for the distance between points
+    assert "`evaluate` compares it" in note_of(data, "touch")  # it was not evaluated
+
+
+def test_note_of_a_shipped_network_shows_the_error_of_its_card():
+    errors = read_card("implicit-any").errors["implicit-any-touch"]["all"]
+    note = error_note(model_reader(SHIPPED, "implicit-any-touch"))
+    assert f"implicit-any-touch: {1e3 * math.sqrt(errors.mean / 9000 / 2):.0f} mm" in note

@@ -1,0 +1,71 @@
+"""Objects are given to networks at one size, and their reconstructions returned in their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.reconstruct.model_inputs import ModelInputs
+from pipeline.reconstruct.observation_checks import faults
+from pipeline.reconstruct.observation_file import RobotObservation, load_observation
+from pipeline.reconstruct.observation_placement import place_observation
+from tests.reconstruct.robot import model, scaled_pose, write_files, write_observation
+
+
+def of_sizes(*diagonals: float) -> ModelInputs:
+    return replace(model(), diagonals=diagonals)
+
+
+@pytest.fixture
+def observation(tmp_path: Path) -> RobotObservation:
+    return load_observation(write_observation(tmp_path, write_files(tmp_path)))
+
+
+def enlarged(observation: RobotObservation, factor: float) -> RobotObservation:
+    """Make the observation of an object and a camera that are larger by a factor; the sensors stay as they are."""
+    assert observation.camera is not None
+    assert observation.object.centre is not None
+    assert observation.object.diagonal is not None
+    return observation.changed(
+        object={"centre": tuple(factor * np.array(observation.object.centre)), "diagonal": factor * observation.object.diagonal},
+        camera=observation.camera.changed(pose=scaled_pose(observation.camera.pose, factor), depth=None),
+        touches=tuple(touch.changed(pose=scaled_pose(touch.pose, factor)) for touch in observation.touches),
+    )
+
+
+def test_small_object_is_given_as_one_that_the_network_knows(observation: RobotObservation) -> None:
+    diagonal = observation.object.diagonal
+    assert diagonal is not None
+    factor = 0.5 / diagonal
+    small, large = (place_observation(item, of_sizes(0.5, 0.5)) for item in (observation, enlarged(observation, factor)))
+    assert small.image is not None
+    assert small.camera is not None
+    np.testing.assert_array_equal(small.image, large.image)
+    np.testing.assert_allclose(small.camera, large.camera, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(small.sensor_poses[:, :3, 3], large.sensor_poses[:, :3, 3], atol=1e-12)
+    np.testing.assert_allclose(small.sensor_poses[:, :3, :3], factor * large.sensor_poses[:, :3, :3], atol=1e-12)  # the gels grow too
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    np.testing.assert_allclose(small.returned(transform_points(small.to_network, points)), points, atol=1e-12)
+    assert "the network has learned from objects of 0.5 m: hand and touches have" in "\n".join(small.remarks)
+    assert "has learned from" not in "\n".join(large.remarks)
+
+
+@pytest.mark.parametrize("sizes", [(0.4, 0.8), (0.01, 0.1), ()])
+def test_object_is_scaled_to_the_size_at_which_networks_see_all(observation: RobotObservation, sizes: tuple[float, ...]) -> None:
+    diagonal = observation.object.diagonal
+    assert diagonal is not None
+    placed = place_observation(observation, of_sizes(*sizes) if sizes else model())
+    np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), 0.5 / diagonal, rtol=1e-12)
+    assert not faults(enlarged(observation, 10), model())
+
+
+@pytest.mark.parametrize(("sizes", "factor"), [((0.1, 0.4), 2.5), ((0.5, 0.5), 1.0), ((), 1.0)])
+def test_unknown_size_is_taken_to_be_that_of_the_training(observation: RobotObservation, sizes: tuple[float, ...], factor: float) -> None:
+    unknown = observation.changed(object={"centre": observation.object.centre})
+    placed = place_observation(unknown, of_sizes(*sizes) if sizes else model())
+    np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), factor, rtol=1e-12)
+    assert f"the object's size is not known, and taken to be {0.5 / factor:g} m, as in training" in placed.remarks
