@@ -13,14 +13,12 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.elastic_contact import contact_cells
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.press_patches import random_patch
-from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_patch, random_press
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
-from pipeline.kernels.touch.resample_sensor import resample_longer_side
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact

@@ -13,11 +13,9 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image

@@ -6,7 +6,7 @@ from pipeline.console import Row, Table
 from pipeline.contrib.report.report_source import ReportSource
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.contact_sheet_page import spread_evenly
-from pipeline.kernels.touch.face_culling import box_faces, cull_faces
+from pipeline.kernels.touch.ray_depth import box_faces, cull_faces
 from pipeline.kernels.vision.primitives import faces_by_material, shrink_texture
 
 OBJECTS = 4

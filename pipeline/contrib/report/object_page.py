@@ -24,7 +24,7 @@ from pipeline.drawing.contact_sheet_page import depth_colors, enlarged, finger_c
 from pipeline.drawing.gltf_animation import Clip
 from pipeline.drawing.grasp_scene import GraspScenes, Rows
 from pipeline.drawing.second_view import fitted_camera
-from pipeline.kernels.touch.contact import pressed_pixels
+from pipeline.kernels.touch.depth_maps import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest

@@ -7,10 +7,8 @@ from scipy.optimize import linprog
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, solve_3x3
-from pipeline.kernels.touch.contact import pressed_pixels
-from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.gel_surface import gel_surface
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
+from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8  # edges of the pyramid that approximates a friction cone

@@ -8,12 +8,10 @@ from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
-from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, chart_graph
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, pool_features, project_to_pixels
 from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkConfig
-from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 from pipeline.kernels.tensor_checks import COLOURS, check_full_precision
 
 VISION, TOUCHED, NOT_TOUCHED = 0.0, 1.0, -1.0

@@ -4,10 +4,12 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
+import io
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
@@ -222,3 +224,27 @@ def sensor_to_world(
     Element by element, not by a matrix product: a point has the same bits in an array of any size.
     """
     return np.stack([row[3] + (row[0] * x + row[1] * y + row[2] * z) for row in pose[:3]], axis=-1)
+
+
+def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
+    """Change a sensor's number of pixels; its gel, its optics, its noise per pixel and the view of its background stay.
+
+    A photograph of its background is resized with it: averaged where pixels become larger, else interpolated.
+    """
+    if not all(isinstance(count, int | np.integer) and 2 <= count <= MAX_PIXELS_PER_SIDE for count in (rows, cols)):
+        raise InvalidInput(f"a sensor has from 2 to {MAX_PIXELS_PER_SIDE} rows and columns of pixels; these are {rows} x {cols}")
+    if (rows, cols) == sensor.shape:
+        return sensor
+    changes: dict[str, Any] = {"rows": int(rows), "cols": int(cols)}
+    if sensor.photograph is not None:
+        photograph = Image.open(io.BytesIO(sensor.photograph)).convert("RGB")
+        with io.BytesIO() as file:
+            photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
+            changes["photograph"] = file.getvalue()
+    return sensor.model_copy(update=changes)
+
+
+def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
+    """Give a sensor square pixels, `pixels` of them along its longer side; otherwise as `resample`."""
+    pitch = max(sensor.width, sensor.height) / pixels
+    return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))

@@ -9,9 +9,7 @@ import numpy as np
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 from pipeline.kernels.geometry.transforms import unit_vectors
-from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
-from pipeline.kernels.touch.ray_depth import local_depth
-from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
+from pipeline.kernels.touch.ray_depth import PLANE_TOLERANCE, BoxedFaces, cull_faces, local_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 TOLERANCE = 1e-7

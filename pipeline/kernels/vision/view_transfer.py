@@ -1,9 +1,4 @@
-"""Images as another camera would have taken them from the same position, and the training camera moved to that position.
-
-Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
-
-Valid range: cameras within 1 km of the origin, at least 1 mm from the point they look at.
-"""
+"""Find the background of an image: it has the colour of most of the border."""
 
 from typing import Any, NamedTuple
 
@@ -12,12 +7,29 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from pipeline.kernels.arrays import Array
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
+ALIKE = 6  # levels of 255 in each colour by which a pixel of the background differs at most from the image's border
 UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
+
+
+def foreground(image: NDArray[np.uint8]) -> Mask:
+    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def background_color(image: NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Compute the colour of most of the border of an image, (rows, cols, 3): sRGB."""
+    red, green, blue = (int(level) for level in np.median(border(image), axis=0))
+    return red, green, blue
+
+
+def border(image: NDArray[Any]) -> NDArray[Any]:
+    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
 
 
 class Direction(NamedTuple):

@@ -19,7 +19,7 @@ from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.physics.pybullet_engine import PybulletHoldTest
 from pipeline.reconstruct.mesh_files import Y_UP
 from tests.kernels.hand.meshes import centred, points_on

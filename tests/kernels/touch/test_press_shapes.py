@@ -10,13 +10,11 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import gel_surface, impression
-from pipeline.kernels.touch.press_patches import random_patch
-from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_press
+from pipeline.kernels.touch.depth_maps import gel_surface, impression
+from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_patch, random_press
 from pipeline.kernels.touch.pressed_gel import press_gel
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import pixel_centres
+from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.sensor import pixel_centres, resample
 from pipeline.kernels.touch.tactile_image import image_of_gel, tactile_image, untouched_image
 from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet

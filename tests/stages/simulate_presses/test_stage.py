@@ -12,7 +12,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
-from pipeline.kernels.touch.gel_surface import impression
+from pipeline.kernels.touch.depth_maps import impression
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import image_of_gel
 from stages.registry import resolve
