@@ -23,10 +23,9 @@ INITIAL_OUTPUT_SCALE = 0.1
 class DeformationNetwork(nn.Module):
     """Moves a sphere of vision charts so that, with the touch charts, it becomes the object's surface.
 
-    One graph network moves the vertices `config.passes` times. It is given each vertex's position in radii of the sphere from its centre,
-    with touch the vertex's mask feature, and with an image the image features pooled at the vertex. Touch charts never move; with tied
-    seams, vision vertices that coincide keep doing so to the bit.
-
+    One graph network moves the vertices `config.passes` times. It is given each vertex's position in radii of the
+    sphere from its centre, with touch the vertex's mask feature, and with an image the image features pooled at the
+    vertex. Touch charts never move; with tied seams, vision vertices that coincide keep doing so to the bit.
     `generator` draws the initial weights: equal generators give equal networks. Torch's own if None.
     """
 

@@ -74,10 +74,8 @@ class ImageEncoder(nn.Module):
 
     `kernel` is the pixels per side of each convolution, 3 (the tables) or 5 (the authors' release). `norm` is "batch"
     (Tables 7-10), "instance" (Table 11), or "group", of groups of channels of one image. `width` is each layer's
-    channels over the plan's, rounded, one at least; below 1 for drafts.
-
-    `grids` hold where the elements of each tapped map are centred, `channels` counts those of all tapped maps together,
-    `deepest` those of the last one.
+    channels over the plan's, rounded, one at least; below 1 for drafts. `grids` hold where the elements of each tapped
+    map are centred, `channels` counts those of all tapped maps together, `deepest` those of the last one.
     """
 
     def __init__(self, plan: EncoderPlan, kernel: int = 3, norm: Norm = "batch", width: float = 1.0):

@@ -81,9 +81,8 @@ class LocalShape(NamedTuple):
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in depth and slopes.
-
-    `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
+    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in
+    depth and slopes. `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
     """
 
     def __init__(self, width: int = 20) -> None:

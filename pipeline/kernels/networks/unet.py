@@ -18,11 +18,10 @@ THRESHOLD = 0.001  # the supplement's: squared distance over colour, of images i
 class UNet(nn.Module):
     """Table 5: 27 layers, 24,425,601 parameters at width 64.
 
-    Two convolutions and a pooling per level on the way down; a deconvolution, the level's own features and a convolution on the way up.
-    Where the table does not add up, layer (10) takes (9), and a deconvolution gives the size of the features it meets: (18) goes from
-    12 to 25.
-
-    `width` counts the features of the first level, 64 in the supplement; each level has twice those of the one before.
+    Two convolutions and a pooling per level on the way down; a deconvolution, the level's own features and a
+    convolution on the way up. Where the table does not add up, layer (10) takes (9), and a deconvolution gives the size
+    of the features it meets: (18) goes from 12 to 25. `width` counts the features of the first level, 64 in the
+    supplement; each level has twice those of the one before.
     """
 
     def __init__(self, width: int = 64) -> None:

@@ -32,10 +32,9 @@ def influence(
 
     [i, j] is the displacement into the layer in the middle of the cell i rows and j columns away, of a pressure of 1 Pa
     where the layer's plane-strain modulus E / (1 - poisson²) is 1 Pa. The layer's base is bonded to a rigid plate, its
-    surface is free of friction.
-
-    The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love 1929). The layer's is the inverse Hankel
-    transform of `layer_factor` - 1, which is smooth on the scale of the thickness.
+    surface is free of friction. The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love
+    1929). The layer's is the inverse Hankel transform of `layer_factor` - 1, which is smooth on the scale of the
+    thickness.
     """
     y, x = (np.arange(count) * size for count, size in zip(shape, pitch, strict=True))
     bond = np.zeros(shape)
@@ -54,10 +53,8 @@ def layer_factor(
     """Compute the displacement of a bonded layer under a wave of pressure, relative to that of a half-space.
 
     The displacement's amplitude over that of a half-space, 2 p / (q E / (1 - poisson²)), in plane strain, on a rigid
-    base, is
-
-    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²), k = 3 - 4 poisson, a = wave (Johnson, Contact Mechanics, 1985,
-    5.8).
+    base, is (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²), k = 3 - 4 poisson, a = wave (Johnson, Contact Mechanics,
+    1985, 5.8).
     """
     k, small = 3 - 4 * poisson, np.exp(-2 * np.asarray(wave, np.longdouble))  # extended: the same bits on every processor
     above = k * (1 - small**2) - 4 * wave * small

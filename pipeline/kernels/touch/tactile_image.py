@@ -80,12 +80,11 @@ def tactile_image(
 ) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
     """Compute the tactile image R of a depth map: equations 1 to 5, or the colours that were fitted to photographs.
 
-    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest.
-
-    With lamps, all lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are
-    central differences, one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32
-    instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
-    values change, none by more than 1.
+    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest. With lamps, all lengths are sensor
+    widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are central differences,
+    one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32 instead of
+    float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor:
+    few values change, none by more than 1.
     """
     return image_of_gel(press_gel(depth, sensor).indentation, sensor, rng)
 

@@ -1,9 +1,8 @@
 """A pinhole camera: its pose, its projection matrix, and the projection of world points.
 
-Image coordinates are (column, row) in pixels from the image's top left corner: the centre of pixel (row, col) is
-(col + 1/2, row + 1/2).
-
-Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are then right to 1e-9 pixels.
+Image coordinates are (column, row) in pixels from the image's top left corner: the centre of pixel (row, col) is (col +
+1/2, row + 1/2). Valid range: cameras and points within 100 m of the origin, at least 1 mm apart. Image coordinates are
+then right to 1e-9 pixels.
 """
 
 from dataclasses import dataclass

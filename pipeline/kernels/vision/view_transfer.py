@@ -88,10 +88,8 @@ def carried_camera(
     """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
-    world's up has the same direction.
-
-    R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
-    the ratio of the distances about the target's pixel.
+    world's up has the same direction. R = R_training Lᵀ(training) L(real), where L are the axes of a camera without
+    roll that looks at the target. The focal lengths grow by the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
     training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
@@ -121,9 +119,8 @@ def transfer_view(
 ) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
     """Resample an image as another camera with the same optical centre would have taken it.
 
-    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first.
-
-    The homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
+    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first. The
+    homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T
