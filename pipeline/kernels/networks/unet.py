@@ -7,8 +7,9 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import WHITE
 from pipeline.kernels.metrics.chamfer import chamfer
-from pipeline.kernels.tensor_checks import COLOURS, WHITE, check_full_precision, check_intensities
+from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
 
 LEVELS = 4  # poolings on the way down, and deconvolutions on the way up
 MIN_SIDE = 2**LEVELS  # fewest pixels per side: with fewer, nothing is left after the last pooling

@@ -1,30 +1,28 @@
-"""The contact of a ball with a gel: its circle in a photograph, and the impression behind it.
+"""The contact of a ball with a gel: its circle in a photograph, the impression behind it, and its pixels as equations.
 
 Valid range: balls larger than their contacts.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.arrays import Array, Indices, Mask
-from pipeline.kernels.touch.calibrated_shading import fitted_positions, powers
+from pipeline.kernels.arrays import Array, Indices
+from pipeline.kernels.touch.calibrated_shading import fitted_positions, polynomial_terms
+from pipeline.kernels.touch.optics import Box
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 RING = 3.0  # radius of the region around a contact that is fitted and compared, in contact radii
-HALVINGS = 14  # halvings of the interval in which a ball's depth is searched: accurate to a ten-thousandth
+HALVINGS = 14  # of the interval in which a ball's depth is searched: accurate to a ten-thousandth
 
-Box = tuple[float, float, float, float]
-CONTACT_WEIGHT = 3.0
-"""Weight of a pixel in the contact, where colours change more, relative to one in the ring around it."""
+CONTACT_WEIGHT = 3.0  # of a pixel in the contact, where colours change more, relative to one in the ring around it
 SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
-RIDGE = 1e-6
-"""Share of the mean diagonal of the normal equations, which regularises terms that the photographs do not separate."""
+RIDGE = 1e-6  # share of the mean diagonal of the normal equations, for terms that the photographs do not separate
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Hold n pixels of a photograph."""
+    """Pixels of a photograph: n of them."""
 
     bump: Array  # (rows, cols) m: the gel's indentation in the whole image
     at: tuple[Indices, ...]  # rows and columns of the pixels
@@ -95,15 +93,10 @@ class Sample:
     change: Array  # (n, 3) levels that the photograph differs from the untouched one
     contact_weight: float = CONTACT_WEIGHT  # of a pixel in the contact, relative to one around it
 
-    @property
-    def inside(self) -> Mask:  # (n,)
-        """Find the pixels in the contact."""
-        return self.distance < 1
-
     @cached_property
     def equations(self) -> Array:  # (k, k + 3)
         """Compute the normal equations: their matrix, and beside it their right-hand sides."""
-        weighted = np.where(self.inside, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
+        weighted = np.where(self.distance < 1, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
         return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
 
     def error(self, coefficients: Array) -> float:
@@ -112,13 +105,10 @@ class Sample:
         In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
         """
         size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
-        weight = np.where(self.inside, 1.0, 1 / np.maximum(self.distance, 1))
-        parts = [part for part in (self.inside, ~self.inside) if part.any()]
+        inside = self.distance < 1
+        weight = np.where(inside, 1.0, 1 / np.maximum(self.distance, 1))
+        parts = [part for part in (inside, ~inside) if part.any()]
         return sum(float(np.average(size[part], weights=weight[part])) for part in parts)
-
-    def with_features(self, features: Array) -> "Sample":
-        """Return a sample with other features, (n, any number)."""
-        return replace(self, features=features)
 
 
 def sample_photographs(
@@ -129,11 +119,9 @@ def sample_photographs(
     ball_radius: float,  # m
     degrees: tuple[int, int],  # of the polynomials in the normal and in the position
     within: Box,  # from `contact_box`
-) -> list[Sample]:  # one per photograph
-    """Take the pixels of contacts and of the rings around them.
-
-    Features are in the order of `Calibration.coefficients`, then those of its `depth`.
-    """
+    contact_weight: float = CONTACT_WEIGHT,
+) -> list[Sample]:  # one per photograph, with features in the order of `Calibration.coefficients`, then those of its `depth`
+    """Take the pixels of contacts and of the rings around them."""
     stride = max(1, round(float(np.median([photograph.contact.radius for photograph in photographs])) / SAMPLES))
     x, y = fitted_positions(sensor, within)
     samples = []
@@ -145,11 +133,11 @@ def sample_photographs(
         bump = gel_under(ball_impression(sensor, photograph.contact, ball_radius), sensor).indentation
         slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
         size = np.sqrt(1 + slope_x**2 + slope_y**2)
-        normal = [(slope_x / size) ** i * (slope_y / size) ** j for i, j in powers(degrees[0])[1:]] + [MM * bump[row, col]]
-        place = [x[col] ** i * y[row] ** j for i, j in powers(degrees[1])]
-        features = np.stack([slope * spot for slope, spot in product(normal, place)], axis=1)
+        normal = polynomial_terms(slope_x / size, slope_y / size, degrees[0])[1:] + [MM * bump[row, col]]
+        position = polynomial_terms(x[col], y[row], degrees[1])
+        features = np.stack([slope * spot for slope, spot in product(normal, position)], axis=1)
         change = photograph.image[row, col].astype(np.float64) - untouched[row, col].astype(np.float64)
-        samples.append(Sample(bump, (row, col), share, features, change))
+        samples.append(Sample(bump, (row, col), share, features, change, contact_weight))
     return samples
 
 

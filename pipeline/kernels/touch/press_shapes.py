@@ -1,4 +1,4 @@
-"""Shapes that are pressed into a gel without a hand: random ones to train on, and any relief at a given depth.
+"""Shapes that are pressed into a gel without a hand: random ones to train on, patches of objects, and any relief at a given depth.
 
 A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface.
 """
@@ -45,8 +45,7 @@ def press_relief(
 ) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
     """Press a relief into a gel; a constant added to the relief changes nothing.
 
-    A relief without surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is
-    `InvalidInput`.
+    No surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is `InvalidInput`.
     """
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
@@ -69,11 +68,10 @@ def random_press(
     ranges: PressRanges | None = None,  # by default those of `PressRanges`
     shapes: Sequence[str] | None = None,  # names from `SHAPES` to choose from; by default all
 ) -> Press:
-    """Draw a press: a shape of random size, place, turn, tilt and depth.
+    """Draw a press: a shape of random size, position, turn, tilt and depth. Shapes may be cut by the gel's rim.
 
-    Positions lie anywhere on the gel: shapes may be cut by its rim. Equal states of `rng` give equal presses, also with
-    other pixel counts, except for a shape at the rim that lies between the pixels, or deeper than the gel is thick
-    there: another is drawn in its place, up to `ATTEMPTS` times.
+    Equal states of `rng` give equal presses, also with other pixel counts, except for a shape at the rim that lies between the pixels, or
+    deeper than the gel is thick there: another is drawn instead, up to `ATTEMPTS` times.
 
     >>> sensor = load_sensor("gelsight", shape=(240, 320))
     >>> press = random_press(sensor, np.random.default_rng(0))
@@ -245,10 +243,7 @@ def random_patch(
     ranges: PressRanges | None = None,  # of depth and tilt; by default those of `PressRanges`
     scale: tuple[float, float] = (0.04, 0.5),  # least and greatest size of the pressed object, of its own size
 ) -> Press:
-    """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel.
-
-    `InvalidInput` if, at `ATTEMPTS` points, no ray meets the object, or it is deeper than the gel.
-    """
+    """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel."""
     ranges = ranges or PressRanges()
     low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
     distance = float(length(high - low))  # from a point of the object, as far as no part of it is

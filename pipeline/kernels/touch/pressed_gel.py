@@ -1,4 +1,4 @@
-"""The gel around a contact: a membrane that the contact pulls in, less with distance."""
+"""The gel that an object is pressed into: elastic, or with a membrane that the contact pulls in, less with distance."""
 
 import math
 from typing import NamedTuple
@@ -20,8 +20,7 @@ def membrane_indentation(
 ) -> Array:  # (rows, cols) m
     """Compute the indentation of the membrane in and around a contact: the larger of D' and of D' smoothed.
 
-    In the middle of a contact it is D', outside it decays. Smoothing is a recursive two-sided exponential filter,
-    `PASSES` times along each axis; the gel is flat beyond the image.
+    Smoothing is a recursive two-sided exponential filter, `PASSES` times along each axis; the gel is flat beyond the image.
     """
     smooth = np.ascontiguousarray(pressed).copy()
     decays = [math.exp(-math.sqrt(2 * PASSES) / pixels) for pixels in sigma]
@@ -76,11 +75,8 @@ class PressedGel(NamedTuple):
     pressure: Array | None = None  # (rows, cols) Pa, of an elastic gel; else None
 
 
-def press_gel(
-    depth: np.ndarray,  # (rows, cols) D from the sensor plane, m; float32 or float64, +inf where nothing is met
-    sensor: Sensor,  # whose gel is elastic, or has a membrane; a gel with neither is indented only under the object
-) -> PressedGel:
-    """Compute the state of a gel under an object."""
+def press_gel(depth: np.ndarray, sensor: Sensor) -> PressedGel:
+    """Compute the state of a gel under an object at a depth D (rows, cols), m; without layer or membrane it gives way only there."""
     return gel_under(impression(depth, sensor), sensor)
 
 

@@ -1,17 +1,19 @@
-"""Scan conversion of faces in float64, compiled: faces to rows of pixels, rows to depths."""
+"""Orthographic depth by exact intersection: with parallel rays on a grid, ray tracing is scan conversion in float64.
+
+Valid range: objects and sensors within 100 m of the origin, sensors 10 µm to 10 m wide; any faces, open and inside-out meshes.
+"""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.arrays import Array, Mask, check_shape
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.mesh import check_coordinates
 from pipeline.kernels.touch.sensor import Sensor, check_pose
 
-PLANE_TOLERANCE = 1e-9
-"""m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not lose it."""
+PLANE_TOLERANCE = 1e-9  # m behind the sensor plane within which a surface lies on it (depth 0): rounding must not lose it
 
 Point = tuple[float, float, float]  # x in columns, y in rows (pixel centres: integers), z in m
 SLACK = 1e-9  # m, by which boxes are enlarged: far above rounding errors within the valid range
@@ -30,8 +32,7 @@ def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
 def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
     """Compute the columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
 
-    An edge is always followed from its lower to its upper row and meets its corners exactly. So two faces that share an edge cross
-    it at the same column to the last bit: no ray passes between them.
+    An edge is followed from its lower to its upper row and meets its corners exactly: no ray passes between two faces that share it.
     """
     long = _edge_at_row(a, c, row)
     short = _edge_at_row(b, c, row) if row > b[1] else _edge_at_row(a, b, row)
@@ -39,13 +40,8 @@ def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float
 
 
 @compiled
-def scan_convert(
-    faces: Array,  # (3 axes, 3 corners, N) contiguous, sensor frame, m
-    width: float,  # of the sensor plane along x, m
-    height: float,  # along y, m
-    depth: Array,  # (rows, cols) contiguous, m; changed in place
-) -> None:
-    """Lower a depth map where faces are nearer."""
+def scan_convert(faces: Array, width: float, height: float, depth: Array) -> None:
+    """Lower a depth map (rows, cols), m, where faces (3 axes, 3 corners, N), sensor frame, m, are nearer; arrays are contiguous."""
     rows, cols = depth.shape
     for face in range(faces.shape[2]):
         a, b, c = [((x / width + 0.5) * cols - 0.5, (y / height + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]
@@ -79,28 +75,19 @@ class BoxedFaces:
 
 
 def box_faces(triangles: np.ndarray) -> BoxedFaces:
-    """Compute the bounding boxes of a mesh's faces, once per object.
-
-    `triangles` are (F, 3, 3) corner positions, world, m; F may be 0. Winding, duplicates and holes do not matter.
-    """
+    """Compute the bounding boxes of the faces (F, 3, 3), world, m, of a mesh, once per object; F may be 0."""
     triangles = np.asarray(triangles, np.float64)
-    if triangles.ndim != 3 or triangles.shape[1:] != (3, 3):
-        raise ValueError(f"triangles have shape {triangles.shape}; they must be (F, 3, 3): face, corner, xyz")
+    check_shape("triangles", triangles, "F", 3, 3)
     check_coordinates(triangles.reshape(-1, 3), "corners of faces")
     corners = np.ascontiguousarray(triangles.transpose(2, 1, 0))
     low, high = corners.min(axis=1), corners.max(axis=1)  # (3, F)
     return BoxedFaces(corners, (low + high) / 2, (high - low) / 2)
 
 
-def cull_faces(
-    faces: BoxedFaces,
-    pose: np.ndarray,  # (4, 4) sensor frame to world frame
-    sensor: Sensor,
-) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
-    """Select the faces that a sensor's rays can meet, and transform them to the sensor frame.
+def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
+    """Select the faces that rays of a sensor at a pose (4, 4) can meet within its range, and few others.
 
-    All faces that a ray can meet within the sensor's range are selected, and few others. The same corner has the same
-    bits in every face, so shared edges stay shared.
+    The same corner has the same bits in every face, so shared edges stay shared.
     """
     pose = check_pose(pose)
     rotation, origin = pose[:3, :3], pose[:3, 3]
@@ -121,16 +108,11 @@ def _all_axes(holds: Mask) -> Mask:
     return np.asarray(holds[0] & holds[1] & holds[2])
 
 
-def ray_depth(
-    faces: BoxedFaces,
-    pose: np.ndarray,  # (4, 4) sensor frame to world frame
-    sensor: Sensor,
-) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
-    """Compute the depth map of a sensor by exact intersection.
+def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:
+    """Compute the depth map of a sensor at a pose (4, 4): (rows, cols) m, +inf where nothing is met within its range.
 
-    D is the distance along +z to the first surface (supplement 1.5). Front and back of a face count alike, and its rim
-    belongs to it. A face seen exactly edge-on may be met at its nearest point or not; the rims of its neighbours are
-    met.
+    D is the distance along +z to the first surface (supplement 1.5). Front and back of a face count alike, and its rim belongs to it. A
+    face seen exactly edge-on may be met at its nearest point or not; the rims of its neighbours are met.
 
     >>> floor = np.array([[[-1, -1, 0.005], [3, -1, 0.005], [-1, 3, 0.005]]])
     >>> depth = ray_depth(box_faces(floor), np.eye(4), load_sensor("gel_16mm"))  # 5 mm everywhere
@@ -138,11 +120,8 @@ def ray_depth(
     return local_depth(cull_faces(faces, pose, sensor), sensor)
 
 
-def local_depth(
-    local: Array,  # (3 axes, 3 corners, N) sensor frame, m, from `cull_faces`
-    sensor: Sensor,
-) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
-    """Compute the depth map of faces in the sensor frame; see `ray_depth`."""
+def local_depth(local: Array, sensor: Sensor) -> Array:
+    """Compute the depth map of faces from `cull_faces`; see `ray_depth`."""
     depth = np.full(sensor.shape, np.inf)
     scan_convert(np.ascontiguousarray(local), sensor.width, sensor.height, depth)
     depth[depth > sensor.range] = np.inf

@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.kernels.arrays import Array
+from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.optics import Calibration, Lights
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import Sensor
-
-WHITE = 255  # the uint8 value of intensity 1
 
 
 @compiled
@@ -80,20 +78,18 @@ def tactile_image(
 ) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
     """Compute the tactile image R of a depth map: equations 1 to 5, or the colours that were fitted to photographs.
 
-    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest. With lamps, all lengths are sensor
-    widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are central differences,
-    one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32 instead of
-    float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor:
-    few values change, none by more than 1.
+    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest. With lamps, all lengths are sensor widths:
+    x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are central differences, one-sided at the rim. Depth
+    in float32 instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, no value by more than 1.
     """
-    return image_of_gel(press_gel(depth, sensor).indentation, sensor, rng)
+    return render_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
-def image_of_gel(
+def render_gel(
     indentation: Array,  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
     sensor: Sensor,
     rng: np.random.Generator | None = None,  # as in `tactile_image`
-) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
+) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Compute the tactile image of a gel whose surface is known."""
     if sensor.calibrated is None:
         image: NDArray[Any] = _lamp_image(indentation, sensor)

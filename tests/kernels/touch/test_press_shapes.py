@@ -15,7 +15,7 @@ from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relie
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import pixel_centres, resample
-from pipeline.kernels.touch.tactile_image import image_of_gel, tactile_image, untouched_image
+from pipeline.kernels.touch.tactile_image import render_gel, tactile_image, untouched_image
 from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet
 
@@ -134,7 +134,7 @@ def test_gel_follows_the_shape_in_the_contact_and_its_image_follows_from_the_dep
     assert (gel.indentation[gel.contact] == pressed[gel.contact]).all()
     assert (gel.indentation >= pressed).all()
     assert (gel.indentation[~gel.contact] > 0).any()  # drawn in
-    assert (image_of_gel(gel.indentation, GELSIGHT) == tactile_image(press.depth, GELSIGHT)).all()
+    assert (render_gel(gel.indentation, GELSIGHT) == tactile_image(press.depth, GELSIGHT)).all()
 
 
 def test_a_sensor_with_other_pixels_has_the_same_gel_and_background():
