@@ -12,7 +12,7 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 from pipeline.kernels.vision.view_transfer import moved_projection
 
 

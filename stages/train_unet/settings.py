@@ -4,7 +4,7 @@ from typing import Literal
 
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.unet import THRESHOLD
-from pipeline.kernels.tensor_checks import COLOURS
+from pipeline.kernels.tensors import COLOURS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import TrainingSettings
 

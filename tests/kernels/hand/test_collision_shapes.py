@@ -63,15 +63,6 @@ def test_spheres_detect_a_needle_inside_a_link(hand: Hand) -> None:
     assert depth == pytest.approx(0.008, abs=0.0015)
 
 
-def test_world_centres_in_float32_are_accurate_to_a_micrometre(hand: Hand, rng: np.random.Generator) -> None:
-    spheres = collision_spheres(hand, spacing=0.02)
-    frames = np.tile(np.eye(4), (1, len(hand.links), 1, 1))
-    frames[..., :3, 3] = rng.uniform(-10, 10, (len(hand.links), 3))
-    exact = spheres.world_centres(frames)
-    np.testing.assert_allclose(exact[:, 0].T, spheres.centres + frames[0, spheres.link, :3, 3], atol=1e-14)
-    assert np.abs(spheres.world_centres(frames.astype(np.float32)) - exact).max() <= 10 * 2.0**-22
-
-
 def test_flat_collision_shape_is_rejected_with_its_link() -> None:
     flat = with_collision(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]))
     with pytest.raises(InvalidInput, match=r"allegro_right\.urdf: collision shape mesh .* of link \S+ is flat or not finite"):

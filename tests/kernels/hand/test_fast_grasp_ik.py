@@ -61,7 +61,7 @@ def test_fingers_fit_where_some_sample_is_clear(ik: GraspIk, field: DistanceFiel
 
 
 def test_clearance_is_exact_down_to_the_floor(ik: GraspIk, field: DistanceField) -> None:
-    frames = np.concatenate([pose @ ik.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
+    frames = np.concatenate([pose @ ik.postures.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
     exact = slow_clearance(ik, field, frames)
     np.testing.assert_array_equal(finger_clearance(field, ik.fingers, frames), exact)
     floor = float(np.median(exact))

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from pipeline.kernels.arrays import WHITE
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 
 IMAGES = {
     "black": lambda size: torch.zeros(size, size, 3),
