@@ -11,7 +11,7 @@ import pytest
 from pipeline.cli import app
 from tests.forked import run
 
-STOPPED = "error: interrupted; run the same command again\n"
+STOPPED = "error: interrupted; run the same command again, what is finished is kept\n"
 
 SWALLOWED = {
     "by a library": """

@@ -11,7 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object, identity
+from pipeline.config.objects import Object
+from pipeline.config.sources import identity
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
