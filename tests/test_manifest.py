@@ -259,5 +259,5 @@ def test_entry_of_another_source_kind_is_named(tmp_path):
     source = "{kind: directory, licence: CC0, path: ., files: {can: {file: can.obj, up: z}}}"
     path = tmp_path / "own.yaml"
     path.write_text(f"name: own\ndescription: d\nseed: 0\nsplits: {{train: 1, valid: 0, test: 0}}\nsources:\n  - {source}\n")
-    with pytest.raises(InvalidInput, match=r"there is no entry sources\.0\.directory\.files"):
+    with pytest.raises(InvalidInput, match=r"there is no entry sources\.0\.files"):
         load_manifest(str(path))
