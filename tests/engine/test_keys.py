@@ -44,7 +44,7 @@ MODULES = ("pipeline.contrib.toy_objects.knife", "pipeline.contrib.toy_objects.b
 
 
 def test_missing_module_is_an_error_and_not_an_empty_hash():
-    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
+    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.tables\.gone"):
         sources_hash("pipeline.tables.gone")
 
 
