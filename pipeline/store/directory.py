@@ -20,7 +20,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, exists, files_below, list_folder, map_in_threads, place, read_bytes
+from pipeline.store.storage import Location, as_location, cache_of, copy, exists, files_below, list_folder, map_in_threads, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
@@ -49,8 +49,8 @@ class DataDirectory:
     name lie beside them, unfinished ones in `.work`.
     """
 
-    def __init__(self, root: str | Place) -> None:
-        self.root = place(root)
+    def __init__(self, root: str | Location) -> None:
+        self.root = as_location(root)
         self._collections: dict[str, Collection] = {}
 
     def is_data_directory(self) -> bool:
@@ -115,13 +115,13 @@ class DataDirectory:
         create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
         self.check_shard_count(count)
 
-    def shard_record(self, artifact: str, number: int, shards: int) -> Place:
+    def shard_record(self, artifact: str, number: int, shards: int) -> Location:
         """Return the path of a shard's record."""
         return self.root / artifact / f"{shard_name(number, shards)}.json"
 
-    def shard_records(self, *artifacts: str) -> list[Place]:
+    def shard_records(self, *artifacts: str) -> list[Location]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
-        records: list[Place] = []
+        records: list[Location] = []
         for artifact in artifacts or sorted(name for name, is_folder in list_folder(self.root).items() if is_folder):
             folder = self.root / artifact
             records += map(folder.joinpath, fnmatch.filter(sorted(list_folder(folder)), SHARD_RECORD))
@@ -149,7 +149,7 @@ class DataDirectory:
         folder_names = list_folder(self.root).keys() | list_folder(self.root / WORK).keys()
         return [name for name in ARTIFACTS if name in folder_names]
 
-    def folder_record(self, name: str) -> Place:
+    def folder_record(self, name: str) -> Location:
         """Return the path of a folder's record."""
         return self.root / f"{name}.json"
 
@@ -160,7 +160,7 @@ class DataDirectory:
         records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in records)
 
-    def record_folders(self) -> list[Place]:
+    def record_folders(self) -> list[Location]:
         """List the folders that hold records, or held one that was deleted."""
         folders = {"", *ARTIFACTS}
         for where in TREES:
@@ -173,7 +173,7 @@ class DataDirectory:
         """Read the record of a folder; a `StoreError` where there is none."""
         return read_record(self.folder_record(name), FolderRecord, maker_of(name))
 
-    def folder_path(self, name: str) -> Place:
+    def folder_path(self, name: str) -> Location:
         """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
@@ -195,11 +195,11 @@ class DataDirectory:
             raise StoreError(f"{folder}: {problem}")
         return local
 
-    def work(self, name: str) -> Place:
+    def work(self, name: str) -> Location:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
 
-    def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
+    def shard_lock(self, artifact: str, number: int, shards: int) -> Location:
         """Return the path of the lock that a run holds while it makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
 
@@ -209,13 +209,13 @@ def made_by(name: str, record: FolderRecord) -> str:
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 
-def _differences(name: str, record: FolderRecord, checked: Place, folder: Place) -> Iterator[str]:
+def _differences(name: str, record: FolderRecord, checked: Location, folder: Location) -> Iterator[str]:
     """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
     for file, problem in changed_files(checked, record.files).items():
         yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
-def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
+def changed_files(folder: Location, files: Mapping[str, str]) -> dict[str, str]:
     """Compare files below a folder with their recorded SHA-256; return the problem of each that differs, by name."""
     hashes = hashes_of(folder, files)
     problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
@@ -227,7 +227,7 @@ def shard_name(number: int, shards: int) -> str:
     return f"{number:04d}-of-{shards:04d}"
 
 
-def has_shard_count(record: Place, shards: int | None) -> bool:
+def has_shard_count(record: Location, shards: int | None) -> bool:
     """Check whether a record belongs to a dataset with this number of shards."""
     return record.stem.endswith(f"-of-{shards or 0:04d}")
 

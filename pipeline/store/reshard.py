@@ -14,7 +14,7 @@ from pipeline.store.record import RowRecord
 from pipeline.store.row_files import Chunks, encode_row
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, list_folder, map_in_threads, read_bytes
+from pipeline.store.storage import Location, list_folder, map_in_threads, read_bytes
 from schemas.catalogue import ARTIFACTS
 
 
@@ -32,7 +32,7 @@ def shard_key(
     return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})
 
 
-def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
+def reshard(directory: DataDirectory, shards: int) -> Iterator[Location]:
     """Write every artifact's rows into another number of shards, then publish all at once; yield each group's path.
 
     Nothing is computed. If it is killed before its end, readers see no change. No shard is locked: a stage that
@@ -51,7 +51,7 @@ def reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
         ) from error
 
 
-def _reshard(directory: DataDirectory, shards: int) -> Iterator[Place]:
+def _reshard(directory: DataDirectory, shards: int) -> Iterator[Location]:
     root, old_shards = directory.root, directory.shards()
     if old_shards in (None, shards):
         for record in directory.shard_records():  # those of other numbers: a run of this command was killed towards its end
@@ -89,13 +89,13 @@ def _check_no_runs(directory: DataDirectory, shards: int) -> None:
                 pass
 
 
-def _contents(directory: DataDirectory, shards: int) -> dict[Place, bytes]:
+def _contents(directory: DataDirectory, shards: int) -> dict[Location, bytes]:
     """Read the current records of this number of shards."""
     paths = [path for path in directory.shard_records() if has_shard_count(path, shards)]
     return dict(zip(paths, map_in_threads(_content, paths), strict=True))
 
 
-def _content(record: Place) -> bytes:
+def _content(record: Location) -> bytes:
     """Read a record; empty if it was withdrawn since it was listed."""
     try:
         return read_bytes(record)
@@ -128,7 +128,7 @@ def _row_with_processor(shard: Shard, object_id: str) -> RowRecord:
     return row.model_copy(update={"processor": shard.record.processor_of(row)})
 
 
-def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Place:
+def _write(directory: DataDirectory, collection: Collection, members: Sequence[str], number: int, shards: int) -> Location:
     first, artifact = collection.first, collection.artifact
     rows = tuple(_row_with_processor(collection.shard(name), name) for name in members)
     attributes = {**first.attributes, "failures": {row.object_id: row.failure.model_dump() for row in rows if row.failure}}

@@ -20,7 +20,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.local_copy import local_copy
 from pipeline.store.reshard import reshard
 from pipeline.store.row_files import Result, RowFiles
-from pipeline.store.storage import Place, files_below, place, read_bytes, remove
+from pipeline.store.storage import Location, as_location, files_below, read_bytes, remove
 from pipeline.store.validate import problems_below
 from pipeline.store.write import write_group
 from pipeline.tables.status import read_account
@@ -38,10 +38,10 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture
-def data(server, monkeypatch, tmp_path) -> Place:
+def data(server, monkeypatch, tmp_path) -> Location:
     """Return a fresh prefix in the bucket."""
     use(monkeypatch, server, tmp_path / "cache")
-    return place(f"s3://{BUCKET}/{uuid4().hex}")
+    return as_location(f"s3://{BUCKET}/{uuid4().hex}")
 
 
 @pytest.fixture
@@ -53,12 +53,12 @@ def faults(data, server, monkeypatch, tmp_path) -> Iterator[Proxy]:
         yield running_proxy
 
 
-def run_all_stages(data: Place, **changes) -> None:
+def run_all_stages(data: Location, **changes) -> None:
     for stage in (MakeNoise(), TakeMean(), Average()):
         run(request(data, stage, **changes))
 
 
-def digests(data: Place) -> tuple[object, ...]:
+def digests(data: Location) -> tuple[object, ...]:
     return digest(data), digest(data, MEAN), DataDirectory(data).folder("models/average").files
 
 
@@ -254,5 +254,5 @@ def test_garbage_is_old_and_named_by_no_record(data, monkeypatch):
 
 def test_unsupported_scheme_is_refused():
     with pytest.raises(InvalidInput, match=r"ftp://x/y cannot hold data; give a folder, or s3://BUCKET/PREFIX"):
-        place("ftp://x/y")
-    assert place("data/toy") == Path("data/toy")
+        as_location("ftp://x/y")
+    assert as_location("data/toy") == Path("data/toy")
