@@ -14,10 +14,10 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Learn": (learn.sweep, learn.report, learn.predict, learn.demo, learn.score, read.read_touch),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
     "Look and export": (inspection.status, inspection.summary, export.view, export.export, recipe.recipe),
-    "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),
+    "Maintain": (inspection.validate, inspection.collect_garbage, inspection.doctor),
 }
 
-CONTINUED = (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, learn.sweep, learn.report, export.export, inspection.reshard)
+CONTINUED = (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, learn.sweep, learn.report, export.export)
 """Commands that keep what they made when they are stopped, and continue from there."""
 
 app = typer.Typer(

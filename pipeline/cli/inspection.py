@@ -10,7 +10,7 @@ from rich.table import Table
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.config.settings import value_text
-from pipeline.console import console, errors, pluralise, print_line, show_tables
+from pipeline.console import console, errors, print_line, show_tables
 from pipeline.engine.stage import names_read
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
@@ -49,20 +49,6 @@ def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", h
         report.show(account, console)
     if account.damaged:
         raise typer.Exit(1)
-
-
-def reshard(
-    data: DataArgument,
-    shards: Annotated[int, typer.Argument(min=1, max=9999, help="How many shards the objects are split into from now on.")],
-) -> None:
-    """Split a data directory into another number of shards.
-
-    All rows are reused.
-    """
-    from pipeline.store.reshard import reshard as split
-
-    count = sum(1 for _ in split(DataDirectory(data), shards))
-    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(count, 'group')} written")
 
 
 def collect_garbage(

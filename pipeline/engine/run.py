@@ -14,9 +14,8 @@ from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
 from pipeline.store.atomic import exclusive_lock
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.store.publish import FolderOutput
-from pipeline.store.reshard import shard_of
 from pipeline.store.storage import NO_ROOM, Location, is_machine_fault
 
 

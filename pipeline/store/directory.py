@@ -1,13 +1,11 @@
 """Data directories: the paths of shards, folders and records, and whether each was made from the current inputs."""
 
 import fnmatch
+import hashlib
 import re
-import shlex
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -33,8 +31,6 @@ SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
 
-T = TypeVar("T")
-
 
 class DatasetDescription(Stored):
     """The content of `dataset.json`: the number of shards that the objects are split into."""
@@ -59,27 +55,6 @@ class DataDirectory:
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
-        return self._read_consistently(self._shards)
-
-    def _read_consistently(self, read: Callable[[], T]) -> T:
-        """Read records; repeat this if `reshard` has replaced them meanwhile."""
-        while True:
-            before = self._description()
-            try:
-                result = read()
-            except StoreError:
-                if self._description() == before:
-                    raise
-            else:
-                if self._description() == before:
-                    return result
-
-    def _description(self) -> bytes:
-        with suppress(OSError):
-            return read_bytes(self.root / DESCRIPTION)
-        return b""
-
-    def _shards(self) -> int | None:
         path = self.root / DESCRIPTION
         recorded = sorted({int(path.stem.rpartition("-")[2]) for path in self.shard_records()})
         remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(map(str, recorded)) or "none is left"}'
@@ -106,7 +81,7 @@ class DataDirectory:
         if current is not None and count not in (None, current):
             raise StoreError(
                 f"{self.root} is split into {pluralise(current, 'shard')}, {count} were asked for; leave --shards (make: SHARDS=) out, "
-                f"or change the number with `vt-pipeline reshard {shlex.quote(str(self.root))} {count}`"
+                "or make the dataset again in another folder (--data, make: DATA=)"
             )
         return current or count or 1
 
@@ -130,15 +105,12 @@ class DataDirectory:
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
-            self._collections[artifact.name] = self._read_consistently(partial(self._collection, artifact))
+            folder, shards = self.root / artifact.name, self.shards()
+            paths = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
+            read_one = partial(read_record, kind=ShardRecord)
+            records = list(map(read_one, paths)) if isinstance(folder, Path) else map_in_threads(read_one, paths)
+            self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in records])
         return self._collections[artifact.name]
-
-    def _collection(self, artifact: Artifact) -> Collection:
-        folder, shards = self.root / artifact.name, self._shards()
-        records = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
-        read_one = partial(read_record, kind=ShardRecord)
-        read = list(map(read_one, records)) if isinstance(folder, Path) else map_in_threads(read_one, records)
-        return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
         """List the artifacts that have a published shard."""
@@ -220,6 +192,11 @@ def changed_files(folder: Location, files: Mapping[str, str]) -> dict[str, str]:
     hashes = hashes_of(folder, files)
     problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
     return {name: problem for name, problem in problems.items() if hashes.get(name) != files[name]}
+
+
+def shard_of(object_id: str, shards: int) -> int:
+    """Compute the number of an object's shard from its name alone: adding or removing other objects does not move it."""
+    return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
 def shard_name(number: int, shards: int) -> str:

@@ -29,7 +29,7 @@ def problems_below(root: Location, *, strict: bool = False) -> dict[Location, li
     """Check a data directory; return the problems by path of record, an empty list for a record without problems.
 
     A `strict` check also objects to artifacts that several kinds of processors computed. Where a problem is found and
-    records were replaced meanwhile, by a run or by `reshard`, everything is checked again.
+    records were replaced meanwhile by a run, everything is checked again.
     """
     for _ in range(CHECKS):
         before = _records(root)

@@ -18,7 +18,6 @@ from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.local_copy import local_copy
-from pipeline.store.reshard import reshard
 from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.storage import Location, as_location, files_below, read_bytes, remove
 from pipeline.store.validate import problems_below
@@ -72,14 +71,6 @@ def test_digests_equal_those_on_a_disk(data, tmp_path):
     run_all_stages(data)
     assert files_below(data) == before, "a second run writes nothing"
     assert not [name for name in before if name.startswith(".work")]
-
-
-def test_reshard_keeps_digests_and_leaves_nothing_to_compute(data):
-    run_all_stages(data)
-    before = digests(data)
-    assert all(files_below(group) for group in reshard(DataDirectory(data), 3))
-    assert digests(data) == before
-    assert [run(request(data, stage)) for stage in (MakeNoise(), TakeMean(), Average())] == [0, 0, 0]
 
 
 def test_damaged_or_missing_chunk_is_detected_and_made_again(data):
@@ -213,7 +204,7 @@ def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
     shard = published(data).shard("b")
     assert all(shard.view("b")[name].any() for name in names)
     view = shard.view("b")  # has read nothing yet
-    list(reshard(DataDirectory(data), 2))
+    run(request(data, seed=1))
     garbage.collect_everything(DataDirectory(data), older_than=-1)
     for name in names:
         with pytest.raises(StoreError, match="it was replaced since it was opened: open the dataset again"):
