@@ -2,7 +2,7 @@
 
 import ast
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib import util
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import Any
 from pipeline.config.objects import fingerprint
 from pipeline.config.sources import modelled
 from pipeline.store import digest
+from pipeline.store.rows import Row
 from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
@@ -114,3 +115,17 @@ def source_key(source: dict[str, Any]) -> dict[str, Any]:
 def object_key(stage_key: str, object_id: str, category: str, inputs: Any) -> str:
     """Compute the key of one object's row: from its stage's key, the object, and its inputs (a source's key, or rows' digests)."""
     return digest.of_json({"stage": stage_key, "object": object_id, "category": category, "inputs": inputs})
+
+
+def shard_key(
+    rows: Iterable[tuple[str, str]],  # key and split of each
+    number: int,
+    shards: int,
+    manifest: str,
+    missing: Sequence[str],  # objects that the shard lacks
+    labels: Row | None,  # of dimensions, from its inputs
+) -> str:
+    """Compute the key of a shard from its rows and what else its group holds."""
+    lacks = {"missing": list(missing)} if missing else {}
+    labelled = {"labels": digest.of_arrays(labels)} if labels else {}
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})

@@ -19,14 +19,14 @@ from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.touch.contact import local_points
 from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
 from pipeline.store.atomic import name_in_errors
-from pipeline.store.storage import Place, temporary
+from pipeline.store.storage import Location, temporary
 
 POINT = 2e-4
 """m: radius of a local point."""
 
 
 def view_grasps(
-    data: Place,
+    data: Location,
     object_id: str,
     grasp: int | None,  # from 0; None for all
     save: Path | None,  # a file, .rrd, in place of a window
