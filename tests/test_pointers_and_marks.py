@@ -1,7 +1,5 @@
 """Git LFS pointers are named, and byte-order marks skipped, in every kind of file that is read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A hand of two fingers without shape, whose gels face each other 0.1 m above the palm, and what it pinches."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
