@@ -13,7 +13,7 @@ PANELS: dict[str, tuple[Callable[..., None], ...]] = {
     "Make": (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, advise.advise),
     "Learn": (learn.sweep, learn.report, learn.predict, learn.demo, learn.score, read.read_touch),
     "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
-    "Look and export": (inspection.status, inspection.summary, export.view, export.export, recipe.recipe),
+    "Look and export": (inspection.status, inspection.summary, export.export, recipe.recipe),
     "Maintain": (inspection.validate, inspection.reshard, inspection.collect_garbage, inspection.doctor),
 }
 
