@@ -16,7 +16,7 @@ PANELS = {
     "Make": {"run": "run", "submit": "submit", "remake": "recipe", "tradeoff": "tradeoff", "advise": "advise"},
     "Learn": {"sweep": "learn", "report": "learn", "predict": "learn", "demo": "learn", "score": "learn", "read-touch": "read"},
     "Describe": {"check": "check", "stages": "inspection"},
-    "Look and export": {"status": "inspection", "summary": "inspection", "view": "export", "export": "export", "recipe": "recipe"},
+    "Look and export": {"status": "inspection", "summary": "inspection", "export": "export", "recipe": "recipe"},
     "Maintain": {"validate": "inspection", "collect-garbage": "inspection", "doctor": "inspection"},
 }
 """The commands of each panel, with the module of `pipeline.cli` that has the function of this name."""

@@ -21,7 +21,6 @@ from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, pluralise, visible
-from pipeline.contrib.report.left_out import left_out_table
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.overview import overview_panels
 from pipeline.contrib.report.paper_figures import CANDIDATES, clearest_grasp, draw_figures
@@ -274,7 +273,6 @@ def _about(source: ReportSource) -> dict[str, Any]:
     origins = records(source.directory)
     return {
         "failures": _failures(source.failures),
-        "left_out": left_out_table(source),
         "contents": contents_table(origins),
         "commands": commands(source.directory, origins),
         "settings": settings_tables(source.directory, origins),
