@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from checks.fuzz.target import Files, Target, files_made_by, seal
 from pipeline.console import show_tables
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
@@ -35,7 +36,6 @@ from schemas.base import COMMON, FIXED, Array
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
-from tests.fuzz.target import Files, Target, files_made_by, seal
 
 LEFT_OUT = ("local_points", "local_count")
 SIZE = 2

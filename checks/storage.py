@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import socket
+import subprocess
+import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +19,51 @@ from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
 from pipeline.store.storage import as_location, exists, files_below, list_folder
 from stages.registry import GRASP_STAGES
-from tests.object_storage import BUCKET, SeaweedServer, make_bucket, moto_server, use
+from tests.object_storage import BUCKET, make_bucket, moto_server, use, wait_until
 from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
 
-pytestmark = pytest.mark.slow
+
+class SeaweedServer:
+    """SeaweedFS's S3 on one machine; `kill` keeps the stored objects."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.ports = [_free_port() for _ in range(4)]
+        self.address = f"http://127.0.0.1:{self.ports[3]}"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        """Start the server and wait until it answers."""
+        master, volume, filer, s3 = self.ports
+        (self.folder / "stored").mkdir(parents=True, exist_ok=True)
+        ports = [f"-master.port={master}", f"-volume.port={volume}", f"-filer.port={filer}", f"-s3.port={s3}"]
+        ports += [f"-{name}.port.grpc={_free_port()}" for name in ("master", "volume", "filer", "s3")]
+        command = [Path(sys.executable).parent / "weed", "server", f"-dir={self.folder}/stored", "-s3", "-ip=127.0.0.1", *ports]
+        with (self.folder / "log").open("ab") as log:
+            self.process = subprocess.Popen([*command, "-master.volumeSizeLimitMB=64", "-volume.max=0"], stdout=log, stderr=log)
+        wait_until(lambda: _answers(self.address) and _answers(f"http://127.0.0.1:{master}/dir/assign"))
+
+    def kill(self) -> None:
+        """Kill the server as if its machine were lost."""
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+
+def _answers(url: str) -> bool:
+    try:
+        urllib.request.urlopen(url, timeout=5).close()
+    except urllib.error.HTTPError as error:
+        return error.code < 500 and error.code != 404
+    except OSError:
+        return False
+    return True
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.faults.damage import damaged
+from checks.faults.trial import Trial, Verdict
+from checks.forked import IN_WORDS, OK
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
@@ -17,9 +20,6 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from schemas.catalogue import artifact_of
-from tests.faults.damage import damaged
-from tests.faults.trial import Trial, Verdict
-from tests.forked import IN_WORDS, OK
 
 REPLACED = {
     "sample-surfaces": ("sample-surfaces.points=400", "points"),

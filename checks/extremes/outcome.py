@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tests.extremes.kernels import Kernel
-from tests.extremes.shapes import Shape
+from checks.extremes.kernels import Kernel
+from checks.extremes.shapes import Shape
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Feeds every kernel with every extreme: `python -m tests.extremes`, and writes the largest errors as a page with `--write`."""
+"""Feeds every kernel with every extreme: `python -m checks.extremes`, and writes the largest errors as a page with `--write`."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Annotated
 import typer
 
 from benchmarks.provenance import provenance
-from tests.extremes.kernels import KERNELS
-from tests.extremes.outcome import Outcome, feed
-from tests.extremes.shapes import SHAPES
+from checks.extremes.kernels import KERNELS
+from checks.extremes.outcome import Outcome, feed
+from checks.extremes.shapes import SHAPES
 
 INTRODUCTION = """\
 # Extremes
@@ -38,7 +38,7 @@ def main(write: Annotated[Path | None, typer.Option(help="page to write")] = Non
     for kernel in KERNELS:
         print(kernel.name, file=sys.stderr)
         outcomes |= {(kernel.name, shape.name): feed(kernel, shape) for shape in SHAPES}
-    about = provenance("make test-extremes", "python -m tests.extremes")
+    about = provenance("make test-extremes", "python -m checks.extremes")
     page = [INTRODUCTION, f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:\n"]
     for shapes in ([s for s in SHAPES if not s.beyond], [s for s in SHAPES if s.beyond]):
         page += [

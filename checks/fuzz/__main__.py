@@ -1,4 +1,4 @@
-"""`python -m tests.fuzz [--inputs 1000000] [--only TARGET …] [--seed N]`: feed wrong files to whatever reads files.
+"""`python -m checks.fuzz [--inputs 1000000] [--only TARGET …] [--seed N]`: feed wrong files to whatever reads files.
 
 Only errors in words are allowed: no other exception, no crash, nothing over `SECONDS`, `BYTES` or `PEAK`. Findings are printed with the
 files that led to them, which are kept; ends with status 1 if there is one.
@@ -24,12 +24,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 
+from checks.forked import finish, fork
+from checks.fuzz.mutations import mutated
+from checks.fuzz.target import Files, Target
+from checks.fuzz.targets import TARGETS
 from pipeline.errors import PipelineError
 from pipeline.formats.mesh_reader import end_reader
-from tests.forked import finish, fork
-from tests.fuzz.mutations import mutated
-from tests.fuzz.target import Files, Target
-from tests.fuzz.targets import TARGETS
 
 SECONDS = 120
 """Limit per input: twice the processor time that reading a mesh may take, because the processor is shared."""
@@ -57,7 +57,7 @@ class _TooSlow(BaseException):
 
 def main() -> None:
     """Fuzz the targets and print the findings."""
-    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m checks.fuzz", description=__doc__)
     parser.add_argument("--inputs", type=int, default=1_000_000, help="in all")
     parser.add_argument("--only", nargs="+", choices=list(TARGETS), default=list(TARGETS), help="these targets alone")
     parser.add_argument("--seed", type=int, default=0)

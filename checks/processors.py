@@ -1,4 +1,4 @@
-"""Environments in which libraries compute as on older processors; `python -m tests.processors haswell COMMAND …` runs a command in one."""
+"""Environments in which libraries compute as on older processors; `python -m checks.processors haswell COMMAND …` runs a command in one."""
 
 from __future__ import annotations
 

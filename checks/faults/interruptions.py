@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from checks.faults.trial import Trial, Verdict
+from checks.forked import HANGS, IN_WORDS, OK, End, finish, fork
 from pipeline.cli import app
 from stages.registry import GRASP_STAGES
-from tests.faults.trial import Trial, Verdict
-from tests.forked import HANGS, IN_WORDS, OK, End, finish, fork
 
 MEGABYTE = 2**20
 

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from PIL import Image
 
+from checks.fuzz.target import Files, Target, files_made_by, seal
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import NetworkConfig
@@ -28,7 +29,6 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, is_version
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import FolderRecord
-from tests.fuzz.target import Files, Target, files_made_by, seal
 
 NAME, PIXELS = "occluded-touch", 16
 POSE = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.5], [0, 0, 0, 1]]

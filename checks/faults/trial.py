@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.faults.sandbox import Sandbox, digests, remove
+from checks.forked import IN_WORDS, OK, End, answer, run
 from pipeline.store.validate import problems_below
 from stages.registry import GRASP_STAGES
-from tests.faults.sandbox import Sandbox, digests, remove
-from tests.forked import IN_WORDS, OK, End, answer, run
 
 ATTEMPTS = 6
 """Runs within which following the messages must have repaired the dataset."""

@@ -11,8 +11,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from checks.forked import answer
 from pipeline.store.digest import of_json
-from tests.forked import answer
 
 Files = dict[str, bytes]
 

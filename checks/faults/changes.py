@@ -7,11 +7,11 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
+from checks.faults.sandbox import Sandbox, digests
+from checks.faults.trial import Trial, Verdict
+from checks.forked import IN_WORDS, OK, answer
 from pipeline.formats.hand_file import load_hand
 from pipeline.store.digest import of_json
-from tests.faults.sandbox import Sandbox, digests
-from tests.faults.trial import Trial, Verdict
-from tests.forked import IN_WORDS, OK, answer
 
 
 def version_changed(trial: Trial) -> Verdict:

@@ -16,6 +16,9 @@ import trimesh
 import yaml
 from PIL import Image
 
+from checks.fuzz.predict_target import Predictions
+from checks.fuzz.store_target import Stores
+from checks.fuzz.target import Files, Target
 from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.config import folder_sources
@@ -29,9 +32,6 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.formats.threemf_package import MODEL
 from stages.registry import load_stage, resolve
 from tests.formats.gltf_builder import Gltf, glb
-from tests.fuzz.predict_target import Predictions
-from tests.fuzz.store_target import Stores
-from tests.fuzz.target import Files, Target
 
 ASSETS = Path(__file__).parents[2] / "pipeline" / "assets"
 

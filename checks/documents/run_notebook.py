@@ -1,6 +1,6 @@
 """Run the notebook of `examples/` from the first cell to the last, as `make test-docs` does; its name keeps it from `make test`.
 
-Usage: python -m tests.examples.run_notebook NOTEBOOK [OUT]     (OUT gets the notebook with its outputs)
+Usage: python -m checks.documents.run_notebook NOTEBOOK [OUT]     (OUT gets the notebook with its outputs)
 """
 
 from __future__ import annotations

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from checks.faults.trial import Trial, Verdict, problems_in
+from checks.forked import OK
 from pipeline.console import console_on
 from pipeline.tables import status
-from tests.faults.trial import Trial, Verdict, problems_in
-from tests.forked import OK
 
 
 def kind_of(path: Path, data: Path) -> str:

@@ -6,9 +6,9 @@ import warnings
 
 import pytest
 
-from tests.extremes.kernels import KERNELS, Kernel
-from tests.extremes.outcome import feed
-from tests.extremes.shapes import SHAPES, Shape
+from checks.extremes.kernels import KERNELS, Kernel
+from checks.extremes.outcome import feed
+from checks.extremes.shapes import SHAPES, Shape
 
 SIZES = [pytest.param(shape, id=shape.name, marks=[pytest.mark.slow] if shape.large else []) for shape in SHAPES]
 

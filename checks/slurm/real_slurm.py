@@ -15,9 +15,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from checks.slurm.one_node import one_node_slurm
 from pipeline.cluster import slurm
 from stages.registry import GRASP_STAGES
-from tests.slurm.one_node import one_node_slurm
 from tests.test_pipeline import ASSIGNMENTS, SHARDED, vt
 
 SHARDS = 3

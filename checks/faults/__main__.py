@@ -1,4 +1,4 @@
-"""`python -m tests.faults [--share 0.1] [--seed N] [--write FILE]`: inject faults, and print what became of them.
+"""`python -m checks.faults [--share 0.1] [--seed N] [--write FILE]`: inject faults, and print what became of them.
 
 Ends with status 1 if anything was lost, wrong or silent.
 """
@@ -21,12 +21,12 @@ import numpy as np
 import torch
 
 from benchmarks.provenance import provenance
+from checks.faults import changes, damage, interruptions, links
+from checks.faults.sandbox import Sandbox, digests
+from checks.faults.trial import Trial, Verdict
+from checks.forked import OK, answer, finish, fork, run
 from pipeline.store.temporary import private_folder, temporary_folder
 from stages.registry import GRASP_STAGES
-from tests.faults import changes, damage, interruptions, links
-from tests.faults.sandbox import Sandbox, digests
-from tests.faults.trial import Trial, Verdict
-from tests.forked import OK, answer, finish, fork, run
 
 Fault = Callable[[Trial], Verdict]
 
@@ -75,7 +75,7 @@ lists the guarantees.
 
 def main() -> None:
     """Inject the faults and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m checks.faults", description=__doc__)
     parser.add_argument("--share", type=float, default=1.0, help="of the faults of each kind; at least one is injected")
     parser.add_argument("--only", nargs="+", choices=list(FAULTS), default=list(FAULTS), help="these kinds alone")
     parser.add_argument("--seed", type=int, default=0, help="draws moments and places")
@@ -180,7 +180,7 @@ def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[
     header = ["fault", "injected", *outcomes, "lost, wrong or silent"]
     table = [header, ["---"] * len(header), *rows]
     lines = ["| " + " | ".join(map(str, row)) + " |" for row in table]
-    about = provenance("make faults", "python -m tests.faults")
+    about = provenance("make faults", "python -m checks.faults")
     heading = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
     note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
     certificate = CERTIFICATE if any("dask.crt" in verdict.fault_of_ours for verdict in verdicts.get(TEMPORARY, ())) else ""

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.faults.__main__ import TEMPORARY, _page
-from tests.faults.sandbox import Sandbox
-from tests.faults.trial import Verdict, follow
-from tests.fuzz.__main__ import fuzz
-from tests.fuzz.target import Files, Target
-from tests.fuzz.targets import TARGETS
+from checks.faults.__main__ import TEMPORARY, _page
+from checks.faults.sandbox import Sandbox
+from checks.faults.trial import Verdict, follow
+from checks.fuzz.__main__ import fuzz
+from checks.fuzz.target import Files, Target
+from checks.fuzz.targets import TARGETS
 
 ROOT = Path(__file__).parents[2]
 KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that waits to be published")
@@ -22,7 +22,7 @@ KINDS = ("kill −9 of a run", "limit on the size of files", "damaged row that w
 
 @pytest.mark.slow
 def test_dataset_survives_a_few_faults():
-    command = [sys.executable, "-m", "tests.faults", "--share", "0", "--only", *KINDS]
+    command = [sys.executable, "-m", "checks.faults", "--share", "0", "--only", *KINDS]
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert f"| all | {len(KINDS)} |" in completed.stdout
@@ -52,7 +52,7 @@ def test_every_stage_of_the_sandbox_has_an_output(tmp_path):
 
 
 def test_a_few_mutated_files_give_clear_errors():
-    command = [sys.executable, "-m", "tests.fuzz", "--inputs", "25"]
+    command = [sys.executable, "-m", "checks.fuzz", "--inputs", "25"]
     completed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert completed.stdout.count(" inputs: ") == len(TARGETS)
@@ -81,7 +81,7 @@ def test_finding_is_reported_with_its_files(tmp_path, monkeypatch):
 
 def test_input_that_takes_too_much_memory_is_reported(tmp_path, monkeypatch):
     monkeypatch.setitem(TARGETS, "careless", (Careless, 1.0))
-    monkeypatch.setattr("tests.fuzz.__main__.PEAK", 1.0)
+    monkeypatch.setattr("checks.fuzz.__main__.PEAK", 1.0)
     tally = fuzz("careless", 5, seed=0, lanes=1, keep=tmp_path)
     assert any(where.startswith("memory: ") for where in tally.findings)
     assert tally.largest > 1e6
