@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import identity
+from pipeline.config.sources import identity
 from pipeline.config.settings import Settings
 from pipeline.console import Table
 from pipeline.contrib.report.reconstruction_gallery import nearest_middle_farthest
