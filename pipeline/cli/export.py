@@ -11,7 +11,7 @@ from pipeline.cli.request import DataArgument
 from pipeline.console import pluralise, print_line
 from pipeline.formats.description_file import read_description
 from pipeline.store.atomic import UNFINISHED, atomic_writes
-from pipeline.store.storage import list_folder, as_location
+from pipeline.store.storage import as_location, list_folder
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")

@@ -25,12 +25,12 @@ class ClosedMesh:
     """
 
     vertices: NDArray[np.float64]
-    faces: NDArray[np.integer]
+    faces: NDArray[np.int64]
     colors: NDArray[np.uint8]
     seen: NDArray[np.bool_]
 
     @classmethod
-    def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.integer]) -> ClosedMesh:
+    def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> ClosedMesh:
         """Make a closed mesh without colours, of which no image shows anything."""
         return cls(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
 
