@@ -1,13 +1,11 @@
-"""Commands that hand a dataset to other programs: a viewer, other formats."""
+"""`vt-pipeline export`: write a dataset for other programs."""
 
-import shlex
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from pipeline.cli.completion import complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import pluralise, print_line
@@ -18,25 +16,6 @@ from pipeline.store.storage import list_folder, place
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
 """Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
-
-
-def view(
-    data: DataArgument,
-    object_id: Annotated[
-        str, typer.Argument(metavar="OBJECT", help="An object of the data directory.", autocompletion=complete_made_object)
-    ],
-    grasp: Annotated[int | None, typer.Option(min=0, help="One of its grasps, from 0; by default all, on a timeline.")] = None,
-    save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
-) -> None:
-    """Show grasps in the viewer Rerun.
-
-    Object, hand, sensors, images, tactile images, local points, charts and predictions are shown.
-    """
-    from pipeline.contrib.exports.rerun_view import view_grasps
-
-    grasps = view_grasps(place(data), object_id, grasp, save)
-    if save:
-        print_line(f"{save}: {pluralise(len(grasps), 'grasp')} of {object_id}; `rerun {shlex.quote(str(save))}` shows them")
 
 
 def export(
