@@ -99,19 +99,10 @@ class HandFile(_Entry):
     )
 
 
-def load_hand(name: str | Path) -> Hand:
-    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
-
-    Parameters
-    ----------
-    name
-        Name of a shipped hand (`allegro_right`), or the path of a hand file.
-
-    Raises
-    ------
-    InvalidInput
-        A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
-    """
+def load_hand(
+    name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
+) -> Hand:
+    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         digests, hand = _cached[path]
