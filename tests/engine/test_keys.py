@@ -44,7 +44,7 @@ MODULES = ("pipeline.contrib.toy_objects.knife", "pipeline.contrib.toy_objects.b
 
 
 def test_missing_module_is_an_error_and_not_an_empty_hash():
-    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
+    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.tables\.gone"):
         sources_hash("pipeline.tables.gone")
 
 
@@ -64,7 +64,7 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
         "pipeline/contrib/toy_objects/knife.py": ["pipeline.contrib.toy_objects.knife"],
         "pipeline/rng.py": sorted(MODULES),
         "pipeline/store/shard.py": [],
-        "pipeline/engine/run.py": [],
+        "pipeline/engine/make.py": [],
         "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],
         "pipeline/kernels/vision/camera.py": ["stages.render_vision.stage"],
         "pipeline/kernels/touch/tactile_image.py": [

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.executor import Serial
-from pipeline.engine.run import make_plans
+from pipeline.engine.make import plans
 from pipeline.errors import StoreError
 from pipeline.store import directory as directory_module
 from pipeline.store import validate
@@ -39,7 +39,7 @@ def test_run_with_another_number_of_shards_is_refused_and_reshard_changes_it(tmp
         assert (digest(tmp_path), digest(tmp_path, MEAN)) == whole
         assert not any(problems_below(tmp_path).values())
         assert all(
-            plan.up_to_date() for stage in (MakeNoise(), TakeMean()) for plan in make_plans(request(tmp_path, stage=stage, shards=shards))
+            plan.up_to_date() for stage in (MakeNoise(), TakeMean()) for plan in plans(request(tmp_path, stage=stage, shards=shards))
         )
         assert [run(request(tmp_path, stage=stage)) for stage in (MakeNoise(), TakeMean())] == [0, 0], "None takes the dataset's number"
 
