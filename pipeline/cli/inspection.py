@@ -96,7 +96,7 @@ def validate(
     Exits with status 1 if a check fails.
     """
     from pipeline.cli.recipe import print_comparison
-    from pipeline.contrib.report.report_pages import report_problems
+    from pipeline.drawing.written_files import report_problems
     from pipeline.recipes.recipe import read_recipe
     from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below

@@ -13,69 +13,66 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.contrib.report.reconstruction_gallery import draw_gallery, nearest_middle_farthest, painted_mesh, render_mesh
-from pipeline.contrib.report.report_source import ReportSource, shown_scene
+from pipeline.contrib.report.report_source import ReportSource, best
+from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.drawing.contact_sheet import BandMaker
-from pipeline.drawing.contact_sheet_page import COLORS, depth_colors, spread_evenly
+from pipeline.drawing.colors import COLORS, depth_colors
+from pipeline.drawing.grasp_pictures import GraspPictures, touches_of
+from pipeline.drawing.picture_sheet import SheetRow, Tile, draw_sheet, spread_evenly
 from pipeline.drawing.plots import save_figure
-from pipeline.drawing.second_view import fitted_camera, grasp_cameras, lamp_beside, second_view
+from pipeline.drawing.views import fitted_camera, painted_mesh, render_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.touch.gel_surface import in_gel
 from pipeline.kernels.touch.sensor import masked_points
-from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model
 from stages.evaluate.settings import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 384
 """A rendered picture's side."""
-
 CANDIDATES = 40
 """Objects, spread evenly, among which a figure's object is chosen."""
-
 POINTS = 1500
 """Points of a cloud that are drawn at most."""
-
 OPENING = 0.03
 """m that the fingers are drawn back in the second step's picture: more than in physics, so that it is visible."""
-
 RADIUS = 0.15
 """m, radius of the sphere of charts in its picture."""
+FILL = 0.8
+"""Share of a picture's side that an object takes up beside its reconstructions, which may be larger."""
+GAP = 4
+"""Pixels between the tiles of a grid."""
+
+Picture = NDArray[np.uint8]  # (rows, cols, 3)
 
 
-def draw_figures(
-    source: ReportSource,
-    folder: Path,
-    max_objects: int,
-) -> list[dict[str, Any]]:  # title, text and pictures of each figure
+def draw_figures(source: ReportSource, folder: Path, max_objects: int) -> list[dict[str, Any]]:  # title, text and pictures of each figure
     """Draw the figures that the dataset has data for as PNG files, with at most `max_objects` reconstructions."""
     object_id, grasp = clearest_grasp(source, spread_evenly(source.object_ids, CANDIDATES))
-    scene = shown_scene(source.directory)
+    scene = source.scene()
     with Renderer(scene, PIXELS) as renderer:
-        figures = [_procedure(source, renderer, scene, folder, object_id, grasp)]
+        figures = [_procedure(source, renderer, folder, object_id, grasp)]
         charts = source.collections.get("charts")
         if charts and "models/unet" in charts.first.record.models:  # else charts are fitted to points of another network
             figures.append(_local_shape(source, folder, object_id, grasp))
-        figures.append(_sphere(renderer, scene, folder, _middle(source, object_id)))
+        figures.append(_sphere(source, renderer, folder, object_id))
     if source.evaluation:
         names = source.evaluation.configurations
         ours = [name for name in names if not name.startswith(SHIPPED_ROWS)]
         text = (
-            "A row per object: those with the least error, then middling ones, then those with the most. A column per network; below each "
-            "picture the mean distance to the object. Touch charts are orange."
+            "A row per object: those with the least error, then middling ones, then those with the most. Below each reconstruction is its "
+            "mean distance to the object. Touch charts are orange."
         )
         for title, file, columns in (
             ("Reconstructions by modality (Figure 5)", "reconstructions.png", ours),
-            ("Reconstructions by the network that ships", "reconstructions-shipped.png", [name for name in names if name not in ours]),
+            ("Reconstructions by the pretrained network", "reconstructions-shipped.png", [name for name in names if name not in ours]),
         ):
             if columns:
                 object_ids = nearest_middle_farthest(source.evaluation.ranked(columns), max_objects)
-                draw_gallery(source.directory, source.evaluation, folder / file, object_ids, columns)
+                draw_gallery(source, folder / file, object_ids, columns)
                 alt = f"Reconstructions of {', '.join(object_ids)}: a row per object, a column per network and number of grasps"
                 figures.append(_figure(title, text, [(folder / file, alt, "")], "wide"))
     return figures
@@ -103,9 +100,75 @@ def clearest_grasp(
     return max(scores, key=lambda key: scores[key])
 
 
-def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
+def overview_panels(
+    source: ReportSource,
+    object_id: str,
+    grasp: int,  # from 0
+    pixels: int = 480,
+) -> list[tuple[str, Picture]]:  # captions, square images
+    """Render an object, a grasp of it and its reconstruction, then the tactile images, depth maps and touched surface between.
+
+    The reconstruction is the best of those that are given touches, else the best of all; there is none if the object was not evaluated.
+    """
+    rows, sensors, scene, hand = source.rows(object_id), source.sensors(), source.scene(), source.hand()
+    mesh, touches = read_mesh(rows["surfaces"]), touches_of(rows, grasp, hand, sensors)
+    camera = fitted_camera(scene.square_camera(pixels), mesh.vertices, FILL)
+    count = sum(touch.touched for touch in touches)
+    with Renderer(scene, pixels) as renderer:
+        with GraspPictures(renderer, scene, hand, sensors).second_side(rows, grasp, pixels) as side:
+            held, touched = side.held(), side.touched()
+        panels = [
+            ("object", render_mesh(renderer, mesh, camera)),
+            ("grasp", held),
+            ("tactile images →", _grid([touch.tactile_image for touch in touches])),
+            ("depth maps →", _grid([touch.depth for touch in touches])),
+            (f"touched surface, {count} touch{'es' * (count != 1)}", touched),
+        ]
+        if source.evaluation and (predictions := source.evaluation.predictions(object_id)):
+            prediction = best([candidate for candidate in predictions if candidate.felt] or predictions)
+            predicted = source.evaluation.mesh(object_id, prediction, source.collections.get("charts"))
+            panels.insert(2, (f"reconstruction: {prediction.label}", render_mesh(renderer, predicted, camera)))
+    return panels
+
+
+def _grid(tiles: list[Picture]) -> Picture:
+    """Arrange tiles of one size in a grid that is as square as possible, with white between them."""
+    columns = int(np.ceil(np.sqrt(len(tiles))))
+    framed = [np.pad(tile, ((GAP, GAP), (GAP, GAP), (0, 0)), constant_values=255) for tile in tiles]
+    framed += [np.full_like(framed[0], 255)] * (-len(framed) % columns)
+    return np.concatenate([np.concatenate(framed[start : start + columns], axis=1) for start in range(0, len(framed), columns)])
+
+
+def nearest_middle_farthest(ranked: Sequence[str], limit: int) -> list[str]:
+    """Choose at most `limit` of ranked objects: a third from the beginning, a third from the middle, a third from the end."""
+    if len(ranked) <= limit:
+        return list(ranked)
+    first, middle, last = (len(part) for part in np.array_split(np.arange(limit), 3))
+    start = (len(ranked) - middle) // 2
+    return [*ranked[:first], *ranked[start : start + middle], *ranked[len(ranked) - last :]]
+
+
+def draw_gallery(source: ReportSource, path: Path, object_ids: Sequence[str], names: Sequence[str], pixels: int = 200) -> None:
+    """Draw these networks' reconstructions of test objects beside the objects, each from the fewest and the most grasps it was given."""
+    evaluation, scene, sheet_rows = source.evaluation, source.scene(), []
+    assert evaluation is not None
+    with Renderer(scene, pixels) as renderer:
+        for object_id in object_ids:
+            mesh = read_mesh(source.collections["surfaces"].view(object_id))
+            camera = fitted_camera(scene.square_camera(pixels), mesh.vertices, FILL)
+            tiles = [Tile("object", [render_mesh(renderer, mesh, camera)])]
+            for name in names:
+                predictions = [prediction for prediction in evaluation.predictions(object_id) if prediction.network == name]
+                for prediction in {prediction.grasps: prediction for prediction in (predictions[0], predictions[-1])}.values():
+                    predicted = evaluation.mesh(object_id, prediction, source.collections.get("charts"))
+                    tiles.append(Tile(prediction.inputs, [render_mesh(renderer, predicted, camera)], prediction.error))
+            sheet_rows.append(SheetRow(object_id, "", tiles))
+    draw_sheet(sheet_rows, path, title="Reconstructions", note="below each: mean distance to the object", page=len(sheet_rows))
+
+
+def _procedure(source: ReportSource, renderer: Renderer, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
     files = []
-    for number, (caption, image) in enumerate(procedure_steps(source, renderer, scene, object_id, grasp), start=1):
+    for number, (caption, image) in enumerate(procedure_steps(source, renderer, object_id, grasp), start=1):
         path = folder / f"procedure-{number}.png"
         Image.fromarray(image).save(path, optimize=True)
         files.append((path, f"{object_id}, step {number} of its grasp", f"{number}. {caption}"))
@@ -116,32 +179,20 @@ def _procedure(source: ReportSource, renderer: Renderer, scene: Scene, folder: P
 def procedure_steps(
     source: ReportSource,
     renderer: Renderer,
-    scene: Scene,
     object_id: str,
     grasp: int,  # from 0
-) -> list[tuple[str, NDArray[np.uint8]]]:  # captions, images (`PIXELS`, `PIXELS`, 3)
+) -> list[tuple[str, Picture]]:  # captions, images (`PIXELS`, `PIXELS`, 3)
     """Render the steps of a grasp: hand, fingers drawn back, fingers closed, touched surface."""
     rows, hand = source.rows(object_id), source.hand()
-    pose, angles = rows["grasps"]["hand_pose"][grasp], rows["grasps"]["joint_angles"][grasp]
-    postures = [
+    angles = rows["grasps"]["joint_angles"][grasp]
+    postures = (
         ("the palm faces a random point of the surface, fingers stretched", hand.lower),
-        (
-            "inverse kinematics find a posture at the surface; fingers are drawn back",
-            pregrasp_angles(hand, angles, [OPENING])[0],
-        ),
+        ("inverse kinematics find a posture at the surface; fingers are drawn back", pregrasp_angles(hand, angles, [OPENING])[0]),
         ("in physics the fingers close until contact settles", angles),
-    ]
-    steps = []
-    maker = BandMaker(renderer, scene=scene, hand=hand, sensors=source.sensors())
-    with maker.grasp_view(rows, grasp) as view:
-        cameras = grasp_cameras(renderer, scene, PIXELS, view)
-        for caption, posture in postures:
-            frames = forward_kinematics(hand, pose, posture)
-            posed_meshes = [(view.object_mesh[0], np.eye(4)), *((shape, frames[link]) for link, shape, _ in maker.shapes)]
-            steps.append((caption, renderer.render(posed_meshes, cameras[0], lamp_beside(scene, cameras[0])).rgb))
-        touched = second_view(renderer, scene, cameras, view)[1]
-        steps.append(("each sensor measures the surface in its gel (coloured)", touched))
-    return steps
+    )
+    with GraspPictures(renderer, source.scene(), hand, source.sensors()).second_side(rows, grasp, PIXELS) as side:
+        steps = [(caption, side.posture(posture)) for caption, posture in postures]
+        return [*steps, ("each sensor measures the surface in its gel (coloured)", side.touched())]
 
 
 def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int) -> dict[str, Any]:
@@ -149,34 +200,30 @@ def _local_shape(source: ReportSource, folder: Path, object_id: str, grasp: int)
     rows, sensors = source.rows(object_id), source.sensors()
     model = load_touch_model(source.directory.verified_folder("models/unet"), "cpu")
     touched = np.flatnonzero(rows["grasps"]["touch_success"][grasp])
-    tactile_images, depths = rows["touch"]["tactile_image"][grasp][touched], rows["touch"]["depth"][grasp][touched]
-    predicted, pressed = model.maps(tactile_images)
+    depths = rows["touch"]["depth"][grasp][touched]
+    predicted, pressed = model.maps(rows["touch"]["tactile_image"][grasp][touched])
     clouds = [masked_points(*maps, model.sensor) for maps in zip(predicted, pressed, strict=True)]
-    names = [mount.name for mount in source.hand().sensors]
+    touches = touches_of(rows, grasp, source.hand(), sensors)
     path = folder / "local-shape.png"
     with matplotlib.rc_context({"font.size": 8}):
         layout = ConstrainedLayoutEngine(rect=(0.02, 0, 0.94, 1))  # it ignores the width of labels beside 3D axes
         figure = Figure((9, 2.3 * len(touched)), dpi=110, layout=layout)
         grid = figure.add_gridspec(len(touched), 4)
         for row, number in enumerate(touched.tolist()):
-            pose, sensor = rows["grasps"]["sensor_pose"][grasp, number], sensors[number]
-            true, count = local_points(depths[row], pose, sensor)
+            sensor, touch, depth = sensors[number], touches[number], predicted[row]
+            true, count = local_points(depths[row], rows["grasps"]["sensor_pose"][grasp, number], sensor)
             inside = in_gel(depths[row], sensor)
-            error = np.abs(np.where(inside, predicted[row] - depths[row], 0))
-            pictures = [
-                ("tactile image", tactile_images[row]),
-                ("true depth", depth_colors(depths[row], sensor)),
-                ("predicted depth", depth_colors(np.where(pressed[row], predicted[row], np.inf), sensor)),
-            ]
-            for column, (title, image) in enumerate(pictures):
+            error = np.abs(depth[inside] - depths[row][inside]).mean()
+            read = depth_colors(np.where(pressed[row], depth, np.inf), sensor)
+            pictures = {"tactile image": touch.tactile_image, "true depth": touch.depth, "predicted depth": read}
+            for column, (title, image) in enumerate(pictures.items()):
                 axes = figure.add_subplot(grid[row, column])
                 half_width, half_height = 500 * sensor.width, 500 * sensor.height  # mm
                 axes.imshow(image, extent=(-half_width, half_width, half_height, -half_height))
-                axes.set(title=title if row == 0 else "", ylabel=f"{names[number]}: y, mm" if column == 0 else "", xlabel="x, mm")
+                axes.set(title=title if row == 0 else "", ylabel=f"{touch.name}: y, mm" if column == 0 else "", xlabel="x, mm")
             figure.colorbar(ScalarMappable(Normalize(0, 1e3 * sensor.w), "viridis_r"), ax=axes, shrink=0.8, label="depth, mm")
-            axes.set_xlabel(f"x, mm; mean error {1e3 * error[inside].mean():.2f} mm")
-            axes = figure.add_subplot(grid[row, 3], projection="3d")
-            draw_local_points(axes, rows, true[:count], clouds[row], grasp, number)
+            axes.set_xlabel(f"x, mm; mean error {1e3 * error:.2f} mm")
+            draw_local_points(figure.add_subplot(grid[row, 3], projection="3d"), rows, true[:count], clouds[row], grasp, number)
         save_figure(figure, path)
     text = (
         "Per touch: what the sensor sees, the depth it has, the depth the U-Net predicts from the image, and in 3D the true local points "
@@ -196,12 +243,16 @@ def draw_local_points(
 ) -> None:
     """Draw true points, predicted points and the chart of a touch, in the sensor's frame, mm."""
     to_sensor = np.linalg.inv(rows["grasps"]["sensor_pose"][grasp, sensor])
-    for points, color in ((_local(true, to_sensor), COLORS[0]), (1e3 * cloud, COLORS[1])):
+
+    def local(points: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(1e3 * (points @ to_sensor[:3, :3].T + to_sensor[:3, 3]))
+
+    for points, color in ((local(true), COLORS[0]), (1e3 * cloud, COLORS[1])):
         axes.scatter(*points[:: max(1, len(points) // POINTS)].T, s=0.6, color=tuple(channel / 255 for channel in color))
     charts = rows["charts"]
     if is_surface(charts["stop_rule"][grasp, sensor]):
-        local = _local(charts["vertices"][grasp, sensor], to_sensor)
-        axes.plot_trisurf(*local.T, triangles=charts["chart_faces"], color=(0, 0, 0, 0), edgecolor=(0, 0, 0, 0.35), linewidth=0.3)
+        chart = local(charts["vertices"][grasp, sensor])
+        axes.plot_trisurf(*chart.T, triangles=charts["chart_faces"], color=(0, 0, 0, 0), edgecolor=(0, 0, 0, 0.35), linewidth=0.3)
     axes.set_xlabel("x, mm", labelpad=-8)
     axes.set_ylabel("y, mm", labelpad=-8)
     axes.set_zlabel("depth, mm", labelpad=-6)
@@ -211,19 +262,11 @@ def draw_local_points(
     axes.view_init(elev=35, azim=-60)
 
 
-def _local(points: NDArray[Any], to_sensor: NDArray[Any]) -> NDArray[Any]:
-    return np.asarray(1e3 * (points @ to_sensor[:3, :3].T + to_sensor[:3, 3]))
-
-
-def _middle(source: ReportSource, object_id: str) -> NDArray[np.float64]:
-    points = source.rows(object_id)["surfaces"]["points"]
-    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2, np.float64)
-
-
-def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.float64]) -> dict[str, Any]:
-    """Draw the sphere of vision charts before any deformation, neighbouring charts in different colours."""
-    charts = vision_charts()
-    camera = fitted_camera(scene.square_camera(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
+def _sphere(source: ReportSource, renderer: Renderer, folder: Path, object_id: str) -> dict[str, Any]:
+    """Draw the sphere of vision charts before any deformation, where an object is, neighbouring charts in different colours."""
+    points, charts = source.rows(object_id)["surfaces"]["points"].astype(np.float64), vision_charts()
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    camera = fitted_camera(source.scene().square_camera(PIXELS), 1.4 * RADIUS * charts.vertices + middle)
     pictures = []
     for number, (gap, caption) in enumerate(((1.0, "closed: vertices at the seams coincide"), (1.25, "the charts drawn apart"))):
         chart = np.arange(len(charts.vertices)) // CHART_VERTICES
@@ -236,6 +279,9 @@ def _sphere(renderer: Renderer, scene: Scene, folder: Path, middle: NDArray[np.f
     return _figure("The sphere of vision charts (Figure 4)", text, pictures, "steps")
 
 
-def colored_charts(charts: VisionCharts, vertices: NDArray[np.float64]) -> Mesh:
-    """Make a mesh of vision charts whose vertices (V, 3), m, may have moved; neighbouring charts have different colours."""
+def colored_charts(
+    charts: VisionCharts,
+    vertices: NDArray[np.float64],  # (V, 3) m, which may have moved
+) -> Mesh:
+    """Make a mesh of vision charts, neighbouring ones in different colours."""
     return painted_mesh(vertices, charts.faces, charts.faces[:, 0] // CHART_VERTICES % len(COLORS), [(*color, 255) for color in COLORS])
