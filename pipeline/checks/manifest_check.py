@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
-from pipeline.config.objects import identity
+from pipeline.config.sources import identity
 from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
 from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure

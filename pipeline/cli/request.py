@@ -17,7 +17,7 @@ from pipeline.engine.executor import Deferred, Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
 from pipeline.formats.file_content import expanded
-from pipeline.store.storage import on_disk, place
+from pipeline.store.storage import as_location, on_disk
 from stages.registry import check_assignments, resolve
 
 S = TypeVar("S", bound=Stage)
@@ -98,7 +98,7 @@ def make_request(
     up: str | None = None,
 ) -> Request[S]:
     """Make a request from the shared options."""
-    where = place(default_place(manifest, objects) / preset if data is None else data)
+    where = as_location(default_place(manifest, objects) / preset if data is None else data)
     if folder := on_disk(where):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():

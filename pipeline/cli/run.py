@@ -39,7 +39,7 @@ from pipeline.engine.stage import DatasetStage, ObjectStage, Stage
 from pipeline.errors import closest_name, unknown_name
 from pipeline.store.publish import ShardOutput
 from pipeline.store.record import Failure
-from pipeline.store.storage import Place, on_disk
+from pipeline.store.storage import Location, on_disk
 from stages.registry import STAGES, load_stage
 
 
@@ -100,7 +100,7 @@ def run(
 NO_OBJECT_LEFT = "none of its objects is in the manifest any more"
 
 
-def _print_forecast(stage: Stage, path: Place, foreseen: Forecast, check: bool) -> None:
+def _print_forecast(stage: Stage, path: Location, foreseen: Forecast, check: bool) -> None:
     size = f"about {foreseen.seconds / 60:.1f} min and {foreseen.kilobytes / 1e3:.0f} MB"
     if foreseen.up_to_date:
         text = f"up to date, {pluralise(foreseen.total)}" + _failed_text(foreseen.failed, foreseen.failed_before)

@@ -17,7 +17,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 
 
@@ -26,7 +26,7 @@ class CompletedObjects:
 
     def __init__(
         self,
-        data: Place,
+        data: Location,
         needed: Sequence[str],  # artifacts
         optional: Sequence[str] = (),  # artifacts that are read if they have been made
     ) -> None:

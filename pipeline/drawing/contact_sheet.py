@@ -18,7 +18,7 @@ from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
 from pipeline.store.record import Sha256
-from pipeline.store.storage import Place, remove
+from pipeline.store.storage import Location, remove
 from stages.render_vision.renderer import Renderer
 
 SHOWN = ("surfaces", "grasps", "vision", "touch")
@@ -33,7 +33,7 @@ class Sheets(WrittenFiles):
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
-def contact_sheets(data: Place, max_objects: int) -> list[Place]:
+def contact_sheets(data: Location, max_objects: int) -> list[Location]:
     """Draw the best grasp of at most `max_objects` objects, spread over the dataset; return the sheets' paths."""
     source = CompletedObjects(data, SHOWN)
     object_ids = spread_evenly(source.object_ids, max_objects)

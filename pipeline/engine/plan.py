@@ -18,7 +18,7 @@ from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure, ShardRecord
-from pipeline.store.storage import Place, exists
+from pipeline.store.storage import Location, exists
 
 S = TypeVar("S", bound=Stage)
 Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
@@ -34,7 +34,7 @@ class Request(Generic[S]):
     objects: Sequence[Object]
     preset: str
     seed: int
-    data: Place
+    data: Location
     shards: int | None = None  # number of shards that the objects are split into; None takes the dataset's number, or 1
     executor: Executor = field(default_factory=Serial)  # what processes objects
     strict: bool = False  # stop at the first object that fails in this stage
@@ -76,7 +76,7 @@ class Plan(Generic[Output]):
 
     def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
-        self.path: Place = output.path  # as messages name the output
+        self.path: Location = output.path  # as messages name the output
         self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]

@@ -14,10 +14,9 @@ from pipeline.engine.shard import forecast_shard, make_shard, plan_shard
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import StoreError, first_line
 from pipeline.store.atomic import exclusive_lock
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.store.publish import FolderOutput
-from pipeline.store.reshard import shard_of
-from pipeline.store.storage import NO_ROOM, Place, is_machine_fault
+from pipeline.store.storage import NO_ROOM, Location, is_machine_fault
 
 
 def make_plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
@@ -49,7 +48,7 @@ def _selected_shards(request: Request[Any], directory: DataDirectory, shard: int
     return shards, range(shards) if selected is None else [selected]
 
 
-def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Place, Forecast]]:
+def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[Location, Forecast]]:
     """Estimate a run, output by output; if an input has not been made yet, by the stage's own estimate."""
     if isinstance(request.stage, DatasetStage):
         yield _forecast_output(request, request.objects, lambda: plan_folder(request))
@@ -61,7 +60,7 @@ def forecast(request: Request[Any], shard: int | None = None) -> Iterator[tuple[
         yield _forecast_output(request, items, partial(plan_shard, request, directory, number, shards))
 
 
-def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Place, Forecast]:
+def _forecast_output(request: Request[Any], objects: Sequence[Object], make_plan: Callable[[], Plan[Any]]) -> tuple[Location, Forecast]:
     try:
         plan = make_plan()
         return plan.path, forecast_folder(plan) if isinstance(plan.output, FolderOutput) else forecast_shard(plan)

@@ -20,11 +20,10 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.store.origins import check_origins
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
-from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.row_files import Result
 from pipeline.store.rows import Row, conform
 from pipeline.store.storage import exists
@@ -56,7 +55,7 @@ def plan_shard(request: Request[Any], directory: DataDirectory, number: int, sha
             stage.check_inputs(plan.settings, roots)
     plan.units = [_unit(plan, item) for item in items]
     rows = ((unit.key, unit.split) for unit in plan.units)
-    plan.key = shard_key(rows, number, shards, request.manifest, plan.missing, _labels(plan) if items else None)
+    plan.key = keys.shard_key(rows, number, shards, request.manifest, plan.missing, _labels(plan) if items else None)
     return plan
 
 
@@ -255,11 +254,6 @@ def _publish(plan: Plan[ShardOutput], results: list[Result]) -> None:
         metadata={},
     )
     output.commit(record, [result.shapes for result in results], lambda number: output.rows.chunks(results[number]), constants, attributes)
-    try:  # if the data were resharded meanwhile, nobody finds this shard; its rows are kept for the next run
-        plan.directory.check_shard_count(output.shards)
-    except StoreError:
-        withdraw(output.record_path)
-        raise
     output.rows.discard_all({unit.name: unit.key for unit in plan.units})
 
 

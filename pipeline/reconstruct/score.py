@@ -11,7 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object, identity
+from pipeline.config.objects import Object
+from pipeline.config.sources import identity
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Plan, Request
 from pipeline.engine.run import make_plans, run
@@ -23,7 +24,7 @@ from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, withdraw
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
@@ -35,7 +36,7 @@ from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_diges
 
 
 def score(
-    folder: Path, data: Place, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False
+    folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False
 ) -> Plan[FolderOutput]:
     """Measure a folder's reconstructions of the test objects as `evaluate` measures networks, into DATA/scores/NAME.
 
@@ -90,7 +91,7 @@ def files_digest(folder: Path) -> str:
     return digest.of_json(hashes)
 
 
-def score_shipped(data: Place, console: Console) -> list[str]:
+def score_shipped(data: Location, console: Console) -> list[str]:
     """Measure the network that ships on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
 
     Returns

@@ -44,7 +44,7 @@ MODULES = ("pipeline.contrib.toy_objects.knife", "pipeline.contrib.toy_objects.b
 
 
 def test_missing_module_is_an_error_and_not_an_empty_hash():
-    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.reports\.gone"):
+    with pytest.raises(ModuleNotFoundError, match=r"no module pipeline\.tables\.gone"):
         sources_hash("pipeline.tables.gone")
 
 
@@ -55,7 +55,7 @@ def test_layers_left_out_of_the_hash_exist():
 
 
 def test_procedural_object_is_keyed_by_the_code_of_its_maker():
-    knife, bottle = (source_key({"procedural": name, "variant": 0, "seed": 0})["maker"] for name in ("knife", "bottle"))
+    knife, bottle = (source_key({"kind": "procedural", "category": name, "variant": 0, "seed": 0})["code"] for name in ("knife", "bottle"))
     assert knife != bottle
 
 

@@ -35,7 +35,7 @@ from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
-from pipeline.store.storage import Place, exists, remove
+from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.results import results_tables, trained_models, training_losses
 from pipeline.tables.results_summary import GIVEN, summarise
 from pipeline.tables.touch_tables import supplement_touches, touch_tables, touches_per_grasp
@@ -52,7 +52,7 @@ CARDS = 8
 """Objects on the first page."""
 
 
-def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
+def write_report(data: Location, console: Console, max_objects: int = 10) -> Location:
     """Write the report of a data directory into its folder `report`, with at most `max_objects` reconstructions in a figure.
 
     Pages of objects that are up to date are kept. Returns its first page.

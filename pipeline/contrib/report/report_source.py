@@ -18,7 +18,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.tables.training_seeds import scores
 from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import (
@@ -46,7 +46,7 @@ class ReportSource(CompletedObjects):
     network; `evaluation` is their content, None if no network has been evaluated.
     """
 
-    def __init__(self, data: Place) -> None:
+    def __init__(self, data: Location) -> None:
         super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
         self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
         check_origins(self.directory, self.evaluated)
