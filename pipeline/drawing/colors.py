@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 from trimesh.visual.color import srgb_to_linear
 
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor
 
 Color = tuple[int, int, int]

@@ -16,11 +16,10 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from stages.render_vision.renderer import PosedMesh, Renderer
 
 Array = NDArray[np.float64]

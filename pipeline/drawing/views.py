@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.kernels.vision.view_transfer import camera_direction
 from stages.render_vision.renderer import Renderer
 

@@ -15,7 +15,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
 from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import SCENE, ball
 from tests.stages import ball_dataset

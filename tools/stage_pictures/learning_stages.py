@@ -11,8 +11,7 @@ from pipeline.contrib.report.figures import colored_charts, draw_gallery, draw_l
 from pipeline.contrib.report.report_source import two_coloured
 from pipeline.drawing.colors import depth_colors
 from pipeline.drawing.picture_sheet import spread_evenly
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row

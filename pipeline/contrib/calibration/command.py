@@ -55,8 +55,7 @@ def calibrate_sensor(
         uncalibrated_sensor,
         write_sensor,
     )
-    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions
-    from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
+    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, fitted_range, missing_photographs
 
     check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel

@@ -24,8 +24,7 @@ from pipeline.drawing.views import fitted_camera, painted_mesh, render_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, vision_charts
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.sensor import masked_points
 from pipeline.models.touch_model import load_touch_model
 from stages.evaluate.settings import SHIPPED_ROWS

@@ -21,7 +21,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.grasp_pictures import Rows, camera_images, grasp_note, size_note, touches_of
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.drawing.views import fitted_camera, render_mesh
-from pipeline.kernels.touch.contact import pressed_pixels
+from pipeline.kernels.touch.depth_maps import pressed_pixels
 from stages.render_vision.renderer import Renderer
 
 THUMBNAIL = 150

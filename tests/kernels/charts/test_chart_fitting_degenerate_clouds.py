@@ -11,8 +11,7 @@ import torch
 from hypothesis import given
 
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from tests.kernels.degenerate_clouds import KINDS, OFFSETS, cloud, soup
 from tests.references import exact_distances as exact
