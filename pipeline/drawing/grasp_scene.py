@@ -16,13 +16,13 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.drawing.contact_sheet_page import Color, finger_colors
 from pipeline.drawing.gltf_animation import Clip, clip_writer
+from pipeline.drawing.mesh_colors import TOUCH_COLOR, VISION_COLORS, Y_UP, linear_colors
 from pipeline.drawing.second_view import gel_squares, touch_patch
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import compose, invert_pose
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP, linear_colors
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""

@@ -14,10 +14,10 @@ from pipeline.contrib.report.report_source import ReportSource
 from pipeline.dataset.touch_charts import is_surface
 from pipeline.drawing.contact_sheet_page import finger_colors
 from pipeline.drawing.grasp_scene import GraspScenes, Rows
+from pipeline.drawing.mesh_colors import TOUCH_COLOR, VISION_COLORS, Y_UP
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.touch.contact import local_points
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP
 from pipeline.store.atomic import name_in_errors
 from pipeline.store.storage import Place, temporary
 

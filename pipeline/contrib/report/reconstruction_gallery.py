@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from pipeline.contrib.report.report_source import Evaluation, shown_scene
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
+from pipeline.drawing.mesh_colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.plots import save_figure
 from pipeline.drawing.second_view import fitted_camera
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.labels import Label
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from schemas.charts import CHARTS

@@ -16,12 +16,12 @@ from pipeline.contrib.report.lift import CLOSING_FRAMES, CLOSING_SECONDS, FALL, 
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.drawing.gltf_animation import LENGTH_STEP
 from pipeline.drawing.grasp_scene import GraspScenes
+from pipeline.drawing.mesh_colors import Y_UP
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.physics.pybullet_engine import PybulletHoldTest
-from pipeline.reconstruct.mesh_files import Y_UP
 from tests.kernels.hand.meshes import centred, points_on
 from tests.physics.pincers import SENSOR
 
