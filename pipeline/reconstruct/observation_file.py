@@ -14,7 +14,7 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.reconstruct.observation_entries import Depth, Entries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
 
 MAX_TOUCHES = 256

@@ -18,7 +18,7 @@ from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.touch.sensor import sensor_to_world
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
@@ -26,7 +26,7 @@ from pipeline.reconstruct.object_location import Target
 from pipeline.reconstruct.observation_placement import Placement, network_tactile_images
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, list_folder
+from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
 
@@ -39,12 +39,12 @@ class ObservationReader:
     """Read the inputs of a model; fit touch charts if none are stored."""
 
     model: Reconstructor
-    models: Place  # folder of models, for the U-Net
+    models: Location  # folder of models, for the U-Net
     device: torch.device  # where the U-Net runs
     seed: int  # of the chart fitting
     training_seed: int = 0  # which training of the network the model is
 
-    def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
+    def of_object(self, data: Location, object_id: str, grasps: Sequence[int]) -> Observation:
         """Read an object of a data directory with some of its grasps; for a model of renderings, with one viewpoint."""
         if not grasps:
             raise StageError(f"{object_id}: name at least one grasp")
@@ -136,7 +136,7 @@ class ObservationReader:
         return settings
 
 
-def open_object(data: Place, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
+def open_object(data: Location, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
     """Open arrays of a data directory, and check that an object with these grasps or viewpoints is there; a `StoreError` otherwise."""
     counted = "joint_angles" if kind == "grasp" else "rendering"  # their number
     rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
@@ -152,7 +152,7 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, numbers: Seq
     return rows
 
 
-def object_mask(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_]:
+def object_mask(data: Location, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_]:
     """Read the (rows, cols) mask of the object in its stored image `unoccluded`, or `occluded` by the first grasp."""
     labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id, camera=0)  # alone, then in each grasp
     return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)

@@ -12,7 +12,7 @@ from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
@@ -26,7 +26,7 @@ from pipeline.reconstruct.observation_placement import Placement, describe_objec
 from pipeline.reconstruct.observation_reader import ObservationReader, object_mask
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
@@ -38,7 +38,7 @@ RESOLUTIONS = 64, 400
 class PredictOptions:
     """Which network predicts, and how."""
 
-    models: Place | None = None  # folder of models; by default that of the data directory if it holds some, else the pretrained networks
+    models: Location | None = None  # folder of models; by default that of the data directory if it holds some, else the pretrained networks
     configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that which accepts any inputs
     training_seed: int = 0  # of which training the network is
     accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
@@ -52,7 +52,7 @@ class PredictOptions:
             if not isinstance(value := getattr(self, name), int | np.integer) or value < 0:
                 raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
 
-    def network(self, data: Place | None = None) -> tuple[Place, str]:
+    def network(self, data: Location | None = None) -> tuple[Location, str]:
         """Choose the folder of models and the network, for objects of a data directory if one is named."""
         models = self.models
         if models is None and data is not None and (trained_models(data / "models", self.training_seed) or not trained_models(SHIPPED)):
@@ -64,7 +64,7 @@ class PredictOptions:
         folder = shipped_models() if models is None else models
         return folder, self.configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
 
-    def reader(self, data: Place | None = None) -> ObservationReader:
+    def reader(self, data: Location | None = None) -> ObservationReader:
         """Load the network and the reader of its inputs."""
         models, configuration = self.network(data)
         device = device_of(self.accelerator)
@@ -76,7 +76,7 @@ class PredictOptions:
 class StoredGrasps:
     """Grasps of an object in a data directory, or its rendering from a viewpoint."""
 
-    data: Place
+    data: Location
     object_id: str
     grasps: Sequence[int] | None = None  # by default grasp 0; the occluded image is the first one's
     view: int = 0
