@@ -28,6 +28,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
+from pipeline.models.reconstruction import Trained
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -267,8 +268,8 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
-    description = {"configuration": name, "network": config.model_dump(mode="json"), "camera": camera}
-    save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
+    charts = {"side": config.side} if config.touch else None
+    save_model(folder, network, Trained(configuration=name, network=config, camera=camera, resolution=resolution, charts=charts))
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {
         "parameters": 1000,
