@@ -20,7 +20,6 @@ from pipeline.config.manifest import MESH_SOURCES, Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
-from pipeline.engine.stage import names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
@@ -101,7 +100,7 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     defaults = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in names_read(stage, defaults))
+    reads = ", ".join(f"`{name}`" for name in stage.reads(defaults))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
     yield f"{stage.summary} With the default settings it reads {reads or 'mesh files'} and writes `{stage.writes(defaults)}`.\n"

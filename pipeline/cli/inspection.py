@@ -11,7 +11,6 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.config.settings import value_text
 from pipeline.console import console, errors, print_line, show_tables
-from pipeline.engine.stage import names_read
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
@@ -28,7 +27,7 @@ def stages() -> None:
             errors.print(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
             continue
         settings = stage.settings_type()
-        reads = ", ".join(names_read(stage, settings)) or "the manifest's meshes"
+        reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():

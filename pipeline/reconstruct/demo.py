@@ -17,9 +17,8 @@ from pipeline.config.objects import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.views import fitted_camera
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.stage import ObjectStage
 from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
@@ -98,11 +97,7 @@ def demo(folder: Path, console: Console) -> Demo:
 def simulate(item: Object, data: Path, console: Console) -> None:
     """Make the dataset of one object and one grasp."""
     for name in DATASET:
-        stage = load_stage(name)
-        assert isinstance(stage, ObjectStage)
-        for plan in make_plans(Request(stage, resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data)):
-            if not plan.up_to_date():
-                run(plan, console)
+        make(Request(load_stage(name), resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data), console)
 
 
 def reconstructed_mesh(prediction: Prediction) -> Mesh:

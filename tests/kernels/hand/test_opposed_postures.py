@@ -1,7 +1,5 @@
 """Postures in which two gels face each other, checked independently of the search."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
