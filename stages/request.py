@@ -10,7 +10,7 @@ from pipeline.console import CONTROLS
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput, closest_name, unknown_name
 from pipeline.formats.file_content import expanded
-from pipeline.store.storage import Place, on_disk, place
+from pipeline.store.storage import Location, as_location, on_disk
 from stages.registry import STAGES, check_assignments, load_stage, resolve
 
 
@@ -19,7 +19,7 @@ def make_request(
     manifest: str = "toy",  # name or path
     preset: str = "draft",
     *,
-    data: str | Place | None = None,
+    data: str | Location | None = None,
     objects: Path | None = None,  # folder of meshes, for manifests that name none
     assignments: Iterable[str] = (),  # as `--set` takes them
     seed: int | None = None,  # by default the manifest's
@@ -31,7 +31,7 @@ def make_request(
     if stage not in STAGES:
         raise InvalidInput(unknown_name("stage", stage, STAGES))
     loaded, assigned = load_stage(stage), tuple(assignments)
-    where = place(default_place(manifest, objects) / preset if data is None else data)
+    where = as_location(default_place(manifest, objects) / preset if data is None else data)
     _check_writable(where)
     objects = objects and expanded(objects)
     settings = resolve(stage, preset, assigned)
@@ -60,7 +60,7 @@ def default_place(manifest: str, objects: Path | None) -> Path:
     return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))
 
 
-def _check_writable(data: Place) -> None:
+def _check_writable(data: Location) -> None:
     if folder := on_disk(data):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():

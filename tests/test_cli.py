@@ -139,8 +139,8 @@ def test_error_names_the_value_and_the_remedy(arguments, message):
     ("raised", "message"),
     [
         (OSError("no room"), "error: no room"),
-        (TimeoutError(), "error: TimeoutError; run the same command again"),
-        (KeyboardInterrupt(), "error: interrupted; run the same command again"),
+        (TimeoutError(), "error: TimeoutError; run the same command again, what is finished is kept"),
+        (KeyboardInterrupt(), "error: interrupted; run the same command again, what is finished is kept"),
         (KeyError("x"), "this is a bug"),
     ],
 )

@@ -10,9 +10,9 @@ import pytest
 import typer
 import yaml
 
+from checks.documents import run_commands
 from pipeline.cli import app
 from stages.registry import STAGES, load_settings_type
-from tests.examples import run_commands
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]

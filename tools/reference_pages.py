@@ -13,7 +13,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from pipeline.config.manifest import Manifest
+from pipeline import plugins
+from pipeline.config.manifest import MESH_SOURCES, Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
@@ -161,7 +162,10 @@ def observation_entries() -> str:
 def manifest_entries() -> str:
     """Describe every entry of a manifest; entries that several kinds of sources share are described once."""
     schema = Manifest.model_json_schema()
-    models, source, meshes = schema["$defs"], Source.model_json_schema(), MeshSource.model_json_schema()
+    models, source, meshes = dict(schema.get("$defs", {})), Source.model_json_schema(), MeshSource.model_json_schema()
+    for kind in (*MESH_SOURCES.values(), plugins.named("sources", "procedural", Source)):
+        described = kind.model_json_schema()
+        models |= {kind.__name__: described, **described.get("$defs", {})}
     parts = [
         _entries("A manifest", schema),
         _entries(TITLES["Splits"], models["Splits"]),
@@ -229,7 +233,7 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     if "prefixItems" in entry:
         count, inner = len(entry["prefixItems"]), _schema_type(entry["prefixItems"][0])
         return f"{count} × {inner}" if inner.endswith("s") else f"{count} {inner}s"
-    if "oneOf" in entry:
+    if not entry:  # of any kind
         return "sources"
     if "additionalProperties" in entry:
         names = " or ".join(f"`{name}`" for name in entry.get("propertyNames", {}).get("enum", ()))

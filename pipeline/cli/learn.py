@@ -28,7 +28,7 @@ from pipeline.engine.make import make
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import exists, place
+from pipeline.store.storage import as_location, exists
 from pipeline.tradeoff import sweep as sweeps
 from schemas.grasps import GRASPS
 from stages.registry import STAGES, load_stage, resolve
@@ -123,7 +123,7 @@ def predict(
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
     if data is None and (grasps or view):
         fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
-    directory = place(data) if data else None
+    directory = as_location(data) if data else None
     folder, network = prediction.chosen_models(models_place(models) if models else None, directory, configuration, training_seed)
     result = prediction.predict(
         out,

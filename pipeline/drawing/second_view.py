@@ -121,7 +121,7 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Place cameras on all sides of `points` (N, 3), m, except near the given one."""
+    """Location cameras on all sides of `points` (N, 3), m, except near the given one."""
     front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
     return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]

@@ -9,8 +9,7 @@ from pipeline.engine.folder import FolderPlan
 from pipeline.engine.plan import Made, Plan, Request
 from pipeline.engine.shard import ShardPlan
 from pipeline.errors import InvalidInput, StoreError
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import shard_of
+from pipeline.store.directory import DataDirectory, shard_of
 
 
 def make(

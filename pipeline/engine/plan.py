@@ -26,7 +26,7 @@ from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, ShardOutput
 from pipeline.store.record import Failure
-from pipeline.store.storage import NO_ROOM, Place, is_machine_fault, on_disk
+from pipeline.store.storage import NO_ROOM, Location, is_machine_fault, on_disk
 
 S = TypeVar("S", bound=Stage)
 Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
@@ -42,7 +42,7 @@ class Request(Generic[S]):
     objects: Sequence[Object]
     preset: str
     seed: int
-    data: Place
+    data: Location
     shards: int | None = None  # number of shards that the objects are split into; None takes the dataset's number, or 1
     executor: Executor = field(default_factory=Serial)  # what processes objects
     strict: bool = False  # stop at the first object that fails in this stage
@@ -58,7 +58,7 @@ class Made:
     """What a run made of one output, or in a dry run would make."""
 
     stage: str
-    path: Place
+    path: Location
     text: str  # what was made, or would be made and what it costs, in words
     objects: int = 0  # that were processed without a failure, or would be processed
     seconds: float = 0.0  # for all of them
@@ -80,7 +80,7 @@ class Plan(ABC, Generic[Output]):
         objects: Sequence[Object],  # of the manifest, from which the output may be made
     ) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
-        self.path: Place = output.path  # as messages name the output
+        self.path: Location = output.path  # as messages name the output
         self.objects = objects
         self.units: list[Unit] = []  # the objects' rows that a shard will consist of, or one folder
         self.key, self.total = "", 0  # total: objects that the output is made from; of a folder, without failed ones

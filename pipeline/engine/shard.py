@@ -17,11 +17,10 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import BugFound, InvalidInput, StageError, StoreError
 from pipeline.store import digest
 from pipeline.store.collection import Collection
-from pipeline.store.directory import DataDirectory
+from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.store.origins import check_origins
 from pipeline.store.publish import ShardOutput, withdraw
 from pipeline.store.record import Failure, RowRecord, ShardRecord
-from pipeline.store.reshard import shard_key, shard_of
 from pipeline.store.row_files import Result
 from pipeline.store.rows import Row, conform, row_digest
 from pipeline.store.storage import exists
@@ -62,7 +61,7 @@ class ShardPlan(Plan[ShardOutput]):
         self.units = [self._unit(item) for item in items]
         rows = ((unit.key, unit.split) for unit in self.units)
         labels = self._labels() if items else None
-        self.key = shard_key(rows, self.number, self.output.shards, self.request.manifest, self.missing, labels)
+        self.key = keys.shard_key(rows, self.number, self.output.shards, self.request.manifest, self.missing, labels)
 
     def _refuse_other_manifest(self) -> None:
         """Refuse to overwrite objects that the manifest lacks: it may be forgotten."""
@@ -309,11 +308,6 @@ class ShardPlan(Plan[ShardOutput]):
         )
         chunks = [result.shapes for result in results]
         output.commit(record, chunks, lambda number: output.rows.chunks(results[number]), constants, attributes)
-        try:  # if the data were resharded meanwhile, nobody finds this shard; its rows are kept for the next run
-            self.directory.check_shard_count(output.shards)
-        except StoreError:
-            withdraw(output.record_path)
-            raise
         output.rows.discard_all({unit.name: unit.key for unit in self.units})
 
     def _labels(self) -> Row:

@@ -14,7 +14,7 @@ from pipeline.config.settings import Settings
 from pipeline.engine.unit import Unit
 from pipeline.store.rows import Row
 from pipeline.store.shard import RowView, Shard
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.base import Artifact
 
 
@@ -130,7 +130,7 @@ class DatasetJob:
     `numpy_rng` takes them.
     """
 
-    data: Place
+    data: Location
     folder: Path
     settings: Any
     seed: int

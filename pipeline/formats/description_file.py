@@ -1,7 +1,5 @@
 """Description files of manifests, hands, sensors, scenes and clusters: shipped ones by name, others by the path of a YAML file."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter

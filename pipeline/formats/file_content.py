@@ -1,7 +1,5 @@
 """Read files that come from a user or a stranger."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

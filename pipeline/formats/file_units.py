@@ -1,7 +1,5 @@
 """Read the unit and the up-axis that a mesh file or its format's specification states."""
 
-from __future__ import annotations
-
 import io
 import re
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Hand files: the YAML descriptions of robot hands."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence

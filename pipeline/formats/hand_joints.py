@@ -1,7 +1,5 @@
 """Find which joints of a hand move on their own, which follow another one, and which are frozen."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 

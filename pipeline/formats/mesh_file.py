@@ -1,7 +1,5 @@
 """Mesh files in any of the usual formats, with their materials and textures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence, Set, Sized
 from dataclasses import replace
 from functools import partial
@@ -15,8 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
-from pipeline.formats.collada import check_shape, rewrite_effects
-from pipeline.formats.collada_polygons import cut_concave
+from pipeline.formats.collada import check_shape, cut_concave, rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions

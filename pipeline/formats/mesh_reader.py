@@ -4,8 +4,6 @@ A small file may need more memory or time than there is. A limit set in this pro
 it had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
 """
 
-from __future__ import annotations
-
 import atexit
 import errno
 import json

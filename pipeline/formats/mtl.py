@@ -1,7 +1,5 @@
 """Materials of MTL files: what is in them that trimesh does not read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

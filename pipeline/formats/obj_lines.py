@@ -1,8 +1,6 @@
 """Lines of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, counts relative numbers from the file's end, and skips
 lines that begin with a blank and materials with a comment behind their name."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Collection, Sequence
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
-from pipeline.formats.polygons import ear_clip, is_concave
+from pipeline.formats.mesh_parts import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
 """A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""

@@ -1,7 +1,5 @@
 """Folders of 3D-R2N2's renderings: `SYNSET/MODEL/rendering` with 24 images and their viewpoints."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence

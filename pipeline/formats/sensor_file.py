@@ -1,7 +1,5 @@
 """Sensor files: the YAML descriptions of tactile sensors."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The textures of mesh files; those that cannot be decoded are listed with the reason."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Set
 from io import BytesIO

@@ -4,8 +4,6 @@ yourdfpy and urchin read them too, but keep of an origin only the matrix that th
 processor's, and with them every pose that follows.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The shapes of a URDF's links: primitives and mesh files, with their colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path

@@ -6,8 +6,7 @@ from torch import Tensor
 from pipeline.errors import InvalidInput
 
 COLOURS = 3
-WHITE = 255
-"""The uint8 value of intensity 1."""
+WHITE = 255  # the uint8 value of intensity 1
 
 
 def network_input(

@@ -1,7 +1,5 @@
 """Gels in physics: plates on springs, which slide along the sensor's normal from its plane to the gel's surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

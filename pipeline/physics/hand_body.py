@@ -1,7 +1,5 @@
 """The hand as a body in PyBullet: fixed in the world by its root link, its fingers driven by motors."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The hold test in MuJoCo: an engine that shares no code with the one that makes grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The hold test in PyBullet, the engine that makes grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -123,7 +123,7 @@ def draw_turntable(truth: Mesh, reconstruction: Mesh, path: Path) -> None:
 
 
 def _orbit(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Place cameras once around the middle of points, starting from a camera, each with a view of all points."""
+    """Location cameras once around the middle of points, starting from a camera, each with a view of all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     x, y, z = ((low + high) / 2).tolist()
     size = float(np.linalg.norm(high - low)) / np.sqrt(12)

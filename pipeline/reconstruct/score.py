@@ -11,7 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object, identity
+from pipeline.config.objects import Object
+from pipeline.config.sources import identity
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
@@ -23,7 +24,7 @@ from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import withdraw
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
@@ -34,7 +35,7 @@ from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuring
 from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_digest
 
 
-def score(folder: Path, data: Place, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False) -> str:
+def score(folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False) -> str:
     """Measure a folder's reconstructions of the test objects as `evaluate` measures networks, into DATA/scores/NAME.
 
     Parameters
@@ -88,7 +89,7 @@ def files_digest(folder: Path) -> str:
     return digest.of_json(hashes)
 
 
-def score_shipped(data: Place, console: Console) -> list[str]:
+def score_shipped(data: Location, console: Console) -> list[str]:
     """Measure the network that ships on the test objects as `evaluate` measures networks, into DATA/scores/shipped.
 
     Returns

@@ -31,7 +31,7 @@ from pipeline.kernels.touch.contact import local_points
 from pipeline.kernels.vision.labels import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
@@ -237,7 +237,7 @@ def arrays_of(
     return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
 
 
-def dataset(data: Place) -> Arrays:
+def dataset(data: Location) -> Arrays:
     """Make Table 1, one row per class and one for all."""
     tallies = tally(data)
     *counts, percent = np.array([entry.row()[:4] for entry in tallies.values()]).T  # (class,) each

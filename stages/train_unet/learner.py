@@ -15,7 +15,7 @@ from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.tensor_checks import network_input
 from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.training.augmentation import vary_image
 from pipeline.training.learner import Learner
 from stages.train_unet.settings import UnetSettings
@@ -47,7 +47,7 @@ class Touches:
         return images, depths
 
 
-def load_touches(data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
+def load_touches(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
     """Find the touches among a split's sensors; at most `cache_megabytes` of them stay in memory."""
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)

@@ -55,7 +55,7 @@ def test_layers_left_out_of_the_hash_exist():
 
 
 def test_procedural_object_is_keyed_by_the_code_of_its_maker():
-    knife, bottle = (source_key({"procedural": name, "variant": 0, "seed": 0})["maker"] for name in ("knife", "bottle"))
+    knife, bottle = (source_key({"kind": "procedural", "category": name, "variant": 0, "seed": 0})["code"] for name in ("knife", "bottle"))
     assert knife != bottle
 
 

@@ -9,8 +9,6 @@ import pytest
 from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.make import make
 from pipeline.errors import StoreError
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from tests.engine.tiny_stages import (
     CONSOLE,
@@ -103,18 +101,6 @@ def test_object_removed_from_the_manifest_is_not_missing(tmp_path):
     assert '"missing"' not in record  # so that older versions can read records of complete shards
 
 
-def test_reshard_keeps_the_list_of_missing_objects(tmp_path):
-    for stage in STAGES:
-        run(request(tmp_path, stage=stage, shards=2, only="b"))
-        run(request(tmp_path, stage=stage, only="c"))
-    missing = list(published(tmp_path).missing)
-    assert missing
-    list(reshard(DataDirectory(tmp_path), 1))
-    assert list(published(tmp_path).missing) == missing
-    assert run(request(tmp_path, only="b")) == 0
-    assert run(request(tmp_path)) == 3
-
-
 def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
     mended = tmp_path / "mended"
     items = objects(3, b=f"until {mended}")
@@ -125,13 +111,6 @@ def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
     assert run(request(tmp_path, items=items, only="b", retry=True)) == 1
     assert run(request(tmp_path, stage=TakeMean(), items=items, only="b")) == 1
     assert published(tmp_path, MEAN).failure("b") is None
-
-
-def test_reshard_that_would_forget_missing_objects_is_refused(tmp_path):
-    run(request(tmp_path, only="b"))
-    with pytest.raises(StoreError, match="not made yet; run make-noise without --object first"):
-        list(reshard(DataDirectory(tmp_path), 4))
-    assert len(published(tmp_path).missing) == 4
 
 
 def test_strict_run_of_one_object_ignores_failures_of_others(tmp_path):

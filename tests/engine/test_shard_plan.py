@@ -25,7 +25,6 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
 from pipeline.store.origins import check_origins
 from pipeline.store.record import read_record
-from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import (
@@ -151,8 +150,6 @@ def test_shards_with_different_settings_are_refused_until_all_are_made_again(tmp
         open_artifact(tmp_path, "noise")
     with pytest.raises(StoreError, match="different settings"):
         plan_of(request(tmp_path, stage=Average()))
-    with pytest.raises(StoreError, match="different settings"):
-        list(reshard(DataDirectory(tmp_path), 1))
     assert [expected in line for line in problems_below(tmp_path)[tmp_path / "noise"]] == [True]
     assert [expected in str(artifact.stale) for artifact in read_account(tmp_path).artifacts] == [True, False]
     run(request(tmp_path, settings={"samples": 7}), 1)
@@ -163,6 +160,13 @@ def test_shards_with_different_settings_are_refused_until_all_are_made_again(tmp
     run(request(tmp_path, settings={"samples": 7}, seed=1), 0)
     with pytest.raises(StoreError, match=r"different settings .--seed 1 and 0."):
         check_origins(DataDirectory(tmp_path), ["noise"])
+
+
+def test_another_number_of_shards_is_refused_with_a_remedy(tmp_path):
+    run(request(tmp_path, shards=2))
+    with pytest.raises(StoreError, match=r"is split into 2 shards, 4 were asked for; .* another folder \(--data"):
+        run(request(tmp_path, shards=4))
+    assert run(request(tmp_path)) == 0, "without --shards, the dataset's number"
 
 
 def test_changed_labels_of_an_input_are_copied_without_computing(tmp_path):

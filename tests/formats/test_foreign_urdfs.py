@@ -1,7 +1,5 @@
 """URDFs of real hands: mimic joints, packages, arms above the palm, colours with commas, links without mass, Drake's tags."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The hold test against Coulomb's law: a post between the pads of a gripper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import get_args
 

@@ -26,8 +26,7 @@ from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.observation import stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.digest import hashes_of
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard, shard_of
+from pipeline.store.directory import DataDirectory, shard_of
 from pipeline.tables.orderings import Verdict, orderings, orderings_table
 from pipeline.tables.training_seeds import read_values, trainings_table
 from stages.evaluate.baselines import BASELINE_PREFIX
@@ -185,9 +184,8 @@ def test_retrieval_baselines_return_training_objects(tmp_path, monkeypatch):
 
 
 def test_objects_without_images_are_not_retrieved_by_silhouette(tmp_path):
-    spheres.make_data(tmp_path, 5, ("train", "test"), ungrasped="a")
     alone = next(shards for shards in itertools.count(2) if [shard_of(name, shards) for name in "abcde"].count(shard_of("a", shards)) == 1)
-    list(reshard(DataDirectory(tmp_path), alone))  # a shard without a row that came through has no sizes
+    spheres.make_data(tmp_path, 5, ("train", "test"), ungrasped="a", shards=alone)  # a shard without a row that came through has no sizes
     spheres.make_model(tmp_path, "unoccluded")
     models = [DeformationReconstructor(DataDirectory(tmp_path).verified_folder("models/gcn/unoccluded"))]
     protocol = GraspProtocol(DatasetJob(tmp_path, tmp_path, EvaluationSettings(points=500), 0, {}, Console(), "evaluation"), models)

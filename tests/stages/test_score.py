@@ -13,6 +13,7 @@ import trimesh
 from rich.console import Console
 from typer.testing import CliRunner
 
+from checks.fuzz.target import seal
 from pipeline.cli import app
 from pipeline.config.settings import Settings
 from pipeline.dataset.object_rows import ObjectRows
@@ -30,7 +31,6 @@ from stages.evaluate.scored_files import find_faults, find_files, misplacement, 
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
 from tests.engine.tiny_stages import pack
-from tests.fuzz.target import seal
 from tests.stages import ball_dataset as spheres
 
 NETWORK = "implicit-touch"

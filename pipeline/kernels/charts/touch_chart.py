@@ -3,10 +3,8 @@
 import torch
 from torch import Tensor
 
-SIDE = 9
-"""Vertices along a side: 81 vertices and 128 faces, the supplement's."""
-MAX_SIDE = 101
-"""More vertices would be finer than any tactile image resolves."""
+SIDE = 9  # vertices along a side: 81 vertices and 128 faces, the supplement's
+MAX_SIDE = 101  # more vertices would be finer than any tactile image resolves
 
 
 def chart_square(

@@ -3,38 +3,31 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 from pipeline.kernels.hand.distance_field import DistanceField
 
-Float64Array = NDArray[np.float64]
-
-RAYS = 4000
-"""Rays that are traced from surface points through the object."""
-TILT = 0.25
-"""Standard deviation of a ray's slope against the inward normal: most pairs do not face each other exactly."""
-CONE_SHARE = 0.8
-"""Share of the friction angle by which a normal may be off the line between the points."""
-SELF_HIT = 2e-4
-"""m from its origin within which a ray meets only the surface that it starts from."""
-BEHIND = 0.003
-"""m behind a point at which the object must have ended: room for the other finger."""
+RAYS = 4000  # rays that are traced from surface points through the object
+TILT = 0.25  # standard deviation of a ray's slope against the inward normal: most pairs do not face each other exactly
+CONE_SHARE = 0.8  # share of the friction angle by which a normal may be off the line between the points
+SELF_HIT = 2e-4  # m from its origin within which a ray meets only the surface that it starts from
+BEHIND = 0.003  # m behind a point at which the object must have ended: room for the other finger
 
 
 @dataclass(frozen=True, eq=False)
 class AntipodalPoints:
     """P pairs of surface points, world, m."""
 
-    centre: Float64Array  # (P, 3) between the two points
-    axis: Float64Array  # (P, 3) unit vector from the first to the second
-    width: Float64Array  # (P,) from the first to the second
+    centre: Array  # (P, 3) between the two points
+    axis: Array  # (P, 3) unit vector from the first to the second
+    width: Array  # (P,) from the first to the second
 
 
 def antipodal_points(
     field: DistanceField,
-    points: Float64Array,  # (N, 3) on the surface, world, m
-    normals: Float64Array,  # (N, 3) unit, outward
+    points: Array,  # (N, 3) on the surface, world, m
+    normals: Array,  # (N, 3) unit, outward
     *,
     friction: float,  # coefficient between finger and object
     widest: float,  # m, greatest distance between two points
@@ -62,10 +55,10 @@ def antipodal_points(
 
 def central_weights(
     pairs: AntipodalPoints,
-    centre: Float64Array,  # (3,) of mass, world, m
+    centre: Array,  # (3,) of mass, world, m
     *,
     spread: float,  # m from the centre, beyond the nearest pairs, at which the weight is a quarter
-) -> Float64Array:  # (P,), with sum 1
+) -> Array:  # (P,), with sum 1
     """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there."""
     away = length(pairs.centre - centre)
     excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, solve_3x3
 from pipeline.kernels.touch.contact import pressed_pixels
 from pipeline.kernels.touch.face_culling import BoxedFaces
@@ -13,19 +13,16 @@ from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
-CONE_EDGES = 8
-"""Edges of the pyramid that approximates a friction cone."""
-
-MARGIN_DECIMALS = 3
-"""Decimals of a margin: further ones are the linear program's rounding."""
+CONE_EDGES = 8  # edges of the pyramid that approximates a friction cone
+MARGIN_DECIMALS = 3  # decimals of a margin: further ones are the linear program's rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
     """A gel on an object."""
 
-    point: NDArray[np.float64]  # (3,) middle of the contact, world, m
-    normal: NDArray[np.float64]  # (3,) unit normal of the object's surface there, into the object
+    point: Array  # (3,) middle of the contact, world, m
+    normal: Array  # (3,) unit normal of the object's surface there, into the object
     area: float  # m², of the sensor plane over which the surface presses into the gel
     volume: float = 0.0  # m³, that the surface displaces
     nearest: float = 0.0  # m, least distance of the surface from the sensor plane
@@ -33,7 +30,7 @@ class Contact:
 
 def contact_from_depth(
     depth: np.ndarray,  # (rows, cols) D, m; +inf where nothing is met
-    pose: NDArray[np.float64],  # (4, 4) sensor frame to world, m
+    pose: Array,  # (4, 4) sensor frame to world, m
     sensor: Sensor,
 ) -> Contact | None:
     """Find the contact of a sensor with an object; None where nothing presses into the gel.
@@ -65,7 +62,7 @@ def contact_from_depth(
     )
 
 
-def measure_contact(faces: BoxedFaces, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
+def measure_contact(faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact | None:
     """Find the contact of a sensor at a pose (4, 4) with an object's faces; None where nothing presses into the gel."""
     return contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
 
@@ -108,7 +105,7 @@ def closure_margin(
     return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
 
 
-def _contact_wrenches(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
+def _contact_wrenches(contact: Contact, origin: Array, friction: float, size: float) -> Array:
     """Compute wrenches (CONE_EDGES + 2, 6) with normal force 1: the cone's edges, and the moments about the normal."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
     across /= length(across)

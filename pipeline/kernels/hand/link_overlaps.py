@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.box_gaps import least_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
@@ -14,8 +14,7 @@ from pipeline.kernels.hand.self_collision import meeting_links, rigid_bodies, wo
 
 MAX_NEIGHBOUR_JOINTS = 2
 """Most moving joints between a link and its descendant that still count as neighbours: a knuckle has two."""
-FREQUENT_SHARE = 0.5
-"""Share of the postures in which a pair must overlap to be reported."""
+FREQUENT_SHARE = 0.5  # share of the postures in which a pair must overlap to be reported
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[
 def frequent_overlaps(
     hand: Hand,
     boxes: CollisionBoxes,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames of N postures, m
+    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
     gap: float = 0.0,  # m, links nearer than this count as overlapping
 ) -> list[LinkOverlap]:
     """List the pairs of links that overlap in many postures and are not allowed to, worst first."""
@@ -74,7 +73,7 @@ def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int
     return ((pair, float(gap[0])) for pair, gap in _link_gaps(hand, boxes, resting_frames))
 
 
-def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> Iterator[tuple[tuple[int, int], NDArray[np.float64]]]:
+def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: Array) -> Iterator[tuple[tuple[int, int], Array]]:
     """Yield the pairs of links that can meet, each with its least gap (N,), m."""
     world = world_boxes(boxes, frames)
     for first, second in np.argwhere(meeting_links(hand)).tolist():

@@ -5,9 +5,9 @@ from dataclasses import dataclass, fields
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import length, unit_vectors
 from pipeline.kernels.hand.grasp_ik import GraspIk
@@ -15,20 +15,14 @@ from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.posture_samples import limit_margin
 from pipeline.kernels.hand.self_collision import fingers_apart
 
-Float64Array = NDArray[np.float64]
-
 WIDTH_STEP = 0.004
 """m, step of the width: as many postures are kept of each step, and each serves widths up to one step from its own."""
-POSTURES_PER_STEP = 16
-"""Postures kept of each pair of gels and width: enough that palms come from many sides."""
-THINNEST = 0.0005
-"""m, the thinnest sheet that is pinched; nearer gels cross each other."""
+POSTURES_PER_STEP = 16  # postures kept of each pair of gels and width: enough that palms come from many sides
+THINNEST = 0.0005  # m, the thinnest sheet that is pinched; nearer gels cross each other
 FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
 """Cosine and sine of the angle, 30°, by which the two normals may be off: two gels with a friction coefficient of 0.5 hold up to it."""
-SIDE, SIDE_SHARE = 0.004, 0.27
-"""Largest distance of one gel from the other's axis, m, and as a share of the width."""
-START_STEPS = 128
-"""Steps of width from which postures start: up to half a metre."""
+SIDE, SIDE_SHARE = 0.004, 0.27  # largest distance of one gel from the other's axis, m, and as a share of the width
+START_STEPS = 128  # steps of width from which postures start: up to half a metre
 ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
 """The same limits for sampled postures, cosine and m: least squares can correct as much."""
 MAX_STEP, TINY = 0.3, 1e-300
@@ -40,14 +34,14 @@ ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
 class OpposedPostures:
     """R postures of two gels that face each other, in the root link's frame."""
 
-    joint_angles: Float64Array  # (R, J) rad; joints of fingers that are not in the pair are at rest
-    sensors: NDArray[np.intp]  # (R, 2) the pair
-    centre: Float64Array  # (R, 3) the middle between the gels, m
-    axis: Float64Array  # (R, 3) unit vector from the first to the second
-    width: Float64Array  # (R,) between the gels, m
-    fault: Float64Array  # (R,) deviation from facing each other; above 1, the gels do not
+    joint_angles: Array  # (R, J) rad; joints of fingers that are not in the pair are at rest
+    sensors: Indices  # (R, 2) the pair
+    centre: Array  # (R, 3) the middle between the gels, m
+    axis: Array  # (R, 3) unit vector from the first to the second
+    width: Array  # (R,) between the gels, m
+    fault: Array  # (R,) deviation from facing each other; above 1, the gels do not
 
-    def rows(self, rows: NDArray[np.intp]) -> "OpposedPostures":
+    def rows(self, rows: Indices) -> "OpposedPostures":
         """Select postures by their numbers, in that order."""
         return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
@@ -87,7 +81,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     return grips.rows(_best_of_each_width(np.where(clear, grips.fault, np.inf), grips.width))
 
 
-def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
+def _step(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array, moving: list[int]) -> Array:
     """Compute the step (N, K) of the moving joints, rad, that brings the gels of postures (N, J) nearer to facing each other."""
     nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
     offsets = _offsets(ik, angles, pair, width)
@@ -105,7 +99,7 @@ def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float
     return np.clip(step, -MAX_STEP, MAX_STEP)
 
 
-def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array) -> Float64Array:
+def _offsets(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array) -> Array:
     """Compute the deviations (N, 6) of two gels from facing each other across a width (N,), in units of the allowed ones."""
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     axis = unit_vectors(normals[:, 0] - normals[:, 1])
@@ -114,7 +108,7 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
     )
 
 
-def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
+def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> Indices:
     """Pair sampled postures (N, 2) of two fingers whose gels roughly face each other; with two motors, only a few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
     samples = np.arange(len(ik.joint_angles))
@@ -127,7 +121,7 @@ def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> N
 
 
 @compiled
-def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
+def _facing(first: Array, first_normals: Array, second: Array, second_normals: Array) -> Indices:
     """Find rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
     counts = np.zeros(START_STEPS, np.intp)
     pairs = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
@@ -151,7 +145,7 @@ def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Arr
     return pairs[:count]
 
 
-def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:
+def _gels(ik: GraspIk, frames: Array, sensors: Sequence[int]) -> tuple[Array, Array]:
     """Compute the middle points (N, S, 3) of gels at the depth of touches, m, and their outward normals, in the root link's frame."""
     mounts = [ik.hand.sensors[sensor] for sensor in sensors]
     tips = frames[:, [mount.link for mount in mounts]]
@@ -159,7 +153,7 @@ def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Fl
     return points, np.einsum("nsij,sj->nsi", tips[..., :3, :3], np.stack([mount.pose[:3, 2] for mount in mounts]))
 
 
-def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedPostures:
+def _grips(ik: GraspIk, angles: Array, pair: tuple[int, int]) -> OpposedPostures:
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     facing, across = normals[:, 0] - normals[:, 1], points[:, 1] - points[:, 0]
     axis = unit_vectors(facing)
@@ -170,7 +164,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedP
     return OpposedPostures(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
 
 
-def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:
+def _best_of_each_width(fault: Array, width: Array) -> Indices:
     """Select the postures (K,) with the least fault of every step of width, if it is below 1."""
     order = np.lexsort((fault, np.floor(width / WIDTH_STEP)))
     order = order[fault[order] < 1]

@@ -4,21 +4,19 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.box_gaps import are_near, conflicts, least_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.model import Hand
 
-Float64Array = NDArray[np.float64]
-Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+Pairs = tuple[Indices, Indices]
 
-BEAM_WIDTH = 256
-"""Partial choices that are kept from finger to finger."""
+BEAM_WIDTH = 256  # partial choices that are kept from finger to finger
 
 
-def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
+def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
     """Compute the least gap, m, between links that can meet and are not allowed to, from their frames (L, 4, 4).
 
     It is that of `box_gap`: negative where links overlap; +inf where no two can meet.
@@ -29,9 +27,9 @@ def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> 
 def fingers_clear_of_palm(
     hand: Hand,
     boxes: CollisionBoxes,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    frames: Array,  # (N, L, 4, 4) link frames, m
     gap: float,  # m
-) -> NDArray[np.bool_]:  # (N, F)
+) -> Mask:  # (N, F)
     """Find the fingers that keep a gap from their own links and from those that no finger moves."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
@@ -45,10 +43,10 @@ def fingers_clear_of_palm(
 def fingers_apart(
     hand: Hand,
     boxes: CollisionBoxes,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    frames: Array,  # (N, L, 4, 4) link frames, m
     fingers: Sequence[int],
     gap: float,  # m
-) -> NDArray[np.bool_]:  # (N,)
+) -> Mask:  # (N,)
     """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
@@ -62,10 +60,10 @@ def choose_postures(
     hand: Hand,
     boxes: CollisionBoxes,
     *,
-    frames: NDArray[np.float64],  # (O, L, 4, 4) link frames of O options, in each of which every finger has one posture
-    values: NDArray[np.float64],  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
+    frames: Array,  # (O, L, 4, 4) link frames of O options, in each of which every finger has one posture
+    values: Array,  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
     gap: float,  # m, least gap between boxes of different fingers
-) -> NDArray[np.intp]:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
+) -> Indices:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
     Options of different fingers mix freely. A beam search over fingers in their order, `BEAM_WIDTH` partial choices
@@ -87,13 +85,13 @@ def choose_postures(
     return picks
 
 
-def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:
     """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b."""
     owner = hand.link_fingers[boxes.link]
     return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
 
-def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
+def rigid_bodies(hand: Hand) -> Indices:
     """Compute the body of each link, (L,), numbered by the body's first link: fixed joints connect links to one body."""
     moving = {*hand.joint_links, *(follower.link for follower in hand.followers)}
     bodies = np.arange(len(hand.links))
@@ -103,7 +101,7 @@ def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
     return bodies
 
 
-def meeting_links(hand: Hand) -> NDArray[np.bool_]:
+def meeting_links(hand: Hand) -> Mask:
     """Mark the pairs of links that can meet, (L, L), the one nearer the root first.
 
     Links joined by a joint touch by construction, and physics does not collide them either; links that no finger moves, or that are one
@@ -125,6 +123,6 @@ def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     return first, second
 
 
-def world_boxes(boxes: CollisionBoxes, frames: Float64Array) -> Float64Array:
+def world_boxes(boxes: CollisionBoxes, frames: Array) -> Array:
     """Compute the frames of boxes, (..., C, 4, 4), from link frames (..., L, 4, 4)."""
     return compose(frames[..., boxes.link, :, :], boxes.frames)

@@ -6,19 +6,18 @@ Clouds are finite, (N, 3), N >= 1, in m; squared distances err by less than 1e-1
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import check_coordinates
 
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
-MAX_NEIGHBOURS = 16
-"""Nearest points among which a point on the same side of a surface is searched."""
+MAX_NEIGHBOURS = 16  # nearest points among which a point on the same side of a surface is searched
 
 
-def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
+def nearest_squared(query: Floats, points: Floats) -> Array:
     """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of `points` (M, 3)."""
     query, points = checked_cloud("query", query), checked_cloud("points", points)
     nearest = cKDTree(points).query(query)[1]
@@ -29,8 +28,8 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
 class CloudDistances:
     """Squared nearest distances between a predicted cloud and the true one, m²."""
 
-    predicted: NDArray[np.float64]  # (P,) from each predicted point to the truth
-    truth: NDArray[np.float64]  # (T,) from each true point to the prediction
+    predicted: Array  # (P,) from each predicted point to the truth
+    truth: Array  # (T,) from each true point to the prediction
 
     @property
     def chamfer(self) -> float:
@@ -59,7 +58,7 @@ class CloudDistances:
         return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def cloud_distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]) -> CloudDistances:
+def cloud_distances(predicted: Floats, truth: Floats) -> CloudDistances:
     """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways."""
     return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
 
@@ -98,8 +97,8 @@ def sampling_share(area: float, count: int, distance: float) -> float:
 
 
 def sampled_area(
-    points: NDArray[np.floating],  # (N, 3) m; N at least 2
-    normals: NDArray[np.floating] | None = None,  # (N, 3) unit
+    points: Floats,  # (N, 3) m; N at least 2
+    normals: Floats | None = None,  # (N, 3) unit
 ) -> float:  # m²
     """Estimate the area of the surface from which `points` were drawn area-uniformly.
 
@@ -121,9 +120,9 @@ def sampled_area(
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 
 
-def checked_cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
+def checked_cloud(name: str, points: Floats) -> Array:
     """Convert a cloud (N, 3), N at least 1, to float64, and check it; `name` it in messages."""
-    cloud: NDArray[np.float64] = np.asarray(points, np.float64)
+    cloud: Array = np.asarray(points, np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
     if not len(cloud):

@@ -4,11 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats
 
 
 def ring_indices(
-    points: NDArray[np.floating],  # (N, 3) world, m
-    pose: NDArray[np.float64],  # (4, 4) sensor frame to world, m
+    points: Floats,  # (N, 3) world, m
+    pose: Array,  # (4, 4) sensor frame to world, m
     width: float,  # m, side of the sensor
     rings: int = 5,
 ) -> NDArray[np.int64]:  # (N,) 0 for the ring ×1, -1 for a point in none
@@ -31,10 +32,10 @@ def ring_indices(
 
 
 def ring_means(
-    squared: NDArray[np.float64],  # (N,) of each surface point, m²
+    squared: Array,  # (N,) of each surface point, m²
     ring: NDArray[np.int64],  # (N,) from `ring_indices`
     rings: int = 5,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:  # (rings,) m², and (rings,)
+) -> tuple[Array, NDArray[np.int64]]:  # (rings,) m², and (rings,)
     """Compute the mean squared distance per ring, and the number of its points.
 
     A ring without points has count 0 and mean 0, which is no value.

@@ -8,8 +8,7 @@ from torch import Tensor
 
 from pipeline.kernels.tensor_checks import COLOURS, WHITE
 
-THRESHOLD = 0.001
-"""The supplement's: squared distance over colour, of images in [0, 1]."""
+THRESHOLD = 0.001  # the supplement's: squared distance over colour, of images in [0, 1]
 
 
 def contact_mask(

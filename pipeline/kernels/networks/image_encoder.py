@@ -13,8 +13,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
 Norm = Literal["batch", "instance", "group"]
-GROUPS = 8
-"""Most groups of channels of a group normalisation; fewer where groups would have different sizes."""
+GROUPS = 8  # most groups of channels of a group normalisation; fewer where groups would have different sizes
 
 
 @dataclass(frozen=True)

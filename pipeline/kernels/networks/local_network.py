@@ -11,10 +11,8 @@ from torch import Tensor, nn
 from pipeline.kernels.networks.slope_integration import integrate_slopes, surface_slopes
 from pipeline.kernels.tensor_checks import COLOURS
 
-CHANGE_SCALE = 50.0
-"""Levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact."""
-CONTACT_FEATURES = 8
-"""Features of the layers that find the contact."""
+CHANGE_SCALE = 50.0  # levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact
+CONTACT_FEATURES = 8  # features of the layers that find the contact
 
 
 class LocalShape(NamedTuple):

@@ -15,8 +15,7 @@ DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3
 SMALL = 0.1
 """Error of a slope below which its square counts. If small errors cost little, gentle slopes are read too steep, to make up for the depth
 that is lost at walls."""
-STEEPEST = 4.0
-"""Slope to which true slopes are clamped: colours do not show how steep a wall is."""
+STEEPEST = 4.0  # slope to which true slopes are clamped: colours do not show how steep a wall is
 
 
 class GelState(NamedTuple):

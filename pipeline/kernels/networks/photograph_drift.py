@@ -8,14 +8,11 @@ from torch.nn.functional import interpolate
 
 from pipeline.kernels.touch.calibrated_shading import powers
 
-SIDE = 40
-"""Pixels per side to which changes are averaged: drift is smooth."""
-DEGREE = 2
-"""Degree of the polynomial in the position: the contacts of one sensor are too small to be taken for drift."""
+SIDE = 40  # pixels per side to which changes are averaged: drift is smooth
+DEGREE = 2  # degree of the polynomial in the position: the contacts of one sensor are too small to be taken for drift
 SCALE = 4.0
 """Levels, the usual size of the drift: pixels that differ from it by much more, as in contacts, hardly count."""
-ROUNDS = 12
-"""Rounds of weighted least squares."""
+ROUNDS = 12  # rounds of weighted least squares
 
 
 def without_drift(change: Tensor) -> Tensor:

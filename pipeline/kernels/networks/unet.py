@@ -6,10 +6,8 @@ from torch import Tensor, nn
 from pipeline.errors import InvalidInput
 from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
 
-LEVELS = 4
-"""Poolings on the way down, and deconvolutions on the way up."""
-MIN_SIDE = 2**LEVELS
-"""Fewest pixels per side: with fewer, nothing is left after the last pooling."""
+LEVELS = 4  # poolings on the way down, and deconvolutions on the way up
+MIN_SIDE = 2**LEVELS  # fewest pixels per side: with fewer, nothing is left after the last pooling
 
 
 class UNet(nn.Module):

@@ -9,13 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
-RING = 3.0
-"""Radius of the region around a contact that is fitted and compared, in contact radii."""
-HALVINGS = 14
-"""Halvings of the interval in which a ball's depth is searched: accurate to a ten-thousandth."""
+RING = 3.0  # radius of the region around a contact that is fitted and compared, in contact radii
+HALVINGS = 14  # halvings of the interval in which a ball's depth is searched: accurate to a ten-thousandth
 
 Box = tuple[float, float, float, float]
 
@@ -42,7 +41,7 @@ def ball_impression(
     sensor: Sensor,
     contact: Circle,  # its radius is one along x where pixels are not square
     ball_radius: float,  # m, more than the contact's
-) -> NDArray[np.float64]:  # (rows, cols) m
+) -> Array:  # (rows, cols) m
     """Compute the impression of a ball from its circle of contact with the sensor's membrane or elastic gel."""
     reach = contact.radius * sensor.pitch[1]
     if reach >= ball_radius:
@@ -60,7 +59,7 @@ def ball_impression(
     return np.asarray(np.maximum(height - (low + high) / 2, 0))
 
 
-def distance_from(sensor: Sensor, contact: Circle) -> NDArray[np.float64]:  # (rows, cols) m
+def distance_from(sensor: Sensor, contact: Circle) -> Array:  # (rows, cols) m
     """Compute the distance of each pixel from a contact's centre."""
     x, y = (np.arange(count) - middle for count, middle in ((sensor.cols, contact.x), (sensor.rows, contact.y)))
     return np.asarray(np.hypot(x[None] * sensor.pitch[1], y[:, None] * sensor.pitch[0]))

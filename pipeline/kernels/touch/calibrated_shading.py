@@ -3,8 +3,8 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.cast_shadow import shade_depth
 from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
@@ -16,19 +16,19 @@ FLAT = 1e-7
 
 
 def calibrated_change(
-    pressed: NDArray[np.float64],  # (rows, cols) the impression D', m
+    pressed: Array,  # (rows, cols) the impression D', m
     sensor: Sensor,
     calibration: Calibration,
-) -> NDArray[np.float64]:  # (rows, cols, 3) levels of 255
+) -> Array:  # (rows, cols, 3) levels of 255
     """Compute the change of colours that an impression makes; 0 where the gel stays flat and lit."""
     return indentation_change(gel_under(pressed, sensor).indentation, sensor, calibration)
 
 
 def indentation_change(
-    bump: NDArray[np.float64],  # (rows, cols) how far the gel's surface lies below its rest, m
+    bump: Array,  # (rows, cols) how far the gel's surface lies below its rest, m
     sensor: Sensor,
     calibration: Calibration,
-) -> NDArray[np.float64]:  # (rows, cols, 3) levels of 255
+) -> Array:  # (rows, cols, 3) levels of 255
     """Compute the change of colours of a gel whose surface is known; 0 where it stays flat and lit."""
     change = np.zeros((*sensor.shape, 3))
     casting = np.minimum(bump, calibration.deepest)
@@ -48,7 +48,7 @@ def indentation_change(
 def fitted_positions(
     sensor: Sensor,
     within: tuple[float, float, float, float] | None,  # as in `Calibration`
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # x (cols,) and y (rows,), sensor widths
+) -> tuple[Array, Array]:  # x (cols,) and y (rows,), sensor widths
     """Compute where the coefficients of pixels are evaluated: at the nearest position in the fitted part of the gel."""
     x, y = pixel_centres(sensor)
     if within is not None:
@@ -60,7 +60,7 @@ def fitted_positions(
 def polynomial_background(
     sensor: Sensor,
     coefficients: tuple[tuple[float, float, float], ...],  # levels by term of the position
-) -> NDArray[np.float64]:  # (rows, cols, 3) levels, read-only
+) -> Array:  # (rows, cols, 3) levels, read-only
     """Compute an untouched image from its polynomial."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     image = np.zeros((*sensor.shape, 3))
@@ -76,7 +76,7 @@ def powers(degree: int) -> list[tuple[int, int]]:
 
 
 @compiled
-def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArray[np.float64]) -> None:
+def _darken(depth: Array, gain: Array, change: Array) -> None:
     """Add the change of colours in the shade: `gain` (3,) levels per m of `depth`."""
     rows, cols = depth.shape
     for row in range(rows):
@@ -88,15 +88,15 @@ def _darken(depth: NDArray[np.float64], gain: NDArray[np.float64], change: NDArr
 
 @compiled
 def _shade(
-    bump: NDArray[np.float64],  # (rows, cols) m
-    casting: NDArray[np.float64],  # (rows, cols) m, at most the deepest that was fitted
+    bump: Array,  # (rows, cols) m
+    casting: Array,  # (rows, cols) m, at most the deepest that was fitted
     pitch: tuple[float, float],  # along y and x, m
-    x: NDArray[np.float64],  # (cols,) sensor widths
-    y: NDArray[np.float64],  # (rows,) sensor widths
-    shading: NDArray[np.float64],  # (3, terms of the normal and, if there is one, the depth, terms of the position)
+    x: Array,  # (cols,) sensor widths
+    y: Array,  # (rows,) sensor widths
+    shading: Array,  # (3, terms of the normal and, if there is one, the depth, terms of the position)
     degrees: tuple[int, int],  # in the normal and in the position
     steepest: float,
-    change: NDArray[np.float64],  # (rows, cols, 3) changed in place
+    change: Array,  # (rows, cols, 3) changed in place
 ) -> None:
     """Add the change of colours at every pixel that is drawn in or next to one that is, row by row."""
     rows, cols = bump.shape

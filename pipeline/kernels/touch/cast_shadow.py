@@ -3,18 +3,18 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 
 
 def shade_depth(
-    bump: NDArray[np.float64],  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
+    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
     pitch: tuple[float, float],  # size of a pixel along y and x, m
     *,
     direction: float,  # towards the lamp, rad from +x to +y
     slope: float,  # height over length of the lamp's rays, > 0
-) -> NDArray[np.float64]:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
+) -> Array:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
     """Compute how deep each point of the gel lies in the shade of a distant lamp.
 
     The edge of the shade is carried from line to line towards the far side, a line per step, with linear interpolation within a line.
@@ -34,7 +34,7 @@ def shade_depth(
 
 
 @compiled
-def _sweep(image: NDArray[np.float64], shift: float, drop: float, shade: NDArray[np.float64]) -> None:
+def _sweep(image: Array, shift: float, drop: float, shade: Array) -> None:
     """Sweep from line 0, nearest to the lamp; the line before lies `shift` pixels aside, rays fall `drop` per line."""
     lines, length = image.shape
     offset = math.floor(shift)

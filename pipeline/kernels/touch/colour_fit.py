@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.ball_contact import Photograph, contact_box
 from pipeline.kernels.touch.calibrated_shading import powers
 from pipeline.kernels.touch.cast_shadow import shade_depth
@@ -18,18 +19,13 @@ from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, Sample, left_o
 from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
 from pipeline.kernels.touch.sensor import MM, Gel, Sensor, pixel_centres
 
-MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
-"""Widths of the membrane that are tried, in contact radii."""
+MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, in contact radii
 THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 """Thicknesses of an elastic gel that are tried, in contact radii; the last is nearly a half-space."""
-MODULUS = 2e5
-"""Pa, of an elastic gel whose forces were not measured: its shape does not depend on it."""
-POSITION_DEGREES = (0, 1, 2, 3, 4, 5)
-"""Degrees of the polynomial in the position that are tried."""
-GAIN = 0.02
-"""Share of the least error by which a later choice must improve to be preferred."""
-USUAL_DEGREE = 2
-"""Degree with which the gel is chosen if no degree is given: the best gel hardly depends on it."""
+MODULUS = 2e5  # pa, of an elastic gel whose forces were not measured: its shape does not depend on it
+POSITION_DEGREES = (0, 1, 2, 3, 4, 5)  # degrees of the polynomial in the position that are tried
+GAIN = 0.02  # share of the least error by which a later choice must improve to be preferred
+USUAL_DEGREE = 2  # degree with which the gel is chosen if no degree is given: the best gel hardly depends on it
 DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
 """Shadows that are tried: degrees, and height over length."""
 
@@ -164,11 +160,11 @@ def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[li
     return samples, shadows
 
 
-def _shade(sample: Sample, sensor: Sensor, direction: int, slope: float) -> NDArray[np.float64]:
+def _shade(sample: Sample, sensor: Sensor, direction: int, slope: float) -> Array:
     return np.asarray(MM * shade_depth(sample.bump, sensor.pitch, direction=np.deg2rad(direction), slope=slope)[sample.at])
 
 
-def _solved(samples: Sequence[Sample]) -> NDArray[np.float64]:
+def _solved(samples: Sequence[Sample]) -> Array:
     return solve(np.sum([sample.equations for sample in samples], axis=0))
 
 

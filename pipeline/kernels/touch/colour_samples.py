@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.touch.ball_contact import RING, Box, Photograph, ball_impression, distance_from
 from pipeline.kernels.touch.calibrated_shading import fitted_positions, powers
 from pipeline.kernels.touch.pressed_gel import gel_under
@@ -15,8 +16,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor
 
 CONTACT_WEIGHT = 3.0
 """Weight of a pixel in the contact, where colours change more, relative to one in the ring around it."""
-SAMPLES = 11
-"""Pixels per radius of a contact that are fitted: neighbours hold the same information."""
+SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
 RIDGE = 1e-6
 """Share of the mean diagonal of the normal equations, which regularises terms that the photographs do not separate."""
 
@@ -25,25 +25,25 @@ RIDGE = 1e-6
 class Sample:
     """Hold n pixels of a photograph."""
 
-    bump: NDArray[np.float64]  # (rows, cols) m: the gel's indentation in the whole image
-    at: tuple[NDArray[np.intp], ...]  # rows and columns of the pixels
-    distance: NDArray[np.float64]  # (n,) from the contact's middle, contact radii: less than 1 in the contact
-    features: NDArray[np.float64]  # (n, k) without unit
-    change: NDArray[np.float64]  # (n, 3) levels that the photograph differs from the untouched one
+    bump: Array  # (rows, cols) m: the gel's indentation in the whole image
+    at: tuple[Indices, ...]  # rows and columns of the pixels
+    distance: Array  # (n,) from the contact's middle, contact radii: less than 1 in the contact
+    features: Array  # (n, k) without unit
+    change: Array  # (n, 3) levels that the photograph differs from the untouched one
     contact_weight: float = CONTACT_WEIGHT  # of a pixel in the contact, relative to one around it
 
     @property
-    def inside(self) -> NDArray[np.bool_]:  # (n,)
+    def inside(self) -> Mask:  # (n,)
         """Find the pixels in the contact."""
         return self.distance < 1
 
     @cached_property
-    def equations(self) -> NDArray[np.float64]:  # (k, k + 3)
+    def equations(self) -> Array:  # (k, k + 3)
         """Compute the normal equations: their matrix, and beside it their right-hand sides."""
         weighted = np.where(self.inside, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
         return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
 
-    def error(self, coefficients: NDArray[np.float64]) -> float:
+    def error(self, coefficients: Array) -> float:
         """Compute the mean error of colours by coefficients (k, 3): that in the contact plus that in the ring, levels.
 
         In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
@@ -53,7 +53,7 @@ class Sample:
         parts = [part for part in (self.inside, ~self.inside) if part.any()]
         return sum(float(np.average(size[part], weights=weight[part])) for part in parts)
 
-    def with_features(self, features: NDArray[np.float64]) -> "Sample":
+    def with_features(self, features: Array) -> "Sample":
         """Return a sample with other features, (n, any number)."""
         return replace(self, features=features)
 
@@ -90,7 +90,7 @@ def sample_photographs(
     return samples
 
 
-def solve(equations: NDArray[np.float64]) -> NDArray[np.float64]:
+def solve(equations: Array) -> Array:
     """Solve a sum of `Sample.equations` (k, k + 3) for the coefficients (k, 3), levels."""
     matrix, right = equations[:, :-3], equations[:, -3:]
     ridge = RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix))

@@ -1,8 +1,8 @@
 """Success of a touch, and the points of the surface in the gel."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array32, Mask
 from pipeline.kernels.touch.gel_surface import gel_surface, in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 
@@ -13,7 +13,7 @@ CONTACT_MARGIN = 1e-4
 def touch_success(
     depth: np.ndarray,  # (..., rows, cols) m, +inf where nothing is met
     sensor: Sensor,
-) -> NDArray[np.bool_]:  # (...)
+) -> Mask:  # (...)
     """Decide whether sensors touch: 0 < min D, and D < w - `CONTACT_MARGIN` somewhere.
 
     A curved gel's w is its height there. Depth is judged in float32, as it is stored: the stored depth gives the same
@@ -26,7 +26,7 @@ def touch_success(
     return np.asarray(pressed & (stored.min(axis=(-2, -1)) > 0))
 
 
-def pressed_pixels(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:  # (..., rows, cols), as depth
+def pressed_pixels(depth: np.ndarray, sensor: Sensor) -> Mask:  # (..., rows, cols), as depth
     """Find the pixels that touch: 0 < D < w - `CONTACT_MARGIN`, the rule of `touch_success`; `in_gel` has no margin."""
     judged = depth.astype(np.float32).astype(np.float64)
     return np.asarray((judged > 0) & (judged < gel_surface(sensor) - CONTACT_MARGIN))
@@ -36,7 +36,7 @@ def local_points(
     depth: np.ndarray,  # (rows, cols) float32 D as stored, m
     pose: np.ndarray,  # (4, 4) float64, sensor frame to world frame
     sensor: Sensor,
-) -> tuple[NDArray[np.float32], np.int32]:  # (rows · cols, 3) world, m, and the number of points
+) -> tuple[Array32, np.int32]:  # (rows · cols, 3) world, m, and the number of points
     """Compute the points S^loc of a depth map that lie in the gel, D < w (supplement 1.5).
 
     The points are in row-major order of the pixels, zeros beyond their number. Within 10 m of the origin the error of a

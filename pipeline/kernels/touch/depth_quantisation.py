@@ -1,20 +1,20 @@
 """Quantise depth maps before compression."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Array32
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.gel_surface import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 
 def quantise_depth(
-    depth: NDArray[np.float64],  # (..., rows, cols) m, +inf where nothing is met
+    depth: Array,  # (..., rows, cols) m, +inf where nothing is met
     sensor: Sensor,
     *,
     gel_bits: int | None,  # depths in the gel become multiples of 2^-gel_bits m; None keeps float32's precision
     far_bits: int | None,  # depths beyond it become multiples of 2^-far_bits m
-) -> NDArray[np.float32]:  # (..., rows, cols) m
+) -> Array32:  # (..., rows, cols) m
     """Round depths to multiples of a power of two; digits beyond any use are noise that no codec can compress.
 
     The error is at most half a step and half a float32 unit in the last place. Depths beyond the gel's highest point
@@ -33,9 +33,7 @@ def quantise_depth(
 
 
 @compiled
-def _round(
-    depth: NDArray[np.float64], gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: NDArray[np.float32]
-) -> None:
+def _round(depth: Array, gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: Array32) -> None:
     """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond; 0 for not at all.
 
     Both are powers of two: scaling loses nothing. `beyond` is the least float32 that is not below `gel`.

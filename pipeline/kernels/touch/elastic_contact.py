@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.elastic_layer import influence, layer_factor
 from pipeline.kernels.touch.sensor import Gel, Sensor
 
-Array = NDArray[np.float64]
 MAX_CELLS = 160
 """Most cells along the longer side of an image, on which contact is solved; with more pixels, several share a cell."""
 TOLERANCE = 1e-4
 """Largest gap between gel and object in the contact, as a share of the deepest impression. The force errs by as much."""
-MAX_STEPS = 300
-"""Ten times the most that any press has needed."""
+MAX_STEPS = 300  # ten times the most that any press has needed
 
 
 class ElasticContact(NamedTuple):
@@ -161,7 +160,7 @@ def _solve(pressed: Array, displacement: _Displacement, stiffness: _Stiffness) -
     raise ArithmeticError(f"the contact of {int(below.sum())} cells has not settled after {MAX_STEPS} steps")
 
 
-def _spread(pressure: Array, pressed: NDArray[np.bool_], factor: int) -> Array:
+def _spread(pressure: Array, pressed: Mask, factor: int) -> Array:
     """Spread the pressure on each cell over its pixels that are pressed: falling to the lesser neighbour, with the cell's force."""
     offsets = (np.arange(factor) + 0.5) / factor - 0.5
     fine = np.repeat(np.repeat(pressure, factor, axis=0), factor, axis=1)

@@ -8,19 +8,17 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.special import j0
 
-Array = NDArray[np.float64]
+from pipeline.kernels.arrays import Array, Floats
+
 REACH = 30.0
 """Thicknesses away from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement."""
 KNOTS_PER_THICKNESS = 100
 WAVES, NODES = 16.0, 400
 """Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
-
-GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)
-"""Nodes of a quadrature over a cell, in cells."""
+GAUSS = (-0.5 / 3**0.5, 0.5 / 3**0.5)  # nodes of a quadrature over a cell, in cells
 
 
 @lru_cache(maxsize=8)
@@ -50,7 +48,7 @@ def influence(
 
 
 def layer_factor(
-    wave: NDArray[np.floating],  # (...) wave number times thickness, > 0
+    wave: Floats,  # (...) wave number times thickness, > 0
     poisson: float,  # 0 to 0.5
 ) -> Array:  # (...) 0 to 1
     """Compute the displacement of a bonded layer under a wave of pressure, relative to that of a half-space.

@@ -6,22 +6,21 @@ Valid range: objects and sensors within 100 m of the origin.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates
 from pipeline.kernels.touch.sensor import Sensor, check_pose
 
-SLACK = 1e-9
-"""m, by which boxes are enlarged: far above rounding errors within the valid range."""
+SLACK = 1e-9  # m, by which boxes are enlarged: far above rounding errors within the valid range
 
 
 @dataclass(frozen=True, eq=False)
 class BoxedFaces:
     """The faces of a mesh with their axis-aligned bounding boxes, world frame, m."""
 
-    corners: NDArray[np.float64]  # (3 axes, 3 corners, F)
-    centre: NDArray[np.float64]  # (3, F) of each box
-    half: NDArray[np.float64]  # (3, F) half extent
+    corners: Array  # (3 axes, 3 corners, F)
+    centre: Array  # (3, F) of each box
+    half: Array  # (3, F) half extent
 
 
 def box_faces(triangles: np.ndarray) -> BoxedFaces:
@@ -42,7 +41,7 @@ def cull_faces(
     faces: BoxedFaces,
     pose: np.ndarray,  # (4, 4) sensor frame to world frame
     sensor: Sensor,
-) -> NDArray[np.float64]:  # (3 axes, 3 corners, N) sensor frame, m
+) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
     """Select the faces that a sensor's rays can meet, and transform them to the sensor frame.
 
     All faces that a ray can meet within the sensor's range are selected, and few others. The same corner has the same
@@ -62,6 +61,6 @@ def cull_faces(
     return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
 
 
-def _all_axes(holds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _all_axes(holds: Mask) -> Mask:
     """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
     return np.asarray(holds[0] & holds[1] & holds[2])

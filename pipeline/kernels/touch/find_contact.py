@@ -15,20 +15,16 @@ from skimage.measure import CircleModel, label, ransac, regionprops
 from skimage.transform import warp_polar
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.ball_contact import Circle
 
-SMALLEST = 8.0
-"""Smallest radius of a contact that is searched for, pixels."""
-LEAST_CHANGE = 6.0
-"""Least change from the untouched image, levels, where a contact differs most."""
-LEAST_SEEN = 0.4
-"""Share of a contact's rim that must lie in the image."""
+SMALLEST = 8.0  # smallest radius of a contact that is searched for, pixels
+LEAST_CHANGE = 6.0  # least change from the untouched image, levels, where a contact differs most
+LEAST_SEEN = 0.4  # share of a contact's rim that must lie in the image
 LEAST_FILLED = 0.4
 """Share of a contact that must differ by a third of its largest change; with less, at the rim, the circle may be wrong."""
-MARGIN = 20
-"""Pixels around a region of changed colours, in which the change fades."""
-ANGLES, PER_PIXEL = 180, 4
-"""Directions in which the rim is searched, and samples per pixel of radius."""
+MARGIN = 20  # pixels around a region of changed colours, in which the change fades
+ANGLES, PER_PIXEL = 180, 4  # directions in which the rim is searched, and samples per pixel of radius
 FADES = (0.3, 0.15)
 """Largest shifts of the rim, in radii, of the rounds that search where the strength of the change falls most."""
 REFINED = 0.05
@@ -134,7 +130,7 @@ def _checked(circle: Round) -> Round:
     return circle
 
 
-def _by_symmetry(change: NDArray[np.float64], region: Any) -> tuple[float, float]:
+def _by_symmetry(change: Array, region: Any) -> tuple[float, float]:
     """Find the point of a region around which the change of colours is most nearly odd, pixels."""
     top, left, bottom, right = region.bbox
     rows, cols = slice(max(top - MARGIN, 0), bottom + MARGIN), slice(max(left - MARGIN, 0), right + MARGIN)
@@ -145,7 +141,7 @@ def _by_symmetry(change: NDArray[np.float64], region: Any) -> tuple[float, float
     return cols.start + x, rows.start + y
 
 
-def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> float:
+def _fading(strength: Array, x: float, y: float, reach: int) -> float:
     """Find the radius around a point at which the strength of the change falls fastest, pixels."""
     rays = _polar(strength[..., None], x, y, reach, 1)[..., 0]
     radii = np.flatnonzero(np.isfinite(rays).mean(axis=0) >= LEAST_SEEN / 2)
@@ -156,7 +152,7 @@ def _fading(strength: NDArray[np.float64], x: float, y: float, reach: int) -> fl
     return float(radii[brightest + np.gradient(mean)[brightest:].argmin()])
 
 
-def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> Round:
+def _by_rim(values: Array, start: Round, largest_shift: float) -> Round:
     """Fit a circle to the points within `largest_shift` radii of `start`, one per direction, where strength falls or colours jump most."""
     x, y, radius = start
     angles, at, visible = _rim_points(values, start, largest_shift)
@@ -173,7 +169,7 @@ def _by_rim(values: NDArray[np.float64], start: Round, largest_shift: float) -> 
     return float(circle.center[0]), float(circle.center[1]), float(circle.radius)
 
 
-def _rim_points(values: NDArray[np.float64], start: Round, largest_shift: float) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _rim_points(values: Array, start: Round, largest_shift: float) -> tuple[Array, Array, float]:
     """Find the rim near a circle: angles, and the radius at each where strength falls or colours jump most; and the share in the image."""
     x, y, radius = start
     across, reach = int(2 * RIM * PER_PIXEL), int(radius * (1 + largest_shift) + RIM) + 2
@@ -187,7 +183,7 @@ def _rim_points(values: NDArray[np.float64], start: Round, largest_shift: float)
     return angles, radii[in_range][jump[visible][:, in_range].argmax(axis=1)], float(visible.mean())
 
 
-def _polar(image: NDArray[np.float64], x: float, y: float, reach: int, per_pixel: int) -> NDArray[np.float64]:
+def _polar(image: Array, x: float, y: float, reach: int, per_pixel: int) -> Array:
     """(angle, radius, channel) values around a point, out to a radius of `reach` pixels; NaN beyond the image."""
     shape = (ANGLES, reach * per_pixel)
     rays = np.asarray(warp_polar(image, center=(y, x), radius=reach, output_shape=shape, channel_axis=2, mode="edge"))

@@ -9,8 +9,7 @@ from pipeline.kernels.touch.sensor import MM, Sensor
 
 STEEP = 45.0
 """Degrees of slope that an edge pressed into the gel has: steeper ones are photographed with a ball that is pressed in deeply."""
-ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "middle", "right")
-"""Thirds of the gel, as its image shows them."""
+ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "middle", "right")  # thirds of the gel, as its image shows them
 
 
 def fitted_range(calibration: Calibration) -> list[str]:

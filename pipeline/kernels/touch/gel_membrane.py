@@ -3,18 +3,17 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 
-PASSES = 2
-"""Passes of the exponential filter along each axis: with two its response is nearly round."""
+PASSES = 2  # passes of the exponential filter along each axis: with two its response is nearly round
 
 
 def membrane_indentation(
-    pressed: NDArray[np.float64],  # (rows, cols) the impression D', m
+    pressed: Array,  # (rows, cols) the impression D', m
     sigma: tuple[float, float],  # standard deviation of the smoothing along y and x, pixels, > 0
-) -> NDArray[np.float64]:  # (rows, cols) m
+) -> Array:  # (rows, cols) m
     """Compute the indentation of the membrane in and around a contact: the larger of D' and of D' smoothed.
 
     In the middle of a contact it is D', outside it decays. Smoothing is a recursive two-sided exponential filter,
@@ -29,7 +28,7 @@ def membrane_indentation(
 
 
 @compiled
-def _smooth_along_rows(image: NDArray[np.float64], decay: float) -> None:
+def _smooth_along_rows(image: Array, decay: float) -> None:
     rows, cols = image.shape
     gain = (1 - decay) / (1 + decay)
     forward = np.empty(cols)
@@ -47,7 +46,7 @@ def _smooth_along_rows(image: NDArray[np.float64], decay: float) -> None:
 
 
 @compiled
-def _smooth_along_columns(image: NDArray[np.float64], decay: float) -> None:
+def _smooth_along_columns(image: Array, decay: float) -> None:
     rows, cols = image.shape
     gain = (1 - decay) / (1 + decay)
     forward, carried = np.empty((rows, cols)), np.zeros(cols)

@@ -3,14 +3,14 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 
 @lru_cache(maxsize=16)
-def gel_surface(sensor: Sensor) -> NDArray[np.float64]:  # (rows, cols) m, read-only; () where the gel is flat, w
+def gel_surface(sensor: Sensor) -> Array:  # (rows, cols) m, read-only; () where the gel is flat, w
     """Compute the height of the undeformed gel above the sensor plane."""
     if sensor.surface is None:
         return np.array(sensor.w)
@@ -33,7 +33,7 @@ def gel_top(sensor: Sensor) -> float:
     return max(sensor.w, float(gel_surface(sensor).max()))
 
 
-def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:  # (..., rows, cols), as depth, m
+def in_gel(depth: np.ndarray, sensor: Sensor) -> Mask:  # (..., rows, cols), as depth, m
     """Find the pixels where a surface lies in the gel: D < w; for shapes. `pressed_pixels` decides what touches."""
     return np.asarray(depth < gel_surface(sensor))
 
@@ -41,7 +41,7 @@ def in_gel(depth: np.ndarray, sensor: Sensor) -> NDArray[np.bool_]:  # (..., row
 def impression(
     depth: np.ndarray,  # (rows, cols) D from the sensor plane, m; float32 or float64, +inf where nothing is met
     sensor: Sensor,
-) -> NDArray[np.float64]:  # (rows, cols) m; 0 where the gel is not pressed in
+) -> Array:  # (rows, cols) m; 0 where the gel is not pressed in
     """Compute the impression of an object in the gel, D' = ReLU(w - D), equation 1.
 
     Where the gel is curved, w is its height at the pixel.

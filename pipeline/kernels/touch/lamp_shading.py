@@ -5,19 +5,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 
-WHITE = 255
-"""The uint8 value of intensity 1."""
+WHITE = 255  # the uint8 value of intensity 1
 
 
 @compiled
 def shade(
-    z: NDArray[np.float64],  # (rows, cols) contiguous, the gel's surface in sensor widths, growing towards the camera
-    rest: NDArray[np.float64],  # (rows, cols) the same where nothing presses
+    z: Array,  # (rows, cols) contiguous, the gel's surface in sensor widths, growing towards the camera
+    rest: Array,  # (rows, cols) the same where nothing presses
     aspect: float,  # height of the sensor plane over its width
     diffuse: float,  # lambda of equation 2
-    lamps: NDArray[np.float64],  # (3, 3) positions of the red, green and blue lamp, sensor widths
+    lamps: Array,  # (3, 3) positions of the red, green and blue lamp, sensor widths
     image: NDArray[np.uint8],  # (rows, cols, 3) holds the untouched image; changed in place
 ) -> None:
     """Shade the pixels where the gel is not at rest, and leave those that are at rest with their neighbours."""
@@ -50,7 +50,7 @@ def shade(
 
 
 @compiled
-def _moved(z: NDArray[np.float64], rest: NDArray[np.float64]) -> tuple[int, int]:
+def _moved(z: Array, rest: Array) -> tuple[int, int]:
     """Find the first and last column where any of two or three rows, or a neighbour, is not at rest; first > last if all are."""
     lines, cols = z.shape
     first, last = cols, -1

@@ -13,35 +13,30 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
+
 GRID = 32
 """Cells per side in which photographs are averaged before they are compared: noise and single pixels do not count."""
-SAMPLES = 4
-"""Pixels per side of a cell that are enough."""
-ALIKE = 2.0
-"""Levels: photographs that differ by no more are not searched for an alteration."""
-EXPLAINED = 0.6
-"""An alteration is found if it leaves less than this share of the difference, and no more than `UNLIKE`."""
+SAMPLES = 4  # pixels per side of a cell that are enough
+ALIKE = 2.0  # levels: photographs that differ by no more are not searched for an alteration
+EXPLAINED = 0.6  # an alteration is found if it leaves less than this share of the difference, and no more than `UNLIKE`
 UNLIKE = 8.0
 """Levels: an untouched gel that differs by more is another one. Another unit of the same sensor differs by 4."""
 SIMPLER = 1.0
 """Levels: the likeliest of the alterations counts that leave at most this much more than the least: symmetric gels have several."""
-DARK, BRIGHT = 8, 250
-"""Levels between which ratios of brightness are measured."""
-PRESSED = 8.0
-"""Levels by which a cell of a contact differs."""
+DARK, BRIGHT = 8, 250  # levels between which ratios of brightness are measured
+PRESSED = 8.0  # levels by which a cell of a contact differs
 HUES = np.exp(2j * np.pi * np.arange(3) / 3)
 """Directions of red, green and blue on the colour circle: their sum with a colour is 0 if it is grey."""
-ROUNDS = 10
-"""Rounds of weighted least squares."""
-LUMA = np.array([0.299, 0.587, 0.114])
-"""Shares of red, green and blue in a grey level."""
+ROUNDS = 10  # rounds of weighted least squares
+LUMA = np.array([0.299, 0.587, 0.114])  # shares of red, green and blue in a grey level
 
 Orientation = Literal[
     "upright", "turned by 180°", "mirrored left to right", "mirrored top to bottom", "turned by 90°", "turned by 270°", "transposed",
     "turned by 180° and transposed",
 ]  # fmt: skip
 ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
-_TURNED: dict[Orientation, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+_TURNED: dict[Orientation, Callable[[Array], Array]] = {
     "upright": lambda cells: cells,
     "turned by 180°": lambda cells: cells[::-1, ::-1],
     "mirrored left to right": lambda cells: cells[:, ::-1],
@@ -152,7 +147,7 @@ def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> f
     return float((np.concatenate([change[[0, -1]].ravel(), change[1:-1, [0, -1]].ravel()]) > PRESSED).mean())
 
 
-def cell_means(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+def cell_means(image: NDArray[np.uint8]) -> Array:
     """Average an image in a grid, (rows, cols, 3) to (GRID, GRID, 3) levels: some pixels of a large one; those of a small one repeat."""
     rows, cols = (((np.arange(SAMPLES * GRID) + 0.5) * side / (SAMPLES * GRID)).astype(int) for side in image.shape[:2])
     sums = np.zeros((GRID, GRID, 3))
@@ -167,14 +162,14 @@ def _rank(kind: tuple[str, Orientation]) -> tuple[int, int]:
     return min(colours, 1) + (colours > 2) + (orientation % 4 > 0), colours + orientation
 
 
-def _altered(reference: NDArray[np.float64], colours: str, orientation: Orientation) -> NDArray[np.float64]:
+def _altered(reference: Array, colours: str, orientation: Orientation) -> Array:
     turned = _TURNED[orientation](reference)
     if colours == "grey":
         return np.repeat((turned @ LUMA)[..., None], 3, axis=2)
     return turned[..., ["RGB".index(colour) for colour in colours]]
 
 
-def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours: str, orientation: Orientation) -> Alteration:
+def _compare(cells: Array, reference: Array, colours: str, orientation: Orientation) -> Alteration:
     altered = _altered(reference, colours, orientation)
     gain, gains = _gain(cells, altered), _gains(cells, altered)
     unscaled, difference, balanced = (_difference(cells, altered, scale) for scale in (np.ones(1), gain, gains))
@@ -183,22 +178,22 @@ def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours
     return Alteration(colours, orientation, float(gain), (red, green, blue), unscaled, difference, balanced, *chroma)
 
 
-def _difference(cells: NDArray[np.float64], reference: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
+def _difference(cells: Array, reference: Array, scale: Array) -> float:
     """Compute the median difference from a reference that is `scale` times as bright, levels of the reference."""
     return float(np.median((np.abs(cells - scale * reference) / np.maximum(scale, 0.1)).mean(axis=2)))
 
 
-def _gain(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gain(cells: Array, reference: Array) -> Array:
     """Compute how many times as bright cells are as their reference: the median where neither is too dark or too bright."""
     usable = (reference > DARK) & (cells < BRIGHT)
     return np.asarray(np.median(cells[usable] / reference[usable]) if usable.any() else cells.mean() / max(reference.mean(), 1.0))
 
 
-def _gains(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gains(cells: Array, reference: Array) -> Array:
     return np.array([_gain(cells[..., colour], reference[..., colour]) for colour in range(3)])
 
 
-def _fit_chroma(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[complex, float]:
+def _fit_chroma(cells: Array, reference: Array) -> tuple[complex, float]:
     """Fit the factor between chromas by least absolute differences, and compute the share that it leaves."""
     chroma, reference_chroma = (image @ HUES for image in (cells, reference))
     factor = 1 + 0j

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import length, unit_vectors
 from pipeline.kernels.touch.face_culling import BoxedFaces
 from pipeline.kernels.touch.press_shapes import ATTEMPTS, Press, PressRanges, draw_mostly_small, press_relief
@@ -15,8 +15,8 @@ from pipeline.kernels.touch.sensor import Sensor
 
 def random_patch(
     faces: BoxedFaces,
-    points: NDArray[np.floating],  # (N, 3) of the object's surface, frame of the faces, m
-    normals: NDArray[np.floating],  # (N, 3) outward unit normals there
+    points: Floats,  # (N, 3) of the object's surface, frame of the faces, m
+    normals: Floats,  # (N, 3) outward unit normals there
     sensor: Sensor,
     rng: np.random.Generator,
     *,
@@ -43,9 +43,7 @@ def random_patch(
     raise InvalidInput(f"none of {ATTEMPTS} patches that were drawn can be pressed: {refused}")
 
 
-def _facing(
-    points: NDArray[np.floating], normals: NDArray[np.floating], distance: float, tilt: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def _facing(points: Floats, normals: Floats, distance: float, tilt: float, rng: np.random.Generator) -> Array:
     """Draw the pose (4, 4) of a sensor that faces a point of a surface from a distance, tilted by up to an angle, turned at random."""
     index = int(rng.integers(len(points)))
     away = -np.asarray(normals[index], np.float64)

@@ -9,20 +9,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import sin_cos
 from pipeline.kernels.touch.gel_surface import gel_surface
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
-Array = NDArray[np.float64]
-WALLS = (3.0, 30.0)
-"""Height over length of a solid's walls: nearly upright, so that they fall within a few pixels."""
-ATTEMPTS = 20
-"""Presses that are drawn before a sensor counts as one that none of them fits."""
-TILTED = 0.3
-"""Share of the presses whose shape does not lie flat on the gel."""
+WALLS = (3.0, 30.0)  # height over length of a solid's walls: nearly upright, so that they fall within a few pixels
+ATTEMPTS = 20  # presses that are drawn before a sensor counts as one that none of them fits
+TILTED = 0.3  # share of the presses whose shape does not lie flat on the gel
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.touch.elastic_contact import press_elastic
 from pipeline.kernels.touch.gel_membrane import membrane_indentation
 from pipeline.kernels.touch.gel_surface import impression
@@ -14,9 +14,9 @@ from pipeline.kernels.touch.sensor import Sensor
 class PressedGel(NamedTuple):
     """The surface of a gel, and where an object touches it."""
 
-    indentation: NDArray[np.float64]  # (rows, cols) m: how deep it lies below its rest; negative where it rises
-    contact: NDArray[np.bool_]  # (rows, cols) where the object touches it
-    pressure: NDArray[np.float64] | None = None  # (rows, cols) Pa, of an elastic gel; else None
+    indentation: Array  # (rows, cols) m: how deep it lies below its rest; negative where it rises
+    contact: Mask  # (rows, cols) where the object touches it
+    pressure: Array | None = None  # (rows, cols) Pa, of an elastic gel; else None
 
 
 def press_gel(
@@ -27,7 +27,7 @@ def press_gel(
     return gel_under(impression(depth, sensor), sensor)
 
 
-def gel_under(pressed: NDArray[np.float64], sensor: Sensor) -> PressedGel:
+def gel_under(pressed: Array, sensor: Sensor) -> PressedGel:
     """Compute the state of a gel under an impression (rows, cols), m; otherwise as `press_gel`."""
     if sensor.gel is not None:
         indentation, pressure = press_elastic(pressed, sensor, sensor.gel)
@@ -38,7 +38,7 @@ def gel_under(pressed: NDArray[np.float64], sensor: Sensor) -> PressedGel:
     return PressedGel(indentation, (pressed > 0) & (indentation <= pressed))
 
 
-def normal_force(pressure: NDArray[np.float64], sensor: Sensor) -> float:
+def normal_force(pressure: Array, sensor: Sensor) -> float:
     """Add up the pressure (rows, cols), Pa, on a sensor's gel: the normal force, N."""
     return float(pressure.sum()) * sensor.pitch[0] * sensor.pitch[1]
 

@@ -5,8 +5,8 @@ meshes.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
 from pipeline.kernels.touch.scan_conversion import scan_convert
 from pipeline.kernels.touch.sensor import Sensor
@@ -16,7 +16,7 @@ def ray_depth(
     faces: BoxedFaces,
     pose: np.ndarray,  # (4, 4) sensor frame to world frame
     sensor: Sensor,
-) -> NDArray[np.float64]:  # (rows, cols) m; +inf where nothing is met within the sensor's range
+) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
     """Compute the depth map of a sensor by exact intersection.
 
     D is the distance along +z to the first surface (supplement 1.5). Front and back of a face count alike, and its rim
@@ -30,9 +30,9 @@ def ray_depth(
 
 
 def local_depth(
-    local: NDArray[np.float64],  # (3 axes, 3 corners, N) sensor frame, m, from `cull_faces`
+    local: Array,  # (3 axes, 3 corners, N) sensor frame, m, from `cull_faces`
     sensor: Sensor,
-) -> NDArray[np.float64]:  # (rows, cols) m; +inf where nothing is met within the sensor's range
+) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
     """Compute the depth map of faces in the sensor frame; see `ray_depth`."""
     depth = np.full(sensor.shape, np.inf)
     scan_convert(np.ascontiguousarray(local), sensor.width, sensor.height, depth)

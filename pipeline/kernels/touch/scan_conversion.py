@@ -2,16 +2,13 @@
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 
 PLANE_TOLERANCE = 1e-9
 """m behind the sensor plane within which a surface still counts as lying on it (depth 0): rounding must not lose it."""
 
-Point = tuple[float, float, float]
-"""x in columns, y in rows (pixel centres: integers), z in m."""
+Point = tuple[float, float, float]  # x in columns, y in rows (pixel centres: integers), z in m
 
 
 @compiled
@@ -37,10 +34,10 @@ def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float
 
 @compiled
 def scan_convert(
-    faces: NDArray[np.float64],  # (3 axes, 3 corners, N) contiguous, sensor frame, m
+    faces: Array,  # (3 axes, 3 corners, N) contiguous, sensor frame, m
     width: float,  # of the sensor plane along x, m
     height: float,  # along y, m
-    depth: NDArray[np.float64],  # (rows, cols) contiguous, m; changed in place
+    depth: Array,  # (rows, cols) contiguous, m; changed in place
 ) -> None:
     """Lower a depth map where faces are nearer."""
     rows, cols = depth.shape

@@ -8,21 +8,18 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.touch.optics import Calibration, Lights
 
-MM = 1e3
-"""Millimetres per metre."""
-MAX_PIXELS_PER_SIDE = 4096
-"""Rows and columns of an image: more than any camera of a sensor has."""
+MM = 1e3  # millimetres per metre
+MAX_PIXELS_PER_SIDE = 4096  # rows and columns of an image: more than any camera of a sensor has
 
 Length = Annotated[float, Field(ge=1e-6, le=10)]
-POSE_TOLERANCE = 1e-6
-"""Largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic."""
+POSE_TOLERANCE = 1e-6  # largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic
 
 
 class Surface(BaseModel):
@@ -168,7 +165,7 @@ def _filled_in(sensor: Sensor) -> Sensor:
     return sensor.model_copy(update={"given_height": sensor.height, "gel": gel})
 
 
-def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def pixel_centres(sensor: Sensor) -> tuple[Array, Array]:
     """Compute the positions x (cols,) and y (rows,) of the pixel centres on the sensor plane, sensor frame, m.
 
     x = ((col + ½)/cols - ½) · width, y = ((row + ½)/rows - ½) · height.
@@ -180,16 +177,16 @@ def pixel_centres(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float
 
 def masked_points(
     depth: np.ndarray,  # (rows, cols) D, m
-    mask: NDArray[np.bool_],  # (rows, cols) true at n pixels
+    mask: Mask,  # (rows, cols) true at n pixels
     sensor: Sensor,
-) -> NDArray[np.float64]:  # (n, 3) sensor frame, m, in row-major order of the pixels
+) -> Array:  # (n, 3) sensor frame, m, in row-major order of the pixels
     """Compute the points that the pixels of a mask see."""
     row, col = np.nonzero(mask)
     x, y = pixel_centres(sensor)
     return np.stack([x[col], y[row], depth[row, col]], axis=1, dtype=np.float64)
 
 
-def check_pose(pose: np.ndarray, name: str = "sensor pose") -> NDArray[np.float64]:
+def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion; `name` is for messages.
 
     A wrong shape is a `ValueError`; other faults are `InvalidInput`.
@@ -215,11 +212,11 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> NDArray[np.float6
 
 
 def sensor_to_world(
-    pose: NDArray[np.float64],  # (4, 4) sensor frame to world frame
+    pose: Array,  # (4, 4) sensor frame to world frame
     x: np.ndarray,  # coordinates that broadcast to one shape (...), sensor frame, m
     y: np.ndarray,
     z: np.ndarray,
-) -> NDArray[np.float64]:  # (..., 3) world, m
+) -> Array:  # (..., 3) world, m
     """Transform points from the sensor frame to the world frame.
 
     Element by element, not by a matrix product: a point has the same bits in an array of any size.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
 from pipeline.kernels.touch.gel_surface import gel_surface
@@ -38,7 +39,7 @@ def tactile_image(
 
 
 def image_of_gel(
-    indentation: NDArray[np.float64],  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
+    indentation: Array,  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
     sensor: Sensor,
     rng: np.random.Generator | None = None,  # as in `tactile_image`
 ) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
@@ -52,14 +53,14 @@ def image_of_gel(
     return image if image.dtype == np.uint8 else _levels(image)
 
 
-def _levels(image: NDArray[np.float64]) -> NDArray[np.uint8]:
+def _levels(image: Array) -> NDArray[np.uint8]:
     levels = np.empty(image.shape, np.uint8)
     _round(np.ascontiguousarray(image).reshape(-1), levels.reshape(-1))
     return levels
 
 
 @compiled
-def _round(image: NDArray[np.float64], levels: NDArray[np.uint8]) -> None:
+def _round(image: Array, levels: NDArray[np.uint8]) -> None:
     for i in range(len(image)):
         levels[i] = np.uint8(np.rint(min(max(image[i], 0.0), float(WHITE))))
 
@@ -69,7 +70,7 @@ def untouched_image(sensor: Sensor) -> NDArray[np.uint8]:  # (rows, cols, 3) red
     return tactile_image(np.full(sensor.shape, np.inf), sensor)
 
 
-def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:  # (rows, cols, 3) levels
+def background(sensor: Sensor, calibration: Calibration) -> Array:  # (rows, cols, 3) levels
     """Read or compute the untouched image of a calibrated sensor; do not change it."""
     if not isinstance(calibration.background, str):
         return polynomial_background(sensor, calibration.background)
@@ -82,11 +83,11 @@ def background(sensor: Sensor, calibration: Calibration) -> NDArray[np.float64]:
 
 
 @lru_cache(maxsize=8)
-def _decoded(photograph: bytes) -> NDArray[np.float64]:
+def _decoded(photograph: bytes) -> Array:
     return np.asarray(Image.open(io.BytesIO(photograph)).convert("RGB"), np.float64)
 
 
-def _lamp_image(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
+def _lamp_image(bump: Array, sensor: Sensor) -> NDArray[np.uint8]:
     """Shade the indented pixels by equations 2 to 5; elsewhere keep the untouched image."""
     rest, image = _resting_surface(sensor)
     image = image.copy()
@@ -95,7 +96,7 @@ def _lamp_image(bump: NDArray[np.float64], sensor: Sensor) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=8)
-def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:  # (rows, cols), (rows, cols, 3)
+def _resting_surface(sensor: Sensor) -> tuple[Array, NDArray[np.uint8]]:  # (rows, cols), (rows, cols, 3)
     """Compute the surface at rest, below w in sensor widths, and its image."""
     rest = np.broadcast_to((sensor.w - gel_surface(sensor)) / sensor.width, sensor.shape).copy()
     image = np.zeros((*sensor.shape, 3), np.uint8)
@@ -103,7 +104,7 @@ def _resting_surface(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.ui
     return rest, image
 
 
-def _shade(z: NDArray[np.float64], rest: NDArray[np.float64], sensor: Sensor, image: NDArray[np.uint8]) -> None:
+def _shade(z: Array, rest: Array, sensor: Sensor, image: NDArray[np.uint8]) -> None:
     lights = sensor.lights
     assert isinstance(lights, Lights)
     shade(z, rest, sensor.aspect, sensor.diffuse, np.array([lights.red, lights.green, lights.blue]), image)

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-ALIKE = 6
-"""Levels of 255 in each colour by which a pixel of the background differs at most from the image's border."""
+from pipeline.kernels.arrays import Mask
+
+ALIKE = 6  # levels of 255 in each colour by which a pixel of the background differs at most from the image's border
 
 
-def foreground(image: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def foreground(image: NDArray[np.uint8]) -> Mask:
     """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
     return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
 

@@ -9,9 +9,9 @@ Valid range: cameras and points within 100 m of the origin, at least 1 mm apart.
 from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.transforms import compose, invert_pose, rotation_from_euler
 
 Coordinate = Annotated[float, Field(ge=-100, le=100)]
@@ -20,8 +20,7 @@ Pixels = Annotated[float, Field(ge=-1e6, le=1e6)]
 Focal = Annotated[float, Field(ge=1e-3, le=1e6)]
 Vector = tuple[float, float, float]
 
-MAX_RESOLUTION = 8192
-"""Pixels per side of an image: graphics libraries draw no larger ones."""
+MAX_RESOLUTION = 8192  # pixels per side of an image: graphics libraries draw no larger ones
 
 
 class Camera(BaseModel):
@@ -50,14 +49,14 @@ class Camera(BaseModel):
         focal, centre = (tuple(scale * length for length in pair) for pair in (self.focal, self.centre))
         return self.model_copy(update={"focal": focal, "centre": centre, "resolution": resolution})
 
-    def zoomed(self, factor: float, at: NDArray[np.float64] | None = None) -> Self:
+    def zoomed(self, factor: float, at: Array | None = None) -> Self:
         """Return the camera with its focal lengths multiplied; what it sees at pixel `at` (2,), by default the centre, stays there."""
         moved = np.zeros(2) if at is None or not np.isfinite(at).all() else (factor - 1) * (np.array(self.centre) - at)
         focal, centre = (factor * self.focal[0], factor * self.focal[1]), tuple((np.array(self.centre) + moved).tolist())
         return self.model_copy(update={"focal": focal, "centre": centre})
 
 
-def camera_pose(camera: Camera) -> NDArray[np.float64]:  # (4, 4)
+def camera_pose(camera: Camera) -> Array:  # (4, 4)
     """Compute the camera's frame in the world, m: columns right, up, backwards, position."""
     pose = np.eye(4)
     pose[:3, :3] = rotation_from_euler(np.deg2rad(camera.rotation))
@@ -65,7 +64,7 @@ def camera_pose(camera: Camera) -> NDArray[np.float64]:  # (4, 4)
     return pose
 
 
-def projection_matrix(camera: Camera) -> NDArray[np.float64]:  # (3, 4)
+def projection_matrix(camera: Camera) -> Array:  # (3, 4)
     """Compute the matrix M that projects world points, m, to pixels.
 
     (u w, v w, w) = M (x, y, z, 1), u along columns, v along rows; w is the distance along the viewing direction, m. Points with
@@ -77,9 +76,9 @@ def projection_matrix(camera: Camera) -> NDArray[np.float64]:  # (3, 4)
 
 
 def project_points(
-    matrix: NDArray[np.float64],  # (3, 4) from `projection_matrix`
-    points: NDArray[np.floating],  # (..., 3) world, m, finite
-) -> NDArray[np.float64]:  # (..., 2) (column, row), pixels
+    matrix: Array,  # (3, 4) from `projection_matrix`
+    points: Floats,  # (..., 3) world, m, finite
+) -> Array:  # (..., 2) (column, row), pixels
     """Project world points to image coordinates; NaN for points at or behind the camera."""
     if not np.isfinite(points).all():
         raise ValueError("points hold NaN or infinity; drop them before projecting")

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
-UNCHANGED = 1e-3
-"""Largest shift, pixels, at which an image is not resampled."""
+UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
 
@@ -28,14 +28,14 @@ class Direction(NamedTuple):
     distance: float  # m
 
 
-def optical_centre(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def optical_centre(matrix: Array) -> Array:
     """Compute the optical centre (3,), world, m, of a projection matrix (3, 4)."""
     return -solve_3x3(matrix[:, :3], matrix[:, 3])
 
 
 def split_projection(
-    matrix: NDArray[np.float64],  # (3, 4), whose third row measures depth in m
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # (3, 3), (3, 3)
+    matrix: Array,  # (3, 4), whose third row measures depth in m
+) -> tuple[Array, Array]:  # (3, 3), (3, 3)
     """Split a projection matrix without skew into intrinsic matrix and rotation from world to camera.
 
     The camera's axes are x right, y down, z forward.
@@ -48,7 +48,7 @@ def split_projection(
     return intrinsic, np.vstack([across / focal[:, None], forward])
 
 
-def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> Direction:
+def camera_direction(matrix: Array, target: Array) -> Direction:
     """Compute where the camera of a projection matrix (3, 4) is, seen from a point (3,), world, m.
 
     The azimuth of a camera straight above or below is that of a camera nearby whose image has the same top.
@@ -62,17 +62,17 @@ def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -
     return Direction(float(np.arctan2(offset[1], offset[0])), elevation, distance)
 
 
-def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+def moved_projection(projection: Array, motion: Array) -> Array:
     """Compute the projection matrix of a camera that moved with its frame, which may be scaled; depth stays in m."""
     moved = compose(projection, invert_similarity(motion))
     return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
 def carried_camera(
-    training: NDArray[np.float64],  # (3, 4) projection matrix
-    real: NDArray[np.float64],  # (3, 4) projection matrix
-    target: NDArray[np.float64],  # (3,) middle of the object, world, m
-) -> NDArray[np.float64]:  # (3, 4) projection matrix
+    training: Array,  # (3, 4) projection matrix
+    real: Array,  # (3, 4) projection matrix
+    target: Array,  # (3,) middle of the object, world, m
+) -> Array:  # (3, 4) projection matrix
     """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
@@ -91,7 +91,7 @@ def carried_camera(
     return np.column_stack([turned_matrix, -turned_matrix @ optical_centre(real)])
 
 
-def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def _level_axes(matrix: Array, target: Array) -> Array:
     """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's position."""
     azimuth = camera_direction(matrix, target).azimuth
     forward = unit_vectors(target - optical_centre(matrix))
@@ -102,8 +102,8 @@ def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDA
 
 def transfer_view(
     image: NDArray[np.uint8],  # (rows, cols, 3) sRGB
-    real: NDArray[np.float64],  # (3, 4) projection matrix of its camera
-    other: NDArray[np.float64],  # (3, 4) projection matrix of the other camera
+    real: Array,  # (3, 4) projection matrix of its camera
+    other: Array,  # (3, 4) projection matrix of the other camera
     shape: tuple[int, int],  # rows and columns of the other camera's image
     fill: tuple[int, int, int],  # sRGB of pixels that the image does not show
 ) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
@@ -125,7 +125,7 @@ def transfer_view(
     return _warp(image, to_image, shape, fill), float(shown.mean() / 255)
 
 
-def _warp(image: NDArray[np.uint8], to_image: NDArray[np.float64], shape: tuple[int, int], fill: Any) -> NDArray[np.uint8]:
+def _warp(image: NDArray[np.uint8], to_image: Array, shape: tuple[int, int], fill: Any) -> NDArray[np.uint8]:
     """Sample an image at `to_image` (3, 3) of each pixel, bilinearly, with fractions of a level cut off; `fill` is beside it."""
     coefficients = (to_image / to_image[2, 2]).ravel()[:8]
     size = shape[1], shape[0]
@@ -133,7 +133,7 @@ def _warp(image: NDArray[np.uint8], to_image: NDArray[np.float64], shape: tuple[
     return np.asarray(moved)  # four times as fast as with scikit-image
 
 
-def _scale(homography: NDArray[np.float64], pixel: tuple[float, float]) -> float:
+def _scale(homography: Array, pixel: tuple[float, float]) -> float:
     """Compute how many pixels of its target a pixel of a homography's source covers along a side."""
     u, v, w = homography @ np.array([*pixel, 1.0])
     numerators = np.array([u, v])

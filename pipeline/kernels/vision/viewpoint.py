@@ -6,15 +6,13 @@ The renderings are Blender's, of ShapeNetCore meshes as their files have them: y
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length
 
 FOCAL, SENSOR = 35.0, 32.0
 """mm: focal length and width of the renderings' camera. The field of view in the metadata was not rendered with."""
-
-FARTHEST = 1.75
-"""Distance of the camera from the origin where the distance ratio is 1, units of the file."""
+FARTHEST = 1.75  # distance of the camera from the origin where the distance ratio is 1, units of the file
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Viewpoint:
 def viewpoint_camera(
     viewpoint: Viewpoint,
     resolution: int,  # pixels per side
-) -> NDArray[np.float64]:  # (3, 4)
+) -> Array:  # (3, 4)
     """Compute the projection matrix of a rendering, whose camera looks at the origin, without roll.
 
     It takes homogeneous points of the mesh file (y up, its units) to (column, row, 1) times depth; pixel centres at
@@ -48,8 +46,8 @@ def viewpoint_camera(
 
 
 def placed_camera(
-    camera: NDArray[np.float64],  # (3, 4) points of the mesh file to pixels
-    placement: NDArray[np.float64],  # (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved
-) -> NDArray[np.float64]:  # (3, 4) world points, m, to pixels; its depth is in m
+    camera: Array,  # (3, 4) points of the mesh file to pixels
+    placement: Array,  # (4, 4) points of the mesh file to the world: turned, scaled by one factor, moved
+) -> Array:  # (3, 4) world points, m, to pixels; its depth is in m
     """Compute the projection matrix that shows a placed object as a camera shows its file."""
     return length(placement[:3, 0]) * compose(camera, invert_similarity(placement))

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import identity
 from pipeline.config.settings import Settings
+from pipeline.config.sources import identity
 from pipeline.console import Table
 from pipeline.contrib.report.reconstruction_gallery import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
