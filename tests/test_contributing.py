@@ -31,7 +31,7 @@ import sys
 from pathlib import Path
 from pipeline.cli import app
 from tools import reference_pages
-Path("docs/settings.md").write_text(reference_pages.regenerated(Path("docs/settings.md").read_text(), reference_pages.settings()))
+Path("docs/settings.md").write_text(reference_pages.settings())
 app(["run", "measure-contact", *sys.argv[1:]])
 """
 

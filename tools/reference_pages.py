@@ -1,4 +1,6 @@
-"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations.
+
+`make docs` writes those of `PAGES`; those of `SITE_PAGES` are written when the site is built.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -243,9 +245,8 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     return "path" if entry.get("format") == "path" else {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
 
 
+SITE_PAGES = {"data-format.md": data_format, "settings.md": settings}
 PAGES = {
-    "data-format.md": data_format,
-    "settings.md": settings,
     "manifest.md": manifest_entries,
     "hand-and-sensor.md": hand_and_sensor_entries,
     "guide/own-photographs.md": observation_entries,

@@ -22,8 +22,7 @@ from pipeline.errors import StoreError
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.collection import Collection

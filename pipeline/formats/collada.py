@@ -60,18 +60,9 @@ def check_shape(content: bytes) -> None:
 
 
 def rewrite_effects(content: bytes, unread: list[str]) -> tuple[bytes, set[str]]:
-    """Rewrite effects: their opacity into the one number that trimesh reads, and emission, where it is the only colour, as diffuse.
+    """Rewrite effects: opacity as the one number that trimesh reads; emission, where it is the only colour, as diffuse.
 
-    Parameters
-    ----------
-    content
-        Of the file.
-    unread
-        Gets what is not read.
-
-    Returns
-    -------
-    The content, and the names of the files whose alpha is an opacity: by `<transparent>`, COLLADA 1.4.1, chapter 7.
+    Also return the names of the files whose alpha is an opacity: by `<transparent>`, COLLADA 1.4.1, chapter 7.
     """
     files, transparent = dict(image_names(content)), set[str]()
     encoding = ENCODING.match(content)
@@ -115,9 +106,7 @@ def _shows(part: Element) -> bool:
 def _set_opacity(shader: Element) -> str | None:
     """Replace what a shader says of opacity by one number, the last of `<transparent>`'s colour.
 
-    Returns
-    -------
-    The texture whose alpha multiplies it, as the shader names it; "" where it is not that of the diffuse colour, None without one.
+    Return the texture whose alpha multiplies it, as the shader names it; "" where it is not that of the diffuse colour, None without one.
     """
     transparent, transparency = shader.find("transparent"), shader.find("transparency")
     factors = [] if transparency is None else _numbers(transparency.find("float"))

@@ -28,14 +28,7 @@ def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour, and an orientation in its EXIF data is applied.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is of another format than `FORMATS`, is damaged or too large, or has transparency or more than 8 bits
-        per colour.
-    """
+    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour, and an orientation in its EXIF data is applied."""
     remedy = "8-bit RGB, without transparency"
     pixels: NDArray[np.uint8] = _read_pixels(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
     return pixels

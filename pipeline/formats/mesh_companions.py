@@ -49,20 +49,9 @@ CACHE_SECONDS = 60
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are included; a symbolic link counts as its target. `unread` lists the others, and whatever else the
-    reader of the mesh file cannot read, each with the reason. `content` is that of the mesh file, text without a byte-order mark.
-
-    Parameters
-    ----------
-    file
-        The mesh file. Names are relative to its folder.
-    root
-        The folder that everything must be in; by default, the folder of the file.
-
-    Raises
-    ------
-    InvalidInput
-        The mesh file is not a regular file, a Git LFS pointer, too large, or names too many or too large files.
+    Only regular files below the root, by default the mesh file's folder, are included; a symbolic link counts as its target. Names are
+    relative to the mesh file. `unread` lists the others, and whatever else its reader cannot read, each with the reason. `content` is
+    that of the mesh file, text without a byte-order mark.
     """
 
     def __init__(self, file: Path, root: Path | None = None) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from pipeline.formats.physics_urdf import add_origin
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 GEL_MODULUS = 1e5

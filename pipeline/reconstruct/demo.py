@@ -24,7 +24,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
 from pipeline.reconstruct.predict import Prediction, predict
 from pipeline.store.directory import DataDirectory

@@ -12,8 +12,7 @@ from pipeline.config.objects import Object
 from pipeline.engine import keys
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, resample
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, dependencies, kilobytes, linked_copy, stages_before, times_of

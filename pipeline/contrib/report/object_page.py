@@ -22,7 +22,7 @@ from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note, size_note
 from pipeline.drawing.grasp_scene import GraspScenes, Rows
 from pipeline.drawing.second_view import fitted_camera
-from pipeline.kernels.touch.contact import pressed_pixels
+from pipeline.kernels.touch.depth_maps import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
 from stages.render_vision.renderer import Renderer
 
