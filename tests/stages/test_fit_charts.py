@@ -22,7 +22,7 @@ from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
 from stages.fit_charts.settings import ChartSettings
 from stages.fit_charts.stage import NETWORKS, FitCharts
-from tests.kernels.charts.test_chart_fitting import distances
+from tests.stages.ball_dataset import distances
 
 STAGE = FitCharts()
 SENSOR = load_sensor("gel_16mm")

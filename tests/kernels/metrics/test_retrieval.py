@@ -1,7 +1,5 @@
 """Similarity of shapes and silhouettes on small sets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Measures of surface quality on simple shapes."""
 
-from __future__ import annotations
-
 import igl
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The local network: its reach, windows beside whole images, its loss."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

@@ -1,7 +1,5 @@
 """Perceptual pooling on ramps and against plain arithmetic."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -64,13 +62,6 @@ def test_pooling_beyond_the_outermost_centres_gives_border_features(layers: int)
     pixels = torch.tensor([[[-1e9, 100.0], [1e9, 100.0], [120.0, -50.0], [120.0, 1e30], [-1.0, 500.0], [float(2**60), -3.0]]]).double()
     for features, grid, (first, last) in zip(maps, encoder.grids, reach(maps, encoder), strict=True):
         torch.testing.assert_close(pool_features([features], [grid], pixels), pixels.clamp(first, last), rtol=0, atol=1e-9)
-
-
-def test_padded_5_x_5_convolution_keeps_a_ramp_away_from_the_border() -> None:
-    """Averages over zeros bend the ramp at the border, and three blocks carry that inwards; the middle of the first map is free of it."""
-    maps, encoder, _ = averaging(12, 5)
-    pixels = torch.tensor([[[100.0, 150.0], [128.0, 128.0], [155.5, 101.25]]]).double()
-    torch.testing.assert_close(pool_features(maps[:1], encoder.grids[:1], pixels), pixels, rtol=0, atol=1e-10)
 
 
 def slow_pool(features: np.ndarray, grid: MapGrid, column: float, row: float) -> np.ndarray:
@@ -150,26 +141,25 @@ def test_gradcheck_of_maps_and_points() -> None:
     )
 
 
-def test_autocast_does_not_move_points() -> None:
-    points = torch.tensor([0.0, 0.0, 0.6]) + 0.2 * torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
-    camera = scene_camera().float()
-    with torch.autocast("cpu", torch.bfloat16):
-        half = project_to_pixels(camera, points)
-    assert torch.equal(half, project_to_pixels(camera, points))
+EYE = torch.eye(3, 4)
 
 
-def test_pooling_of_no_points_is_empty() -> None:
-    assert pool_features([torch.zeros(2, 5, 4, 4)], [MapGrid()], project_to_pixels(scene_camera().float(), torch.zeros(2, 0, 3))).shape == (
-        2,
-        0,
-        5,
-    )
+@pytest.mark.parametrize(
+    ("camera", "points", "named"),
+    [
+        (torch.eye(4), torch.zeros(1, 2, 3), r"\(4, 4\)"),
+        (EYE, torch.full((1, 2, 3), math.nan), "points"),
+        (EYE * math.inf, torch.zeros(1, 2, 3), "camera"),
+        (EYE.bfloat16(), torch.zeros(1, 2, 3, dtype=torch.bfloat16), "bfloat16"),
+        (EYE.double(), torch.zeros(1, 2, 3), "float64.*float32"),
+    ],
+)
+def test_projection_rejects_invalid_cameras_and_points(camera: Tensor, points: Tensor, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        project_to_pixels(camera, points)
 
 
-def test_pooling_rejects_wrong_shapes() -> None:
-    with pytest.raises(ValueError, match=r"camera is \(4, 4\)"):
-        project_to_pixels(torch.eye(4), torch.zeros(1, 2, 3))
-    with pytest.raises(ValueError, match="argument 2 is longer"):
-        pool_features([torch.zeros(1, 2, 3, 3)], [MapGrid(), MapGrid()], torch.zeros(1, 2, 2))
-    with pytest.raises(ValueError, match=r"a map is \(3, 2, 3, 3\) and pixels \(1, 2, 2\)"):
-        pool_features([torch.zeros(3, 2, 3, 3)], [MapGrid()], torch.zeros(1, 2, 2))
+@pytest.mark.parametrize(("maps", "grids", "named"), [(1, 2, "longer"), (3, 1, r"\(3, 2, 3, 3\)")])
+def test_pooling_rejects_maps_that_do_not_fit(maps: int, grids: int, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        pool_features([torch.zeros(maps, 2, 3, 3)], [MapGrid()] * grids, torch.zeros(1, 2, 2))

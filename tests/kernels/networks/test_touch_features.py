@@ -1,7 +1,5 @@
 """Touch features of queries around a ball."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -58,15 +56,6 @@ def test_query_features_depend_on_touches_of_the_same_item_and_are_zero_without_
     assert not none.any()
     assert not first[:, NEAREST_POINT_FEATURES:].any()
     torch.testing.assert_close(2 * first[:, :3], second[:, :3])
-
-
-def test_items_without_touch_have_zero_features():
-    items = touches_by_item(torch.zeros(0, 25, 3), torch.zeros(0, dtype=torch.bool), [0, 0])
-    assert items.point_features.shape == (2, 0, 7)
-    features, nearest = items.features_at(torch.ones(2, 4, 3))
-    assert features.shape == (2, 4, TOUCH_FEATURES)
-    assert not features.any()
-    assert not nearest.any()
 
 
 @pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])

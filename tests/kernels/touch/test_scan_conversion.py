@@ -1,18 +1,12 @@
 """The compiled scan conversion has the bits of its Python functions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from pipeline.kernels.touch import ray_depth as depth_module
 from pipeline.kernels.touch import ray_depth as scan_conversion
 from pipeline.kernels.touch.ray_depth import box_faces
-from tests.kernels.touch.shapes import (
-    coarse,
-    pybullet_triangles,
-    random_pose,
-)
+from tests.kernels.touch.shapes import coarse, pybullet_triangles, random_pose
 
 
 @pytest.mark.parametrize("name", ["duck.obj", "objects/mug.obj", "random_urdfs/126/126.obj"])

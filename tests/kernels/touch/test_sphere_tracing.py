@@ -1,15 +1,10 @@
 """Sphere tracing without the exact last step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.touch.ray_depth import box_faces, cull_faces, ray_depth
 from pipeline.kernels.touch.sphere_tracing import trace_spheres
-from tests.kernels.touch.shapes import (
-    SENSOR,
-    box,
-)
+from tests.kernels.touch.shapes import SENSOR, box
 
 
 def test_rays_along_a_wall_are_reported_as_unsettled() -> None:

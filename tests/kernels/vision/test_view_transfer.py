@@ -1,7 +1,5 @@
 """Images moved to other cameras of the same place: against projections of points, and the training camera carried to a real one's."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -36,10 +34,6 @@ def test_projection_matrix_is_split_into_its_factors(rng: np.random.Generator) -
         np.testing.assert_allclose(split[0], intrinsic, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(split[1], rotation, atol=1e-12)
         np.testing.assert_allclose(optical_centre(matrix), centre, atol=1e-9)
-
-
-def test_training_camera_is_carried_onto_itself() -> None:
-    np.testing.assert_allclose(carried_camera(TRAINING, TRAINING, TARGET), TRAINING, rtol=1e-10, atol=1e-9)
 
 
 @pytest.mark.parametrize(
