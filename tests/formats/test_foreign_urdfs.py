@@ -11,12 +11,12 @@ import pytest
 import trimesh
 import yaml
 from PIL import Image
+from pipeline.formats.physics_urdf import add_origin, inertia_notes, write_physics_urdf
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.formats.physics_urdf import add_origin, inertia_notes, write_physics_urdf
 from pipeline.formats.urdf import read_urdf
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres

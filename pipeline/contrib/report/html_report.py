@@ -33,7 +33,7 @@ from pipeline.drawing.contact_sheet_page import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.physics.grasp_tests import REST, WITHIN
+from pipeline.physics.motion import REST, WITHIN
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
