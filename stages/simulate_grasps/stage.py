@@ -20,13 +20,12 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import inertia_notes
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
 from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
-from pipeline.physics.grasp_tests import GRASP_TESTS
-from pipeline.physics.hold_test import HoldTest
-from pipeline.physics.pybullet_engine import PybulletHoldTest
+from pipeline.physics.hand_urdf import inertia_notes
+from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest
+from pipeline.physics.motion import is_held
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
@@ -39,10 +38,6 @@ from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare
 from stages.simulate_grasps.settings import SECOND_CHANCES, GraspSettings
 from stages.simulate_grasps.size_warnings import opening, size_warnings
 from stages.simulate_grasps.touch_plan import TouchPlanner
-
-HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
-"""By the setting `hold_test`."""
-DOWN = (0.0, 0.0, -1.0)
 
 
 class SimulateGrasps(ObjectStage):
@@ -121,7 +116,7 @@ class SimulateGrasps(ObjectStage):
                 prepared_hand,
                 pinches=prepare_pinches(prepared_hand) if settings.search == "hold" else None,
                 physics=opened.enter_context(Simulation(prepared_hand.hand)),
-                test=opened.enter_context(PybulletHoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
+                test=opened.enter_context(HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
                 if settings.test != "none"
                 else None,
             )
@@ -222,10 +217,11 @@ class _Grasping:
         """
         if self.test is None:
             return np.empty((0, 2), np.float32), True
-        rule, motions, holds = HOLD_TESTS[self.settings.test], [], True
-        for motion in rule.motions(self.test, grasp):
+        motions, holds = [], True
+        for acceleration in HOLD_TESTS[self.settings.test]:
+            motion = self.test.hold(grasp, acceleration=acceleration)
             motions.append(np.array([motion.moved, motion.speed], np.float32))
-            holds &= bool(rule.stays(*motions[-1]))
+            holds &= bool(is_held(*motions[-1]))
             if not (holds or to_end):
                 break
         return np.stack(motions), holds
@@ -234,14 +230,13 @@ class _Grasping:
         """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in every one."""
         if self.test is None:
             return {}
-        rule = HOLD_TESTS[self.settings.test]
         motions = np.stack(
             [grasp.motions if grasp.holds else self._measure(one, to_end=True)[0] for grasp, one in zip(kept, stored, strict=True)]
         )
         distance, speed = np.moveaxis(motions, -1, 0)
-        held = rule.stays(distance, speed)
+        held = is_held(distance, speed)
         return {
-            "held": held[:, rule.directions.index(DOWN)],
+            "held": held[:, HOLD_TESTS[self.settings.test].index(DOWN)],
             "hold_distance": distance,
             "hold_speed": speed,
             **({"held_directions": held} if self.settings.test == "six" else {}),

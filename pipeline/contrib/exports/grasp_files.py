@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.console import Meter, errors
+from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
 from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.physics.convex_parts import convex_parts
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
