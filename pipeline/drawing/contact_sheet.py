@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 
 from pipeline.console import Meter, errors
 from pipeline.contrib.report.report_pages import WrittenFiles
-from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.dataset.vision_scene import dataset_scene

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.physics.hold_test import GRAVITY, HoldTest
 from pipeline.physics.motion import Motion
 
@@ -51,7 +51,7 @@ class GraspTest:
     closes: bool = False
     penetration: float = np.inf
 
-    def motions(self, test: HoldTest, grasp: StoredGrasp) -> Iterator[Motion]:
+    def motions(self, test: HoldTest, grasp: Grasp) -> Iterator[Motion]:
         """Record the motion of the object that `test` has loaded, freed in a grasp, along one direction after the other."""
         for direction in self.directions:
             yield test.hold(
@@ -62,7 +62,7 @@ class GraspTest:
                 limit=self.moved,
             )
 
-    def holds(self, test: HoldTest, grasp: StoredGrasp) -> bool:
+    def holds(self, test: HoldTest, grasp: Grasp) -> bool:
         """Check whether a grasp holds in every direction; the first in which it does not ends the test."""
         return all(self.passes(motion) for motion in self.motions(test, grasp))
 

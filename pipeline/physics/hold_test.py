@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
@@ -67,7 +67,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
 
     def hold(
         self,
-        grasp: StoredGrasp,
+        grasp: Grasp,
         *,
         closes: bool = False,
         acceleration: Sequence[float] = DOWN,
@@ -102,7 +102,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._drive(posture)
             self._step(CLOSING_SECONDS / CLOSING_STAGES)
         self._accelerate(acceleration)
-        self._drive(grasp.squeeze)
+        self._drive(grasp.squeeze_angles)
         track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval)
         for _ in range(round(seconds / self.look_interval)):
             self._step(self.look_interval)
@@ -111,7 +111,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
         return track.motion(penetration)
 
     @abstractmethod
-    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
+    def _begin(self, grasp: Grasp, closes: bool) -> float:
         """Place hand, gels and object for the start of a test; return the penetration of the hand into the object, m."""
 
     @abstractmethod

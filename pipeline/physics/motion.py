@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.geometry.transforms import length
+from pipeline.kernels.hand.grasp import Grasp
 
 RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
 """An object rests when its pose, m and quaternion, changes by less in this number of looks, a quarter of a second; a sliding object
@@ -76,7 +76,7 @@ class Track:
         return Motion(moved, turned, speed, penetration, np.array(self.poses), np.array(self.angles), self.interval)
 
 
-def closing_path(grasp: StoredGrasp) -> NDArray[np.float64]:
+def closing_path(grasp: Grasp) -> NDArray[np.float64]:
     """Interpolate linearly from the pre-grasp to the grasp and to the squeeze; (stages, J), rad, without the first."""
-    postures = grasp.pregrasp, grasp.joint_angles, grasp.squeeze
+    postures = grasp.pregrasp_angles, grasp.joint_angles, grasp.squeeze_angles
     return np.concatenate([np.linspace(a, b, CLOSING_STAGES + 1)[1:] for a, b in pairwise(postures)])

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.errors import InvalidInput
 from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.gel_surface import gel_top
@@ -113,13 +113,13 @@ class MujocoHoldTest(HoldTest):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
-    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
+    def _begin(self, grasp: Grasp, closes: bool) -> float:
         model, data, hand = self.model, self.data, self.hand
         root = model.body(hand.links[0].name).id
         model.body_pos[root] = grasp.hand_pose[:3, 3]
         model.body_quat[root] = Rotation.from_matrix(grasp.hand_pose[:3, :3]).as_quat(scalar_first=True)
         self.mujoco.mj_resetData(model, data)
-        start = grasp.pregrasp if closes else grasp.joint_angles
+        start = grasp.pregrasp_angles if closes else grasp.joint_angles
         for name, angle in zip(hand.joint_names, start, strict=True):
             data.joint(name).qpos = angle
         for follower in hand.followers:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.gel_surface import gel_top
@@ -79,8 +79,8 @@ class PybulletHoldTest(HoldTest):
             for collider in (*self._hand.links, *self._gels):
                 client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, collider, 0)
 
-    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
-        client, hand, start = self.client, self._hand, grasp.pregrasp if closes else grasp.joint_angles
+    def _begin(self, grasp: Grasp, closes: bool) -> float:
+        client, hand, start = self.client, self._hand, grasp.pregrasp_angles if closes else grasp.joint_angles
         hand.place(grasp.hand_pose, start, start)
         self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
         client.resetBasePositionAndOrientation(self._object, *self._start)

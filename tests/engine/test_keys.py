@@ -65,15 +65,15 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
         "pipeline/rng.py": sorted(MODULES),
         "pipeline/store/shard.py": [],
         "pipeline/engine/run.py": [],
-        "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],
+        "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces"],
         "pipeline/kernels/vision/camera.py": ["stages.render_vision.stage"],
         "pipeline/kernels/touch/tactile_image.py": [
-            "stages.simulate_presses.stage",
-            "stages.simulate_touch.stage",
+            "stages.simulate_presses",
+            "stages.simulate_touch",
             "stages.train_touch.stage",
         ],
         "pipeline/kernels/networks/touch_losses.py": ["stages.train_unet.stage"],
-        "pipeline/kernels/charts/chart_steps.py": ["stages.fit_charts.stage"],
+        "pipeline/kernels/charts/chart_steps.py": ["stages.fit_charts"],
         "pipeline/kernels/metrics/touch_site_rings.py": ["stages.evaluate.stage"],
     }
     for package in ("pipeline", "stages", "schemas"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.gel_plates import GEL_MODULUS
@@ -50,3 +52,16 @@ def pinching_contacts(force: float) -> list[Contact | None]:
     """Describe contacts in which each gel presses with this force, N."""
     volume = force * SENSOR.w / GEL_MODULUS
     return [Contact(np.zeros(3), np.zeros(3), area=5e-5, volume=volume, nearest=SENSOR.w - PRESSED)] * 2
+
+
+def grasp_of(
+    pose: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    contacts: Sequence[Contact | None],
+    pregrasp: NDArray[np.float64] | None = None,
+    squeeze: NDArray[np.float64] | None = None,
+) -> Grasp:
+    """Make a grasp for physics, which does not read the sensors' poses; pre-grasp and squeeze are the grasp unless given."""
+    return Grasp(
+        pose, angles if pregrasp is None else pregrasp, angles, angles if squeeze is None else squeeze, np.empty((0, 4, 4)), contacts
+    )

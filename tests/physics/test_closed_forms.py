@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.engines import Engine, hold_test
 from pipeline.physics.hold_test import GRAVITY
 from tests.kernels.hand.meshes import centred, points_on
-from tests.physics.pincers import ANGLES, RADIUS, SENSOR, pinching_contacts, pinching_pose
+from tests.physics.pincers import ANGLES, RADIUS, SENSOR, grasp_of, pinching_contacts, pinching_pose
 
 ENGINES = get_args(Engine)
 FORCE, MASS = 4.0, 0.3
@@ -27,7 +26,7 @@ def slips(engine: Engine, hand: Hand, mesh: Mesh, *, friction: float, down: tupl
     acceleration = -GRAVITY * np.array(down) / np.linalg.norm(down)
     with hold_test(engine, hand, [SENSOR, SENSOR], mass=MASS, friction=friction) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        grasp = StoredGrasp(pinching_pose(mesh), ANGLES, ANGLES, ANGLES, pinching_contacts(FORCE))
+        grasp = grasp_of(pinching_pose(mesh), ANGLES, pinching_contacts(FORCE))
         return test.hold(grasp, acceleration=acceleration.tolist(), limit=0.01).moved > 0.01
 
 

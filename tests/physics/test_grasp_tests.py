@@ -7,19 +7,18 @@ from typing import get_args
 import pytest
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.engines import Engine, open_test
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from tests.kernels.hand.meshes import centred, points_on
-from tests.physics.pincers import ANGLES, RADIUS, SENSOR, pinching_contacts, pinching_pose
+from tests.physics.pincers import ANGLES, RADIUS, SENSOR, grasp_of, pinching_contacts, pinching_pose
 
 PLATE = centred(trimesh.creation.box((0.1, 2 * RADIUS, 0.1)))
 
 
 def holds(engine: Engine, name: str, hand: Hand, *, force: float, pregrasp: float = 0.005) -> bool:
     """Test a pinch with this force, N, from fingers that are this much wider, m, and that squeeze by half a millimetre."""
-    grasp = StoredGrasp(pinching_pose(PLATE), ANGLES + pregrasp, ANGLES, ANGLES - 5e-4, pinching_contacts(force))
+    grasp = grasp_of(pinching_pose(PLATE), ANGLES, pinching_contacts(force), ANGLES + pregrasp, ANGLES - 5e-4)
     with open_test(GRASP_TESTS[name], engine, hand, [SENSOR, SENSOR]) as test:
         test.load(PLATE, points_on(PLATE, 2000, seed=0)[0])
         return GRASP_TESTS[name].holds(test, grasp)

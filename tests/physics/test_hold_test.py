@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.touch.face_culling import box_faces
@@ -25,6 +25,7 @@ from pipeline.physics.motion import Motion, Track
 from pipeline.physics.mujoco_engine import MujocoHoldTest
 from pipeline.physics.pybullet_engine import PybulletHoldTest
 from tests.kernels.hand.meshes import centred, points_on
+from tests.physics.pincers import grasp_of
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
 WIDTH, PRESSED = 0.03, 0.002
@@ -44,7 +45,7 @@ def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: Engine = "
     angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
     pose, faces = gripping_pose(sideways), box_faces(mesh.triangles)
     contacts = [measure_contact(faces, sensor_pose, SENSOR) for sensor_pose in sensor_poses(GRIPPER, pose, angles)]
-    return hold(mesh, StoredGrasp(pose, angles, angles, angles, contacts), mass=mass, engine=engine).moved <= 0.05
+    return hold(mesh, grasp_of(pose, angles, contacts), mass=mass, engine=engine).moved <= 0.05
 
 
 def gripping_pose(sideways: float) -> np.ndarray:
@@ -54,7 +55,7 @@ def gripping_pose(sideways: float) -> np.ndarray:
     return pose
 
 
-def hold(mesh: Mesh, grasp: StoredGrasp, *, mass: float, engine: Engine) -> Motion:
+def hold(mesh: Mesh, grasp: Grasp, *, mass: float, engine: Engine) -> Motion:
     with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
         return test.hold(grasp)
@@ -75,7 +76,7 @@ def test_object_touched_from_one_side_falls(engine: Engine) -> None:
 def test_recorded_motion_of_an_untouched_object_is_free_fall(engine: Engine) -> None:
     """The gripper is a metre away: the post falls freely, while the fingers stay."""
     angles = np.array([0.03])
-    motion = hold(post(), StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None]), mass=0.05, engine=engine)
+    motion = hold(post(), grasp_of(gripping_pose(1.0), angles, [None, None]), mass=0.05, engine=engine)
     fallen = motion.poses[0, 2] - motion.poses[:, 2]
     times = motion.interval * np.arange(len(motion.poses))
     np.testing.assert_allclose(fallen, -GRAVITY * times**2 / 2, atol=0.01)
@@ -91,7 +92,7 @@ def test_gels_without_contact_stay_drawn_in(engine: Engine) -> None:
     angles, mesh = np.array([0.03]), post()
     with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=0.05) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        grasp = StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None])
+        grasp = grasp_of(gripping_pose(1.0), angles, [None, None])
         test.hold(grasp, acceleration=(0.0, 10 * GRAVITY, 0.0), seconds=0.1, limit=10.0)
         np.testing.assert_allclose(gel_heights(test), 0.0, atol=2e-4)
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.dataset.grasps import read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
+from pipeline.kernels.hand.grasp import Grasp
+from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.touch.face_culling import box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.physics.hold_test import HoldTest
@@ -63,19 +66,23 @@ def lifts(test: HoldTest, surface: Mapping[str, np.ndarray], grasps: Mapping[str
         return []
     mesh, points = read_mesh(surface), surface["points"].astype(np.float64)
     results = []
-    for grasp in read_grasps(grasps, surface, sensors):
+    faces = box_faces(mesh.triangles)
+    for grasp in read_grasps(grasps):
+        sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
+        contacts = [measure_contact(faces, pose, sensor) if touches else None for pose, sensor, touches in sites]
+        grasp = replace(grasp, contacts=contacts)  # with the depths of the contacts, which are not stored
         test.load(mesh, points)
         results.append(_lift(grasp, test.hold(grasp, limit=FALL)))
     return results
 
 
-def _lift(grasp: StoredGrasp, motion: Motion) -> Lift:
+def _lift(grasp: Grasp, motion: Motion) -> Lift:
     """Put the closing before the motion, and cut the motion at the first number that is not finite."""
     finite = np.isfinite(np.column_stack([motion.poses, motion.joint_angles])).all(axis=1)
     count = int(finite.argmin()) if not finite.all() else len(motion.poses)
     poses = motion.poses[:count]
     share = np.linspace(0, 1, CLOSING_FRAMES)[:-1, None]
-    closing = (1 - share) * grasp.pregrasp + share * grasp.joint_angles
+    closing = (1 - share) * grasp.pregrasp_angles + share * grasp.joint_angles
     moved = np.tile(np.eye(4), (count, 1, 1))
     moved[:, :3, :3] = Rotation.from_quat(poses[:, 3:]).as_matrix()
     moved[:, :3, 3] = poses[:, :3] - np.einsum("nij,j->ni", moved[:, :3, :3], poses[0, :3])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pipeline.console import Row, Table, pluralise
-from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.dataset.vision_scene import dataset_scene

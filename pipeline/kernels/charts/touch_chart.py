@@ -1,7 +1,11 @@
 """The undeformed touch chart: a square grid of vertices on the sensor plane (supplement 2.3)."""
 
-import torch
-from torch import Tensor
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 SIDE = 9
 """Vertices along a side: 81 vertices and 128 faces, the supplement's."""
@@ -20,6 +24,8 @@ def chart_square(
     """
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
         raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
+    import torch  # takes a second, which readers of settings save
+
     along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5
     y, x = torch.meshgrid(aspect * along, along, indexing="ij")
     vertices = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(-1, 3)

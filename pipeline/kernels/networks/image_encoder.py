@@ -4,15 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import gcd
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.network_configurations import Norm
 from pipeline.kernels.tensor_checks import COLOURS, check_intensities
 
-Norm = Literal["batch", "instance", "group"]
 GROUPS = 8
 """Most groups of channels of a group normalisation; fewer where groups would have different sizes."""
 

@@ -47,7 +47,8 @@ def rows() -> Rows:
     assert touched.tolist() == [[True, True], [False, False]]
     points, normals = points_on(mesh, 2000, seed=0)
     grasps = {"hand_pose": poses, "joint_angles": angles, "pregrasp_angles": angles + 0.01, "squeeze_angles": angles - 0.001}
-    grasps |= {"sensor_pose": sensor_pose, "touch_success": touched}
+    grasps |= {"sensor_pose": sensor_pose, "touch_success": touched, "contact_area": np.zeros((2, 2))}
+    grasps |= {name: np.zeros((2, 2, 3)) for name in ("contact_point", "contact_normal")}
     return {"surfaces": {"points": points.astype(np.float32), "normals": normals, **mesh_row(mesh)}, "grasps": grasps}
 
 
