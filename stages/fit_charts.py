@@ -16,9 +16,8 @@ from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import SIDE, chart_square
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, StopRule, chart_square
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.rng import torch_generator
 from pipeline.store.rows import Row

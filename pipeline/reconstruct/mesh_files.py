@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh.visual.color import srgb_to_linear
 
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Opaque, linear_colors
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
@@ -18,17 +18,7 @@ from pipeline.store.atomic import write_atomically
 
 SUFFIXES = (".obj", ".ply", ".glb")
 
-Color = tuple[int, int, int, int]
 Parts = list[tuple[str, trimesh.Trimesh]]
-
-VISION_COLORS: tuple[Color, ...] = ((150, 170, 190, 255), (120, 145, 170, 255), (175, 190, 205, 255), (135, 158, 180, 255))
-"""Neighbouring vision charts mostly differ in shade."""
-
-TOUCH_COLOR: Color = (230, 159, 0, 255)
-"""Touch charts stand out (after Okabe and Ito: for the colour-blind too)."""
-
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-"""From the world, z up, to glTF's frame, y up."""
 
 UPRIGHT = np.eye(4)
 """A frame with z up, in metres."""
@@ -85,7 +75,7 @@ def _touch_charts(reconstruction: Reconstruction) -> Parts:
     )
 
 
-def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
+def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Opaque]) -> Parts:
     """Make the charts whose first vertices are `starts`, each with its number in its name."""
     parts = []
     for number, start in enumerate(starts):
@@ -95,19 +85,13 @@ def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Se
     return parts
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
+def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Opaque | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         count = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
         raise StageError(f"{count} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")
     return trimesh.Trimesh(
         vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices) if np.ndim(color) == 1 else 1, 1)), process=False
     )
-
-
-def linear_colors(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Turn (N, 4) sRGB colours into the linear ones that glTF's factors and vertex colours are; opaque."""
-    linear = srgb_to_linear(colors[:, :3] / 255)
-    return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)
 
 
 def check_output(path: Path) -> None:

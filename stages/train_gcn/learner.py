@@ -9,8 +9,7 @@ from torch import Tensor
 from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.metrics.surface_regularisers import edge_length
-from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.kernels.metrics.surface_sampling import edge_length, sample_surface
 from pipeline.models.deformation_reconstruction import assemble_surfaces
 from pipeline.models.observation import NetworkBatch
 from pipeline.training.items import Items

@@ -88,7 +88,7 @@ class TrainUnet(DatasetStage):
 
 def depth_errors(data: Path, reference: Path) -> dict[str, float]:
     """Compare predicted depths with the true ones where the sensors of test objects touch: RMS by object, um."""
-    from pipeline.kernels.touch.gel_surface import in_gel
+    from pipeline.kernels.touch.depth_maps import in_gel
     from pipeline.models.touch_model import load_touch_model
     from stages.train_unet.learner import load_touches
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
@@ -22,7 +23,7 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import project_points
 from pipeline.models.reconstruction import join_vision_charts
 from pipeline.models.touch_model import save_touch_model
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, write_closed
+from pipeline.reconstruct.mesh_files import write_closed
 from pipeline.reconstruct.predict import predict
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
