@@ -18,7 +18,7 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces
 
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table

@@ -20,7 +20,7 @@ from pipeline.store.storage import Location, list_folder
 if TYPE_CHECKING:
     import torch
 
-    from pipeline.models.reconstruction import Reconstructor
+    from pipeline.models.reconstruction import Reconstructor, Trained
 
 FAMILIES: Mapping[str, Mapping[str, NetworkInputs]] = {
     "gcn": CONFIGURATIONS,
@@ -52,6 +52,12 @@ def network_of(configuration: str) -> str:
 def inputs_of(configuration: str) -> NetworkInputs:
     """Look up the inputs of a configuration."""
     return ROWS[configuration][1] if configuration in ROWS else EVERY_CONFIGURATION[configuration]
+
+
+def row_of(trained: Trained) -> str:
+    """Name the row of a network with the inputs that it takes; a network that takes no choice of inputs is its own row."""
+    takes = (trained.configuration, trained.network.image, trained.network.touch)
+    return next((row for row, (name, inputs) in ROWS.items() if (name, inputs.image, inputs.touch) == takes), trained.configuration)
 
 
 def family_of(configuration: str) -> str:

@@ -205,8 +205,7 @@ def test_fewer_items_than_grasps_begin_with_each_grasp_eventually(data):
 def test_observation_without_a_required_input_is_an_error(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
-    reconstructor = load_reconstructor("none", folder)
-    reconstructor.config = CONFIGURATIONS["occluded"]
+    reconstructor = load_reconstructor("none", folder).restricted_to(CONFIGURATIONS["occluded"])
     with pytest.raises(InvalidInput, match="some are missing or differ"):
         reconstructor.reconstruct([Observation(None)])
 
