@@ -10,13 +10,11 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.implicit_network import (
     FINGER_DEPTH,
     FOLLOWED_DEPTH,
-    IMPLICIT_CONFIGURATIONS,
     LEAST_REACH,
     REACH_PER_ERROR,
-    ImplicitConfig,
     ImplicitNetwork,
 )
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, IMPLICIT_CONFIGURATIONS, ImplicitConfig
 from tests.kernels.networks.test_deformation_network import inputs
 
 SMALL = ImplicitConfig(image="occluded", touch=True, encoder_width=0.1, features=16, blocks=2, side=3)

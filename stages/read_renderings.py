@@ -3,10 +3,12 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
+from pipeline.config.settings import ObjectSettings, setting
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
@@ -16,7 +18,18 @@ from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.renderings import RENDERINGS
 from schemas.surfaces import SURFACES
-from stages.read_renderings.settings import RenderingSettings
+
+Intensity = Annotated[int, Field(ge=0, le=255)]
+
+
+class RenderingSettings(ObjectSettings):
+    """How the cited renderings are read (supplement 3.6)."""
+
+    background: tuple[Intensity, Intensity, Intensity] = setting(
+        (255, 255, 255),
+        "sRGB where the renderings are transparent; the supplement does not say, Pixel2Mesh has white",
+        changes="definition",
+    )
 
 
 class ReadRenderings(ObjectStage):
@@ -28,7 +41,6 @@ class ReadRenderings(ObjectStage):
     settings_type = RenderingSettings
 
     def inputs(self, settings: RenderingSettings) -> tuple[Artifact, ...]:
-        """Name the surfaces, which hold the placement of each object."""
         return (SURFACES,)
 
     def files(self, source: Mapping[str, Any]) -> list[Path]:
@@ -36,19 +48,17 @@ class ReadRenderings(ObjectStage):
         return rendering_files(Path(source["renderings"])) if "renderings" in source else []
 
     def cost(self, settings: RenderingSettings) -> Cost:
-        """Decode, and compress again."""
         return Cost(seconds=0.3, kilobytes=200)
 
     @contextmanager
     def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
-        """Keep nothing between objects."""
-        yield lambda unit, inputs: _read(unit, inputs, settings)
+        yield lambda unit, inputs: _process(unit, inputs, settings)
 
 
-def _read(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
+def _process(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
     surface = inputs["surfaces"]
     if "renderings" not in unit.source:
-        raise InvalidInput("its manifest names no renderings; take the manifest single-image, or give a shapenet source `renderings`")
+        raise InvalidInput("its manifest names no renderings; use the manifest single-image, or give a shapenet source `renderings`")
     if "placement" not in surface:
         raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
     images, viewpoints = read_renderings(Path(unit.source["renderings"]))
