@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.checks.hand_trial import trial_grasps
 from pipeline.console import Meter, abbreviate, errors, pluralise
-from pipeline.drawing.contact_sheet_page import finger_colors
+from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand

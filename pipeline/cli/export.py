@@ -42,7 +42,7 @@ def export(
     from pipeline.contrib.exports.parquet_files import write_parquet
     from pipeline.contrib.exports.scene_files import write_scenes
     from pipeline.contrib.exports.webdataset_shards import write_webdataset
-    from pipeline.contrib.report.report_source import ReportSource
+    from pipeline.dataset.completed_objects import CompletedObjects
 
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
@@ -51,7 +51,8 @@ def export(
     if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {pluralise(write_scenes(ReportSource(as_location(data)), out, list(dict.fromkeys(objects or []))), 'scene')}")
+        source = CompletedObjects(as_location(data), ("surfaces", "grasps", "touch"), ("charts",))
+        print_line(f"{out}: {pluralise(write_scenes(source, out, list(dict.fromkeys(objects or []))), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")

@@ -16,7 +16,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.drawing.second_view import fitted_camera
+from pipeline.drawing.views import fitted_camera
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
 from pipeline.errors import StageError

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pipeline.drawing.mesh_colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Color, linear_colors
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Opaque, linear_colors
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
 from pipeline.kernels.vision.vertex_colors import seen_colors
@@ -17,6 +17,7 @@ from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.store.atomic import write_atomically
 
 SUFFIXES = (".obj", ".ply", ".glb")
+
 UPRIGHT = np.eye(4)
 """A frame with z up, in metres."""
 
@@ -81,7 +82,7 @@ def _touch_charts(reconstruction: Reconstruction) -> Parts:
     return _charts(reconstruction, "touch_{:02d}", starts, (TOUCH_COLOR,))
 
 
-def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
+def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Opaque]) -> Parts:
     """Make the charts whose first vertices are `starts`, each with its number in its name."""
     parts = []
     for number, start in enumerate(starts):
@@ -91,7 +92,7 @@ def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Se
     return parts
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
+def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Opaque | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         count = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
         raise StageError(f"{count} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")

@@ -87,7 +87,7 @@ def test_source_files_are_decoded_by_their_declared_encoding(tmp_path: Path) -> 
     hashes = set()
     for encoding in ("utf-8", "latin-1"):
         (path := tmp_path / f"{encoding}.py").write_bytes(f"# -*- coding: {encoding} -*-\nMICRO = 'µ'\n".encode(encoding))
-        hashes.add(keys._parsed("package", path, 0))
+        hashes.add(keys._parse("package", path)[0])
     assert len(hashes) == 1
 
 

@@ -194,7 +194,10 @@ class Average(DatasetStage):
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Make objects a, b, c …, some of them with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, kind, {"trouble": troubles.get(name), "name": name}, split) for name in names]
+    return [
+        Object(name, kind, {"kind": "procedural", "category": "bottle", "trouble": troubles.get(name), "name": name}, split)
+        for name in names
+    ]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.drawing.mesh_colors import TOUCH_COLOR, VISION_COLORS
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts

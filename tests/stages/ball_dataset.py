@@ -227,7 +227,10 @@ def stages() -> list[Given]:
 def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
     """Balls named a, b, …, bottles and knives in turn, in these splits in turn."""
     turns = [(("bottle", "knife")[number % 2], splits[number % len(splits)]) for number in range(count)]
-    return [Object(chr(ord("a") + number), kind, {"number": number}, split) for number, (kind, split) in enumerate(turns)]
+    return [
+        Object(chr(ord("a") + number), kind, {"kind": "procedural", "category": "bottle", "number": number}, split)
+        for number, (kind, split) in enumerate(turns)
+    ]
 
 
 def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "", shards: int = 1) -> None:

@@ -11,7 +11,7 @@ import torch
 import trimesh
 from rich.console import Console
 
-from pipeline.contrib.report.reconstruction_gallery import predicted_mesh
+from pipeline.contrib.report.report_source import predicted_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request

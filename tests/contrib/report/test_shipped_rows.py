@@ -19,7 +19,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.config.sources import identity
 from pipeline.console import Table
-from pipeline.contrib.report.reconstruction_gallery import nearest_middle_farthest
+from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
@@ -100,7 +100,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     assert "grasp" not in shown["shipped-unoccluded-1"].label
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
-    assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
+    assert len(evaluation.surface("b", shown["shipped-unoccluded-1"])[0])
     errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in evaluation.object_ids}
     assert evaluation.ranked(evaluation.configurations) == sorted(errors, key=errors.get)
 
