@@ -13,9 +13,10 @@ from pipeline.cli.failures import fail
 from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
 from pipeline.console import CONTROLS, errors
-from pipeline.engine.executor import Deferred, Executor, Serial
+from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.plan import Request
 from pipeline.engine.stage import Stage
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.formats.file_content import expanded
 from pipeline.store.storage import as_location, on_disk
 from stages.registry import check_assignments, resolve
@@ -24,7 +25,7 @@ S = TypeVar("S", bound=Stage)
 
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
-ExecutorName = Literal["serial", "dask"]
+ExecutorName = Literal["processes", "serial"]
 
 OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
 """Panels in which help lists the options."""
@@ -78,7 +79,7 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
 
 
-ExecutorOption = Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)]
+ExecutorOption = Annotated[ExecutorName, typer.Option(help="processes: one per core; serial: this process alone.", rich_help_panel=RUN)]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)]
 ShardsOption = Annotated[
     int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
@@ -135,13 +136,11 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
             f"[yellow]warning:[/] whoever reaches {escape(scheduler)} can run code as you, on its workers and here; where others share the "
             "machines or the network, use tls://HOST:8786 and certificates"
         )
-
-    def dask() -> Executor:
+    if scheduler:
         from pipeline.engine.dask_executor import Dask
 
-        return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
-
-    return Deferred(dask)
+        return Dask(scheduler)
+    return WorkerProcesses(workers or len(os.sched_getaffinity(0)))
 
 
 def default_place(manifest: str, objects: Path | None) -> Path:
