@@ -65,7 +65,7 @@ class GraspedObjects(CompletedObjects):
         self._surfaces, self._grasps = self.collections["surfaces"], self.collections["grasps"]
         if not self._surfaces.first.has("placement"):
             raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")
-        self.hand = grasping_hand({"grasps": self._grasps.first.attributes})
+        self.grasping = grasping_hand({"grasps": self._grasps.first.attributes})
 
     @property
     def summary(self) -> str:
@@ -86,7 +86,7 @@ def export_grasps(data: Location, folder: Path) -> str:
     objects = GraspedObjects(data)
     for grasped in objects:
         grasps = grasped.grasps
-        points, normals = np.full((2, len(grasps), len(objects.hand.sensors), 3), np.nan)
+        points, normals = np.full((2, len(grasps), len(objects.grasping.sensors), 3), np.nan)
         for g, grasp in enumerate(grasps):
             for s, contact in enumerate(grasp.contacts):
                 if contact:
@@ -99,9 +99,9 @@ def export_grasps(data: Location, folder: Path) -> str:
             "contact_points": points,
             "contact_normals": normals,
             "metres_per_unit": np.array(grasped.scale),
-            "hand": np.array(objects.hand.name),
-            "joint_names": np.array(objects.hand.joint_names),
-            "sensor_names": np.array([mount.name for mount in objects.hand.sensors]),
+            "hand": np.array(objects.grasping.name),
+            "joint_names": np.array(objects.grasping.joint_names),
+            "sensor_names": np.array([mount.name for mount in objects.grasping.sensors]),
         }
         np.savez(folder / f"{grasped.name}.npz", allow_pickle=False, **arrays, **({} if grasped.held is None else {"held": grasped.held}))
     return objects.summary
@@ -117,7 +117,7 @@ def export_dexgraspbench(data: Location, folder: Path) -> str:
     for grasped in objects:
         assets = Path("assets", "vt-pipeline", grasped.name)
         _write_object(grasped, folder / assets)
-        scene = folder / "output" / f"vt-pipeline_{objects.hand.name}" / "graspdata" / grasped.name / "scale_pose000"
+        scene = folder / "output" / f"vt-pipeline_{objects.grasping.name}" / "graspdata" / grasped.name / "scale_pose000"
         scene.mkdir(parents=True)
         for number, grasp in enumerate(grasped.grasps):
             root = grasped.pose_to_object_frame(grasp.hand_pose)
