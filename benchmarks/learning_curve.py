@@ -26,7 +26,7 @@ from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store import digest
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from pipeline.training.items import Items
 from pipeline.training.loop import train
 from stages.evaluate.measure import sample_reconstruction
@@ -68,7 +68,14 @@ class Experiment:
     def learn(self, folder: Path, settings: ImplicitSettings, count: int) -> None:
         """Train a network and save it in a folder."""
         learning, validation = (
-            Items(place(self.data), split, settings.named, items, learned=ImplicitLearner.arrays, cache_megabytes=settings.cache_megabytes)
+            Items(
+                as_location(self.data),
+                split,
+                settings.named,
+                items,
+                learned=ImplicitLearner.arrays,
+                cache_megabytes=settings.cache_megabytes,
+            )
             for split, items in (("train", settings.samples_per_object), ("valid", settings.validation_items))
         )
         learning.rows.object_ids = self.spread(learning.rows, count)
@@ -98,7 +105,7 @@ class Experiment:
     def errors(self, folder: Path, configuration: str) -> list[float]:
         """Measure the Chamfer distance x 9000 of each test object, given one grasp."""
         model = load_reconstructor(configuration, folder)
-        rows = ObjectRows(place(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
+        rows = ObjectRows(as_location(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
         distances = []
         for object_id in self.spread(rows):
             (reconstruction,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])

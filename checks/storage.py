@@ -17,7 +17,7 @@ import pytest
 
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.labelled import open_artifact
-from pipeline.store.storage import exists, files_below, list_folder, place
+from pipeline.store.storage import as_location, exists, files_below, list_folder
 from stages.registry import GRASP_STAGES
 from tests.object_storage import BUCKET, make_bucket, moto_server, use, wait_until
 from tests.test_pipeline import digests, made, manifest, run_of, vt  # noqa: F401 (fixtures)
@@ -94,20 +94,20 @@ def test_every_stage_gives_the_same_digests_as_on_a_disk(address, manifest, made
     for stage in GRASP_STAGES:
         assert "up to date" in vt(*run_of(stage, manifest, data))
     assert vt("validate", data).count(": valid") == 7 * 3 + 5 - 7 * _empty(data)
-    assert files_below(place(data) / ".work") == {}
+    assert files_below(as_location(data) / ".work") == {}
     here, there = (GraspDataset(directory, ["tactile_image", "local_points"], split=None) for directory in (made, data))
     assert all(np.array_equal(here[item][name], there[item][name]) for item in (0, 7) for name in ("tactile_image", "local_points"))
     assert open_artifact(data, "touch").depth.equals(open_artifact(made, "touch").depth)
     vt("summary", data)
     vt("report", data, "--most", "1")
     vt("predict", tmp_path / "out.obj", "--data", data, "--object", "duck")
-    assert all(exists(place(data) / name) for name in ("contact-sheet.png", "report/index.html", "report/objects/duck.mesh.js"))
+    assert all(exists(as_location(data) / name) for name in ("contact-sheet.png", "report/index.html", "report/objects/duck.mesh.js"))
     assert "0 removed" in vt("collect-garbage", data)
 
 
 def _empty(data: str) -> int:
     """Count the shards, of three, that hold no object."""
-    return 3 - sum(name.endswith(".json") for name in list_folder(place(data) / "surfaces"))
+    return 3 - sum(name.endswith(".json") for name in list_folder(as_location(data) / "surfaces"))
 
 
 def test_restarted_server_is_waited_for(seaweed, manifest, made, monkeypatch, tmp_path):  # noqa: F811

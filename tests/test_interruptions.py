@@ -11,7 +11,7 @@ import pytest
 from checks.forked import run
 from pipeline.cli import app
 
-STOPPED = "error: interrupted; run the same command again\n"
+STOPPED = "error: interrupted; run the same command again, what is finished is kept\n"
 
 SWALLOWED = {
     "by a library": """

@@ -1,7 +1,7 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-grasps bench-peers bench-touch \
-        tradeoff test-systems weights sensor-weights
+        tradeoff weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -28,16 +28,13 @@ test-cpus: lint  ## run the tests as on older processors: without AVX-512, and w
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
-test-systems: setup  ## install and run on Debian 12 and 13, Python 3.12, and as a wheel, from nothing; as root, with debootstrap (an hour)
-	@$(BIN)/python -m tools.systems --write docs/guide/installing.md
-
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
 	@$(BIN)/python -m checks.extremes --write docs/extremes.md
 
 test-report: installed-browser  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
 	@$(BIN)/pytest -n 0 checks/browser/report_in_browser.py
 
-test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant, WebDataset and Rerun, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
+test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant and WebDataset, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
 	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 checks/exports/read_back.py checks/exports/other_readers.py
 
 findings:  ## show what surprised us in other software, each in an environment of its own: findings/README.md (5 minutes)

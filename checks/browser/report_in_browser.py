@@ -137,38 +137,6 @@ def test_object_and_hand_fit_into_the_view_and_the_object_is_seen(report, page):
         assert max(reach) > 0.6, "the object is a speck"
 
 
-def test_a_lift_is_played_and_wound_and_leaves_the_grasp_as_it_was(report, page):
-    page.goto((report / "objects" / f"{sorted((report / 'objects').glob('*.html'))[0].stem}.html").as_uri())
-    is_ready(page)
-    time, play = page.locator("input[name=time]"), page.locator("button[name=play]")
-    grasp, closed = canvas_of(page), float(time.input_value())
-    assert page.locator(".viewer output").inner_text().startswith(("It stays", "It slips"))
-
-    def wound(seconds: float) -> np.ndarray:
-        time.evaluate("(range, seconds) => { range.value = seconds; range.dispatchEvent(new Event('input')); }", seconds)
-        return canvas_of(page)
-
-    before, at_grasp, after = wound(0), wound(closed), wound(closed + 10)
-    assert np.abs(at_grasp.astype(int) - grasp).mean() < 1  # tracks are rounded
-    assert (before != at_grasp).any()
-    assert (after != at_grasp).any()
-    pressed = "(button) => { button.click(); return button.textContent; }"  # in the page: a lift may be over before a slow browser answers
-    assert play.evaluate(pressed) == "Pause"
-    page.wait_for_function("document.querySelector('button[name=play]').textContent === 'Play'", timeout=MILLISECONDS)
-    assert float(time.input_value()) == pytest.approx(float(time.get_attribute("max")))
-    assert (canvas_of(page) == after).all()
-    play.focus()
-    page.keyboard.press("Enter")  # from the beginning again, and stopped
-    page.keyboard.press("Enter")
-    assert float(time.input_value()) < float(time.get_attribute("max"))
-    page.locator("select[name=grasp]").select_option("1")
-    page.wait_for_function("document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp 2.')")
-    assert float(time.input_value()) == closed
-    page.locator("select[name=grasp]").select_option("0")
-    page.wait_for_function("document.querySelector('.viewer [role=status]').textContent.startsWith('Grasp 1.')")
-    assert (canvas_of(page) == grasp).all()
-
-
 def test_the_gallery_shows_the_objects_that_are_asked_for(report, page):
     page.goto((report / "gallery.html").as_uri())
     every = page.locator(".cards li").count()

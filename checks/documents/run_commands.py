@@ -45,7 +45,6 @@ NOT_RUN = {
     r"devices=4$": "four processes; tests/training/test_processes.py runs two",
     r"calibrate-sensor": "takes photographs; tests/contrib/calibration/test_calibrate_sensor.py makes some",
     r"vt-pipeline read-touch": "takes photographs; tests/real_touch/test_read_touch.py makes some",
-    r"vt-pipeline view": "needs Rerun; make test-exports runs it",
     r"--to (parquet|lerobot)": "needs pyarrow; make test-exports runs them",
     r"s3://|AWS_": "needs a server; make test-storage runs every stage on two",
     r"^dask |--scheduler tcp": "needs machines; tests/engine/test_executors.py runs a scheduler with workers",

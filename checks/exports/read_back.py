@@ -1,13 +1,11 @@
 """Exports read back by the libraries they are for are equal; `make test-exports` runs this file.
 
-The file's name keeps it from being collected by `make test`: LeRobot, `datasets`, WebDataset and Rerun are installed for this alone.
+The file's name keeps it from being collected by `make test`: LeRobot, `datasets` and WebDataset are installed for this alone.
 """
 
 from __future__ import annotations
 
 import json
-import re
-import subprocess
 import sys
 import types
 from pathlib import Path
@@ -146,15 +144,3 @@ def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_pat
         arrays |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
         arrays |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
         check(stored, facts["object_id"], facts["grasp"], arrays)
-
-
-def test_rerun_reads_the_recorded_entities(tmp_path, made):  # noqa: F811
-    file = tmp_path / "grasps.rrd"
-    (test,) = ObjectRows(made, ["points"], split="test").object_ids  # it has predictions
-    vt("view", made, test, "--save", file)
-    command = [sys.executable, "-m", "rerun", "rrd", "print", file]
-    output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    entities = set(re.findall(r"(/[\w/.-]+)", output))
-    assert {"/world/object", "/world/hand/base_link", "/joint_angles", "/camera/in_grasp", "/touch/thumb/tactile_image"} <= entities
-    assert any(name.startswith("/world/predictions/occluded-touch") for name in entities)
-    assert any(name.startswith("/world/charts/") for name in entities)

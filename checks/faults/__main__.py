@@ -48,7 +48,6 @@ FAULTS: dict[str, tuple[Fault, int]] = {
     "symbolic link in a dataset": (links.linked, 20),
     "symbolic link in a report": (links.report_linked, 6),
     "socket or device in place of a file": (links.irregular, 40),
-    "reader open while shards are split otherwise": (links.open_while_resharded, 12),
     "reader open while it is made with other settings": (links.open_while_made_again, 12),
 }
 """Each fault and the number of its injections."""

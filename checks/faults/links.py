@@ -19,7 +19,6 @@ from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.reshard import reshard
 from schemas.catalogue import artifact_of
 
 REPLACED = {
@@ -130,17 +129,6 @@ IRREGULAR = {"a socket in its place": _socket, "a link to a device in its place"
 def irregular(trial: Trial) -> Verdict:
     """Put a socket, a device or a link to itself in place of a file: it is handled as damage."""
     return damaged(trial, IRREGULAR)
-
-
-def open_while_resharded(trial: Trial) -> Verdict:
-    """Reshard and collect the replaced groups while a reader is open."""
-    trial.copy()
-    array = str(trial.rng.choice([array for _, array in REPLACED.values()]))
-
-    def split_otherwise() -> None:
-        list(reshard(DataDirectory(trial.data), int(trial.rng.integers(2, 5))))
-
-    return _replaced_under_a_reader(trial, array, "resharded", split_otherwise)
 
 
 def open_while_made_again(trial: Trial) -> Verdict:

@@ -27,10 +27,10 @@ from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
+from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap

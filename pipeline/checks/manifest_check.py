@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.config.manifest import SPLITS, Object, load_manifest
-from pipeline.config.objects import identity
+from pipeline.config.sources import identity
 from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
 from pipeline.contrib.report.reconstruction_gallery import render_mesh
 from pipeline.drawing.contact_sheet_page import spread_evenly

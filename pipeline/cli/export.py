@@ -1,42 +1,21 @@
-"""Commands that hand a dataset to other programs: a viewer, other formats."""
+"""`vt-pipeline export`: write a dataset for other programs."""
 
-import shlex
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from pipeline.cli.completion import complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.console import pluralise, print_line
 from pipeline.formats.description_file import read_description
 from pipeline.store.atomic import UNFINISHED, atomic_writes
-from pipeline.store.storage import list_folder, place
+from pipeline.store.storage import as_location, list_folder
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
 """Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
-
-
-def view(
-    data: DataArgument,
-    object_id: Annotated[
-        str, typer.Argument(metavar="OBJECT", help="An object of the data directory.", autocompletion=complete_made_object)
-    ],
-    grasp: Annotated[int | None, typer.Option(min=0, help="One of its grasps, from 0; by default all, on a timeline.")] = None,
-    save: Annotated[Path | None, typer.Option(help="Write a file (.rrd) for Rerun's viewer in place of opening a window.")] = None,
-) -> None:
-    """Show grasps in the viewer Rerun.
-
-    Object, hand, sensors, images, tactile images, local points, charts and predictions are shown.
-    """
-    from pipeline.contrib.exports.rerun_view import view_grasps
-
-    grasps = view_grasps(place(data), object_id, grasp, save)
-    if save:
-        print_line(f"{save}: {pluralise(len(grasps), 'grasp')} of {object_id}; `rerun {shlex.quote(str(save))}` shows them")
 
 
 def export(
@@ -72,7 +51,7 @@ def export(
     if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, list(dict.fromkeys(objects or []))), 'scene')}")
+        print_line(f"{out}: {pluralise(write_scenes(ReportSource(as_location(data)), out, list(dict.fromkeys(objects or []))), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
@@ -81,13 +60,13 @@ def export(
     publisher = read_description("about", about, About) if about else About()
     grasp_writers = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
     table_writers = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
-    frames = None if to in grasp_writers else GraspFrames(place(data))
-    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(place(data)))
+    frames = None if to in grasp_writers else GraspFrames(as_location(data))
+    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(as_location(data)))
     with atomic_writes(out) as folder:
         count = write(folder)
         if to == "parquet" and frames:
-            facts = facts_of(place(data), frames)
-            write_card(place(data), facts, publisher, folder)
+            facts = facts_of(as_location(data), frames)
+            write_card(as_location(data), facts, publisher, folder)
             write_croissant(facts, publisher, folder)
     print_line(f"{out}: {pluralise(count, 'grasp')}")
     missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]

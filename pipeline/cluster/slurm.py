@@ -17,7 +17,7 @@ from pipeline.errors import StageError, StoreError, first_line
 from pipeline.store.atomic import exclusive_lock, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Stored
-from pipeline.store.storage import Place, on_disk, read_bytes
+from pipeline.store.storage import Location, on_disk, read_bytes
 
 State = Literal["pending", "running", "done", "failed", "unknown"]
 
@@ -74,7 +74,7 @@ class JobState:
         return dict(Counter(task.state for task in self.tasks))
 
 
-def slurm_folder(data: Place) -> Path:
+def slurm_folder(data: Location) -> Path:
     """Return the folder of scripts, logs, exit statuses and the list of jobs: with the data, or the current folder for object storage."""
     folder = DataDirectory(data).work("slurm")
     return on_disk(folder) or Path("slurm", *str(data).split("://"))

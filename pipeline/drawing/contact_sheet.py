@@ -22,8 +22,7 @@ from pipeline.errors import StoreError
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.collection import Collection
@@ -31,7 +30,7 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, changed_files
 from pipeline.store.origins import check_origins
 from pipeline.store.record import Sha256
-from pipeline.store.storage import Place, exists, read_bytes, remove
+from pipeline.store.storage import Location, exists, read_bytes, remove
 from schemas.catalogue import ARTIFACTS
 from stages.render_vision.renderer import Renderer
 
@@ -48,7 +47,7 @@ class Sheets(WrittenFiles):
     files: dict[Annotated[str, Field(pattern=r"^contact-sheet(-[0-9]+)?\.png$")], Sha256]
 
 
-def contact_sheets(data: Place, max_objects: int) -> list[Place]:
+def contact_sheets(data: Location, max_objects: int) -> list[Location]:
     """Draw the best grasp of at most `max_objects` objects, spread over the dataset; return the sheets' paths."""
     collections, object_ids = _choose_objects(data, max_objects)
     key = digest.of_json([sources_hash(__name__), object_ids, [collection.digest() for collection in collections.values()]])
@@ -65,12 +64,12 @@ def contact_sheets(data: Place, max_objects: int) -> list[Place]:
     return [data / name for name in sorted(drawn.files, key=lambda name: (len(name), name))]  # page 2 before page 10
 
 
-def draw_contact_sheet(data: Place, max_objects: int, path: Path) -> list[Path]:
+def draw_contact_sheet(data: Location, max_objects: int, path: Path) -> list[Path]:
     """Draw a contact sheet into a file elsewhere; later pages are called NAME-2.png and so on. Errors as `contact_sheets`."""
     return _draw(*_choose_objects(data, max_objects), path)
 
 
-def _choose_objects(data: Place, max_objects: int) -> tuple[dict[str, Collection], list[str]]:
+def _choose_objects(data: Location, max_objects: int) -> tuple[dict[str, Collection], list[str]]:
     """Choose the objects to draw."""
     directory = DataDirectory(data)
     collections = {name: directory.collection(ARTIFACTS[name]) for name in SHOWN}
@@ -83,7 +82,7 @@ def _choose_objects(data: Place, max_objects: int) -> tuple[dict[str, Collection
     return collections, spread_evenly(sound, max_objects)
 
 
-def _read_drawn(path: Place) -> Sheets | None:
+def _read_drawn(path: Location) -> Sheets | None:
     try:
         return Sheets.model_validate_json(read_bytes(path)) if exists(path) else None
     except ValidationError:

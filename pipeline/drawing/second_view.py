@@ -12,11 +12,10 @@ from PIL import Image, ImageDraw
 from pipeline.drawing.contact_sheet_page import Color
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from pipeline.kernels.vision.view_transfer import camera_direction
 from stages.render_vision.renderer import MeshHandle, PosedMesh, Renderer
 
@@ -121,7 +120,7 @@ def gel_squares(poses: NDArray[np.float64], sensors: Sequence[Sensor]) -> NDArra
 
 
 def _around(camera: Camera, points: NDArray[np.float64]) -> list[Camera]:
-    """Place cameras on all sides of `points` (N, 3), m, except near the given one."""
+    """Location cameras on all sides of `points` (N, 3), m, except near the given one."""
     front = np.array(camera.position) - _box(points)[0]
     sides = [np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]) for e in ELEVATIONS for a in AZIMUTHS]
     return [_towards(camera, points, side) for side in sides if side @ front < np.cos(MIN_TURN) * np.linalg.norm(front)]

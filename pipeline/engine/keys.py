@@ -2,14 +2,16 @@
 
 import ast
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from importlib import util
 from pathlib import Path
 from typing import Any
 
 from pipeline.config.objects import fingerprint
+from pipeline.config.sources import modelled
 from pipeline.store import digest
+from pipeline.store.rows import Row
 from pipeline.store.storage import read_bytes
 
 OURS = ("pipeline", "stages", "schemas")
@@ -19,9 +21,6 @@ NO_RESULTS = ("pipeline.cli", "pipeline.console", "pipeline.engine", "pipeline.e
 
 RANDOM_STREAMS = "pipeline.rng"
 """A module that every key depends on: a stage need not import it, because units bring their random generators (`Unit.rng`)."""
-
-TOY_OBJECTS = "pipeline.contrib.toy_objects"
-"""A layer that only the keys of its own objects depend on."""
 
 
 def code_hash(stage: object) -> str:
@@ -38,14 +37,13 @@ def sources_hash(module: str) -> str:
     spec = util.find_spec(module)
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError(f"there is no module {module} to hash")
-    excluded = NO_RESULTS if module.startswith(TOY_OBJECTS) else (*NO_RESULTS, TOY_OBJECTS)
     packages = frozenset({*OURS, module.partition(".")[0]})
     sources = {module: Path(spec.origin)}
     waiting = [RANDOM_STREAMS, *_source(module, sources[module])[1]]
     while waiting:
         name = waiting.pop()
         path = _file_of(name, packages)
-        if name in sources or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in excluded):
+        if name in sources or path is None or any(name == layer or name.startswith(f"{layer}.") for layer in NO_RESULTS):
             continue
         sources[name] = path
         waiting += _source(name, path)[1]
@@ -109,11 +107,25 @@ def assets_digest(paths: Iterable[Path]) -> str:
 
 
 def source_key(source: dict[str, Any]) -> dict[str, Any]:
-    """Describe an object's source for its key: by the content of its files, or the code that makes it."""
-    maker = {"maker": sources_hash(f"{TOY_OBJECTS}.{source['procedural']}")} if "procedural" in source else {}
-    return {**fingerprint(source), **maker}
+    """Describe an object's source for its key: by the content of its files, or the code that models it."""
+    code = {} if "file" in source else {"code": sources_hash(modelled(source).module(source))}
+    return {**fingerprint(source), **code}
 
 
 def object_key(stage_key: str, object_id: str, category: str, inputs: Any) -> str:
     """Compute the key of one object's row: from its stage's key, the object, and its inputs (a source's key, or rows' digests)."""
     return digest.of_json({"stage": stage_key, "object": object_id, "category": category, "inputs": inputs})
+
+
+def shard_key(
+    rows: Iterable[tuple[str, str]],  # key and split of each
+    number: int,
+    shards: int,
+    manifest: str,
+    missing: Sequence[str],  # objects that the shard lacks
+    labels: Row | None,  # of dimensions, from its inputs
+) -> str:
+    """Compute the key of a shard from its rows and what else its group holds."""
+    lacks = {"missing": list(missing)} if missing else {}
+    labelled = {"labels": digest.of_arrays(labels)} if labels else {}
+    return digest.of_json({"rows": list(rows), "shard": [number, shards], "manifest": manifest, **lacks, **labelled})

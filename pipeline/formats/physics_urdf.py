@@ -1,7 +1,5 @@
 """Write the URDF that physics engines load: a hand as its file describes it, without what they cannot read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree.ElementTree import Element, ElementTree, SubElement
 

@@ -4,8 +4,6 @@ yourdfpy and urchin read them too, but keep of an origin only the matrix that th
 processor's, and with them every pose that follows.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import replace
@@ -31,26 +29,9 @@ BAR_AFTER = 1.0
 
 
 def read_urdf(path: Path, root: str | None = None) -> tuple[tuple[Link, ...], tuple[Joint, ...]]:
-    """Read the links and joints of a URDF file, and the meshes that it names.
+    """Read the links of a URDF file, the root first and parents before children, and the joints: joint i moves link i + 1.
 
-    Parameters
-    ----------
-    path
-        The file; mesh files are relative to it, or to a package (`package://`) around it.
-    root
-        Read only this link and its descendants; by default, the whole tree.
-
-    Returns
-    -------
-    links
-        The root link first, parents before children.
-    joints
-        Joint i moves link i + 1.
-
-    Raises
-    ------
-    InvalidInput
-        The file is no URDF tree, or uses what is not supported; the message names the file and the part.
+    Mesh files are relative to it, or to a package (`package://`) around it. `root` reads this link and its descendants alone.
     """
     robot = parse_urdf(path)
     try:

@@ -1,7 +1,5 @@
 """The shapes of a URDF's links: primitives and mesh files, with their colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -36,25 +34,13 @@ GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
 
 
-def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path, Path], Mesh] = load_mesh) -> Shape:
-    """Read a <visual> or <collision>.
-
-    Parameters
-    ----------
-    element
-        Of the URDF.
-    folder
-        The URDF's folder, to which the paths of mesh files are relative.
-    materials
-        sRGB colours by the names of the URDF's materials.
-    read
-        Reads a mesh file, given the folder that its textures must be in: the package.
-
-    Raises
-    ------
-    InvalidInput
-        It has no geometry, or one that cannot be used.
-    """
+def shape_of(
+    element: Element,
+    folder: Path,  # of the URDF, to which the paths of mesh files are relative
+    materials: Mapping[str, Color],  # by the names of the URDF's materials
+    read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
+) -> Shape:
+    """Read a <visual> or <collision>."""
     material = element.find("material")
     origin, color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
@@ -94,11 +80,6 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
     `package://PACKAGE/REST` is searched for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
     `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
-
-    Raises
-    ------
-    InvalidInput
-        The file lies outside, or a package's file is missing; the message names the folders that were searched.
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
@@ -144,22 +125,7 @@ def material_color(material: Element | None, materials: Mapping[str, Color]) -> 
 
 
 def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-    """Read the finite numbers of an attribute; blanks or commas separate them.
-
-    Parameters
-    ----------
-    element
-        An element; None gives the default.
-    key
-        The attribute's name.
-    default
-        (n,) numbers for a missing attribute; n is also the count to read.
-
-    Raises
-    ------
-    InvalidInput
-        The attribute holds another count, or a number that is not finite or too large.
-    """
+    """Read the finite numbers of an attribute, as many as the default, which a missing one has; blanks or commas separate them."""
     if element is None or (text := element.get(key)) is None:
         return np.array(default, np.float64)
     try:

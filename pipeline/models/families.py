@@ -11,7 +11,7 @@ from pipeline.models.deformation_reconstruction import DeformationReconstructor,
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, list_folder
+from pipeline.store.storage import Location, list_folder
 
 FAMILIES: Mapping[str, type[Reconstructor]] = {
     "gcn": DeformationReconstructor,
@@ -78,7 +78,7 @@ def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -
     return {name: loaded[folder].restricted_to(inputs_of(name)) if name in ROWS else loaded[folder] for name, folder in folders.items()}
 
 
-def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
+def trained_models(models: Location, training_seed: int = 0) -> dict[str, Location]:
     """Find the trained networks: by configuration, the folder below `models` that holds its record."""
     names = (*EVERY_CONFIGURATION, *ROWS)
     folders = {name: (models / model_name(name, training_seed).removeprefix("models/")).parent for name in names}
@@ -87,7 +87,7 @@ def trained_models(models: Place, training_seed: int = 0) -> dict[str, Place]:
 
 
 def trained_folder(
-    models: Place,  # such as DATA/models
+    models: Location,  # such as DATA/models
     configuration: str,  # a key of `EVERY_CONFIGURATION` or `ROWS`
     training_seed: int = 0,
 ) -> Path:

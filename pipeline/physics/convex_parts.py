@@ -1,7 +1,5 @@
 """Objects as convex parts, for engines without concave shapes: coacd's decomposition, kept in a cache."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from pathlib import Path

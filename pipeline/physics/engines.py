@@ -1,7 +1,5 @@
 """The physics engines in which a grasp can be tested."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal
 

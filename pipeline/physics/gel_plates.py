@@ -1,7 +1,5 @@
 """Gels in physics: plates on springs, which slide along the sensor's normal from its plane to the gel's surface."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,7 @@ import numpy as np
 from pipeline.formats.physics_urdf import add_origin
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 GEL_MODULUS = 1e5

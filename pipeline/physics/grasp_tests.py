@@ -1,7 +1,5 @@
 """Tests of grasps: the accelerations under which an object must stay, the motion of the fingers, and how far the object may move."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

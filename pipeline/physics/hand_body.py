@@ -1,7 +1,5 @@
 """The hand as a body in PyBullet: fixed in the world by its root link, its fingers driven by motors."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 
@@ -10,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.hand.collision_shapes import collision_boxes
-from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3

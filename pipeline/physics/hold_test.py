@@ -1,7 +1,5 @@
 """The hold test, the interface of engines that test grasps: an object is freed in the hand, and its motion recorded."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack

@@ -1,7 +1,5 @@
 """The motion of a freed object and of the hand that grasps it, and the path on which the hand closes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """The hold test in MuJoCo: an engine that shares no code with the one that makes grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +15,7 @@ from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.convex_parts import convex_parts
 from pipeline.physics.gel_plates import add_gel_plates, gel_name, gel_spring

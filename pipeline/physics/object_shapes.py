@@ -1,7 +1,5 @@
 """Objects as collision shapes of PyBullet, concave as they are."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """The hold test in PyBullet, the engine that makes grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +10,7 @@ from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.gel_plates import GelSpring, add_gel_plates, gel_name, gel_spring
 from pipeline.physics.hand_body import HandBody

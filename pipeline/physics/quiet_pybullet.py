@@ -1,7 +1,5 @@
 """PyBullet without its output on import and connection."""
 
-from __future__ import annotations
-
 import os
 import sys
 

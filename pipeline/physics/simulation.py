@@ -1,7 +1,5 @@
 """Closing the hand on an object and letting contact settle, in PyBullet."""
 
-from __future__ import annotations
-
 from contextlib import AbstractContextManager, ExitStack
 
 import numpy as np

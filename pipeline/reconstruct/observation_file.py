@@ -16,7 +16,7 @@ from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.reconstruct.observed_files import Depth, Image, Mask, SensorName, check_array, size_text
 from pipeline.reconstruct.observed_pose import Entries, Pose, Vector
 

@@ -13,9 +13,10 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.background import background_color, border
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import (
+    background_color,
+    border,
     camera_direction,
     carried_camera,
     moved_projection,

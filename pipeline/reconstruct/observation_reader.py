@@ -19,7 +19,7 @@ from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
 from pipeline.kernels.touch.sensor import sensor_to_world
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
@@ -29,7 +29,7 @@ from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import Placement, network_tactile_images
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, list_folder
+from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
 from stages.fit_charts.settings import ChartSettings
 
@@ -56,12 +56,12 @@ class ObservationReader:
     """
 
     model: Reconstructor
-    models: Place
+    models: Location
     device: torch.device
     seed: int
     training_seed: int = 0
 
-    def of_object(self, data: Place, object_id: str, grasps: Sequence[int]) -> Observation:
+    def of_object(self, data: Location, object_id: str, grasps: Sequence[int]) -> Observation:
         """Read an object of a data directory with some of its grasps, from 0; for a model of renderings, with one viewpoint.
 
         Raises
@@ -172,7 +172,7 @@ class ObservationReader:
         return settings
 
 
-def open_object(data: Place, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
+def open_object(data: Location, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
     """Open arrays of a data directory, and check that an object with these grasps or viewpoints, from 0, is there.
 
     Raises
@@ -194,7 +194,7 @@ def open_object(data: Place, arrays: Sequence[str], object_id: str, numbers: Seq
     return rows
 
 
-def object_mask(data: Place, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
+def object_mask(data: Location, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
     """Read the (rows, cols) mask of the object in the image of a stored array; None if the model takes no such image.
 
     The occluded image is that of the first grasp.

@@ -14,7 +14,7 @@ from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
@@ -31,7 +31,7 @@ from pipeline.reconstruct.observation_reader import ObservationReader, object_ma
 from pipeline.reconstruct.prediction_warnings import guessed_surface_warning, unseen_touches, view_warning
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
@@ -81,10 +81,10 @@ class Prediction:
 
 def predict(
     out: Path,
-    models: Place,
+    models: Location,
     configuration: str,
     *,
-    data: Place | None = None,
+    data: Location | None = None,
     object_id: str | None = None,
     grasps: Sequence[int] | None = None,
     view: int = 0,
@@ -167,7 +167,9 @@ def _grasps(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequ
     return [0] if grasps is None else grasps
 
 
-def chosen_models(models: Place | None, data: Place | None, configuration: str | None, training_seed: int = 0) -> tuple[Place, str]:
+def chosen_models(
+    models: Location | None, data: Location | None, configuration: str | None, training_seed: int = 0
+) -> tuple[Location, str]:
     """Choose the folder of models, and the network.
 
     Parameters
@@ -194,7 +196,7 @@ def chosen_models(models: Place | None, data: Place | None, configuration: str |
 
 def reconstruct(
     observation: Path | RobotObservation,
-    models: Place,
+    models: Location,
     configuration: str,
     *,
     resolution: int = RESOLUTION,
@@ -206,7 +208,9 @@ def reconstruct(
     return _of_robot(model_reader(models, configuration, training_seed, accelerator, seed), observation, "closed", resolution)
 
 
-def model_reader(models: Place, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0) -> ObservationReader:
+def model_reader(
+    models: Location, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0
+) -> ObservationReader:
     """Load a model and the reader of its inputs."""
     device = device_of(accelerator)
     model = load_reconstructor(configuration, trained_folder(models, configuration, training_seed), device)
@@ -261,7 +265,7 @@ def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | 
 
 
 def _of_object(
-    reader: ObservationReader, data: Place, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
+    reader: ObservationReader, data: Location, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
 ) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
     if reader.model.image == "any":

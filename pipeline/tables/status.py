@@ -16,7 +16,7 @@ from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
 from pipeline.store.origins import check_origins
 from pipeline.store.row_files import RowFiles
-from pipeline.store.storage import File, Place, files_below, list_folder, on_disk
+from pipeline.store.storage import File, Location, files_below, list_folder, on_disk
 from schemas.catalogue import ARTIFACTS
 
 
@@ -70,7 +70,7 @@ class Account:
         return json.dumps(named | damaged | ({"slurm": jobs} if jobs else {}), indent=2)
 
 
-def read_account(data: Place) -> Account:
+def read_account(data: Location) -> Account:
     """Read every artifact and folder of a data directory, in the pipeline's order."""
     is_folder = (folder := on_disk(data)) and folder.is_dir()
     if not list_folder(data) and not is_folder and not submitted_jobs(slurm_folder(data)):

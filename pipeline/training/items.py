@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_camera, stored_images, stored_observation
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 
 TARGETS = 128
 """Objects whose points are kept in memory with their search tree, half a megabyte each."""
@@ -24,7 +24,7 @@ class Items:
 
     def __init__(
         self,
-        data: Place,
+        data: Location,
         split: str,
         config: NetworkInputs,  # gives the image and whether the network takes touch
         items_per_object: int,  # each begins with another grasp; with fewer items than grasps, it is drawn

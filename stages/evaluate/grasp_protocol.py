@@ -17,7 +17,7 @@ from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
-from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, ring_indices, ring_means, sampled_area
 from pipeline.kernels.metrics.surface_quality import (
     crossing_faces,
     dihedral_angles,
@@ -26,12 +26,11 @@ from pipeline.kernels.metrics.surface_quality import (
     seam_gaps,
     surface_area,
 )
-from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.touch.depth_maps import local_points
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
@@ -237,7 +236,7 @@ def arrays_of(
     return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
 
 
-def dataset(data: Place) -> Arrays:
+def dataset(data: Location) -> Arrays:
     """Make Table 1, one row per class and one for all."""
     tallies = tally(data)
     *counts, percent = np.array([entry.row()[:4] for entry in tallies.values()]).T  # (class,) each

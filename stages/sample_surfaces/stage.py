@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.config.manifest import Object
-from pipeline.config.objects import identity
+from pipeline.config.sources import identity, modelled
 from pipeline.console import abbreviate, pluralise
-from pipeline.contrib.toy_objects import KINDS, generate
 from pipeline.dataset.mesh_rows import mesh_row
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -20,7 +19,6 @@ from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.mesh_cleaning import CleaningReport, clean_mesh
 from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
-from pipeline.rng import numpy_rng
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.surfaces import SURFACES
@@ -82,12 +80,11 @@ def _process(unit: Unit, settings: SurfaceSettings) -> Row:
 
 
 def _origin(unit: Unit) -> Row:
-    """Describe an object's origin: its file with checksum, licence and unit, or the toy object that was modelled."""
+    """Describe an object's origin: its file with checksum, licence and unit, or what was modelled."""
     source = unit.source
-    if "procedural" in source:
-        file, sha256 = identity(source), ""
-    else:
-        file, sha256 = Path(source["file"]).relative_to(source["root"]).as_posix(), identity(source)
+    file, sha256 = identity(source), ""
+    if "file" in source:
+        file, sha256 = Path(source["file"]).relative_to(source["root"]).as_posix(), file
     return {
         "source_file": np.array(file),
         "source_sha256": np.array(sha256),
@@ -111,9 +108,5 @@ def normalised_mesh(source: Mapping[str, Any], settings: SurfaceSettings) -> tup
 
 
 def source_mesh(source: Mapping[str, Any]) -> Mesh:
-    """Make the mesh of a procedural object, or read the mesh from its file."""
-    if "procedural" not in source:
-        return load_mesh(Path(source["file"]), Path(source["root"]))
-    category, variant, seed = (source[name] for name in ("procedural", "variant", "seed"))
-    order = numpy_rng(seed, "procedural", category).permutation(len(KINDS[category]))  # every kind once before any repeats
-    return generate(category, numpy_rng(seed, "procedural", category, variant), order[variant % len(order)])
+    """Read the mesh of an object from its file, or let its source model it."""
+    return load_mesh(Path(source["file"]), Path(source["root"])) if "file" in source else modelled(source).mesh(source)

@@ -11,9 +11,9 @@ from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 
 ARRAYS = ("press_image", "press_indentation", "press_contact", "press_untouched")
 """Arrays that are read of each object."""
@@ -51,7 +51,7 @@ class Presses(Protocol):
 class StoredPresses:
     """The presses of a split of a data directory."""
 
-    def __init__(self, data: Place, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> None:
+    def __init__(self, data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> None:
         self.rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
         self.sensor = touch_sensor(self.rows.attributes("presses"))
         self.untouched = self.rows.read("press_untouched", self.rows.object_ids[0])
@@ -106,5 +106,5 @@ def random_presses(
         press = random_press(sensor, rng)
         varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
-        presses.append(SimulatedPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+        presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
     return RandomPresses(sensor, untouched_image(sensor), presses)

@@ -26,7 +26,7 @@ from pipeline.drawing.contact_sheet_page import (
 from pipeline.errors import StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
 from tests.kernels.vision.shapes import SCENE, ball
 from tests.stages import ball_dataset
 

@@ -13,7 +13,7 @@ from pipeline.drawing.contact_sheet_page import COLORS
 from pipeline.drawing.second_view import LIFT, STRIDE, GraspView, fitted_camera, gel_squares, grasp_cameras, second_view, touch_patch
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import HERE, SCENE, ball, box
 from tests.strategies import EPS, offsets, random_rotation, seeds

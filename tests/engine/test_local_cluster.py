@@ -96,4 +96,4 @@ def test_run_stopped_while_its_workers_start_ends_with_one_line(tmp_path, number
         else:
             run.send_signal(number)
         _, message = run.communicate()
-    assert (run.returncode, message) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")
+    assert (run.returncode, message) == (status, f"error: {word}; run the same command again, what is finished is kept\n")

@@ -1,7 +1,5 @@
 """Capsules of URDFs, and numbers that are evidently in degrees or millimetres."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree import ElementTree

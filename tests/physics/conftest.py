@@ -1,7 +1,5 @@
 """The default hand, loaded once; convex parts are kept apart from the user's."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A hand of two fingers without shape, whose gels face each other 0.1 m above the palm, and what it pinches."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +38,7 @@ def load_pincers(folder: Path) -> Hand:
 
 
 def pinching_pose(mesh: Mesh) -> NDArray[np.float64]:
-    """Place the hand (4, 4) so that the gels face the middle of an object."""
+    """Location the hand (4, 4) so that the gels face the middle of an object."""
     pose = np.eye(4)
     pose[:3, 3] = mesh.vertices.mean(axis=0) - [0, 0, 0.1]
     return pose

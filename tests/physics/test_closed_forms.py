@@ -1,7 +1,5 @@
 """Coulomb's law in both engines: what two opposed pads hold, to 5 %."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import numpy as np

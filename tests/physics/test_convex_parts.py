@@ -1,7 +1,5 @@
 """Objects as convex parts, and the error if their library or MuJoCo is missing."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The field's tests of grasps, of a plate between two fingers: what they demand, and what they refuse."""
 
-from __future__ import annotations
-
 from typing import get_args
 
 import pytest

@@ -1,7 +1,5 @@
 """The hold test against Coulomb's law: a post between the pads of a gripper."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import get_args
 
@@ -15,7 +13,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.engines import Engine, hold_test
 from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_name, gel_spring

@@ -1,7 +1,5 @@
 """The inertia that engines give a link: that of the URDF, about the joint's axis, against the parallel-axis theorem."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

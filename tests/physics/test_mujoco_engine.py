@@ -1,7 +1,5 @@
 """MuJoCo with a real hand: nothing pushes its links but its motors and the object."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

@@ -1,7 +1,5 @@
 """The hand and the object in PyBullet."""
 
-from __future__ import annotations
-
 import resource
 from pathlib import Path
 

@@ -9,8 +9,8 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import StoreError
 from pipeline.models.shipped_weights import SHIPPED, read_card
 from pipeline.reconstruct.network_error import error_note
@@ -59,8 +59,8 @@ def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch,
 def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data, tmp_path):
     settings = EvaluationSettings(points=500, configurations=("none",))
     objects = spheres.objects(3, SPLITS)
-    (plan,) = make_plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
-    run(plan, Console(file=io.StringIO()))
+    (plan,) = plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
+    plan.make(Console(file=io.StringIO()))
     command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
     output = " ".join(CliRunner().invoke(app, command).output.split())
     warning = re.search(

@@ -229,15 +229,13 @@ def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
     return [Object(chr(ord("a") + number), kind, {"number": number}, split) for number, (kind, split) in enumerate(turns)]
 
 
-def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "") -> None:
+def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "", shards: int = 1) -> None:
     """Write every artifact of a number of balls; the rows are made here, which spares the start of five worker processes.
 
     The balls `ungrasped` fail in simulate-grasps.
     """
     for stage in stages():
-        request: Any = Request(
-            stage=stage, settings=Settings(), manifest="balls", objects=objects(count, splits), preset="draft", seed=0, data=data
-        )
+        request: Any = Request(stage, Settings(), "balls", objects(count, splits), "draft", 0, data, shards=shards)
         pack(request, stage.row, ungrasped if stage.output is GRASPS else "")
 
 

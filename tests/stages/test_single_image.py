@@ -17,15 +17,13 @@ from pipeline.config.manifest import Manifest, load_manifest
 from pipeline.console import show_tables
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard_units import failures
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.reconstruct.predict import predict
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.single_image_protocol import figures_of
@@ -62,9 +60,8 @@ def objects() -> Manifest:
 
 def run_on(folder: Path, data: Path, objects: Manifest, name: str) -> int:
     """Run a stage; how many objects failed."""
-    (plan,) = make_plans(Request(load_stage(name), resolve(name, "draft", SMALL), objects.name, objects.objects(folder), "draft", 0, data))
-    run(plan, QUIET)
-    return 0 if isinstance(plan.output, FolderOutput) else len(failures(plan))
+    request = Request(load_stage(name), resolve(name, "draft", SMALL), objects.name, objects.objects(folder), "draft", 0, data)
+    return len(make(request, QUIET)[0].failures)
 
 
 @pytest.fixture(scope="module")
@@ -138,12 +135,10 @@ def test_empty_image_is_named(folder, objects, tmp_path):
 def test_objects_without_renderings_fail_with_the_remedy(tmp_path):
     procedural = manifest(1, 1, 1)
     run_stage(tmp_path, "sample-surfaces", procedural)
-    (plan,) = make_plans(
-        Request(load_stage("read-renderings"), resolve("read-renderings", "draft", []), "tiny", procedural.objects(), "draft", 0, tmp_path)
-    )
-    run(plan, QUIET)
-    assert len(failures(plan)) == 3
-    assert "take the manifest single-image" in next(iter(failures(plan).values())).reason
+    settings = resolve("read-renderings", "draft", [])
+    (made,) = make(Request(load_stage("read-renderings"), settings, "tiny", procedural.objects(), "draft", 0, tmp_path), QUIET)
+    assert len(made.failures) == 3
+    assert "take the manifest single-image" in next(iter(made.failures.values())).reason
 
 
 def test_evaluation_shows_published_rows_and_names_its_objects(data):

@@ -10,8 +10,8 @@ import torch
 import trimesh
 from rich.console import Console
 
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
@@ -38,8 +38,8 @@ SETTINGS = (
 
 
 def run_stage(data: Path, stage: str) -> None:
-    (plan,) = make_plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
-    run(plan, Console(record=True, width=200))
+    (plan,) = plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
+    plan.make(Console(record=True, width=200))
 
 
 @pytest.fixture(scope="module")

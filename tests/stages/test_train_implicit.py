@@ -13,8 +13,8 @@ from rich.console import Console
 
 from pipeline.contrib.report.reconstruction_gallery import predicted_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
@@ -46,8 +46,8 @@ SETTINGS = (
 def run_stage(data: Path, stage: str, *assignments: str, folder: str | None = None) -> None:
     loaded = load_stage(stage)
     request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data, folder=folder)
-    (plan,) = make_plans(request)
-    run(plan, Console(record=True, width=200))
+    (plan,) = plans(request)
+    plan.make(Console(record=True, width=200))
 
 
 @pytest.fixture(scope="module")

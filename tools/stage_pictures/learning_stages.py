@@ -12,8 +12,7 @@ import numpy as np
 from pipeline.contrib.report.paper_figures import colored_charts, draw_local_points
 from pipeline.contrib.report.reconstruction_gallery import draw_gallery, two_coloured
 from pipeline.drawing.contact_sheet_page import depth_colors, spread_evenly
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row

@@ -23,7 +23,7 @@ from pipeline.models.families import FAMILIES, family_of, load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from stages.evaluate.shipped import shipped_folder
 from stages.render_vision.renderer import Renderer
 
@@ -61,7 +61,7 @@ class Subject:
 
 
 @contextmanager
-def open_subject(data: Place, object_id: str | None = None) -> Iterator[Subject]:
+def open_subject(data: Location, object_id: str | None = None) -> Iterator[Subject]:
     """Choose a grasp, of an object of the test split or of the one where it is clearest, and load what its pictures need."""
     source = ReportSource(data)
     tested = ObjectRows(data, ["points"], "test").object_ids  # networks have not seen them

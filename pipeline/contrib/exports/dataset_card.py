@@ -19,7 +19,7 @@ from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.tables.touch_tables import touch_tables
 from schemas.catalogue import ARTIFACTS, artifact_of
 from schemas.grasps import GRASPS
@@ -99,7 +99,7 @@ class Facts:
         return sum(self.grasps.values())
 
 
-def facts_of(data: Place, frames: GraspFrames) -> Facts:
+def facts_of(data: Location, frames: GraspFrames) -> Facts:
     """Collect the facts for the card of a data directory whose grasps are exported."""
     directory = DataDirectory(data)
     origins = {name: collection.first.record for name in SHOWN if (collection := directory.collection(ARTIFACTS[name])).shards}
@@ -131,7 +131,7 @@ def meaning_of(column: str) -> tuple[str, str]:
     return declared.units, declared.description + (f" Of the sensor on {finger}." if finger else "")
 
 
-def write_card(data: Place, facts: Facts, about: About, folder: Path) -> None:
+def write_card(data: Location, facts: Facts, about: About, folder: Path) -> None:
     """Write README.md, with a picture if images and touches were made and the hand and the scene can be drawn here."""
     drawn = {artifact.name for artifact in DataDirectory(data).artifacts()}.issuperset(SHOWN)
     if drawn:

@@ -22,7 +22,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.physics.convex_parts import convex_parts
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
@@ -64,7 +64,7 @@ class GraspedObject:
 class GraspedObjects:
     """The hand of a dataset and the objects that it grasps, in id order."""
 
-    def __init__(self, data: Place) -> None:
+    def __init__(self, data: Location) -> None:
         directory = DataDirectory(data)
         check_origins(directory, ["grasps"])
         self._surfaces, self._grasps = (directory.collection(artifact) for artifact in (SURFACES, GRASPS))

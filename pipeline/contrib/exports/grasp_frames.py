@@ -13,7 +13,7 @@ from pipeline.config.manifest import SPLITS
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from schemas.vision import VISION
@@ -33,7 +33,7 @@ class Column:
 class GraspFrames:
     """The grasps of a dataset's usable objects as frames; values are as stored, to the bit."""
 
-    def __init__(self, data: Place) -> None:
+    def __init__(self, data: Location) -> None:
         directory = DataDirectory(data)
         touch, vision = (directory.collection(artifact) for artifact in (TOUCH, VISION))
         images = [name for name in ("unoccluded", "occluded") if vision.shards and vision.first.has(name)]

@@ -21,7 +21,6 @@ from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, pluralise, visible
-from pipeline.contrib.report.left_out import left_out_table
 from pipeline.contrib.report.object_page import ObjectPages
 from pipeline.contrib.report.overview import overview_panels
 from pipeline.contrib.report.paper_figures import CANDIDATES, clearest_grasp, draw_figures
@@ -39,7 +38,7 @@ from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import changed_files
-from pipeline.store.storage import Place, exists, remove
+from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.results import results_tables, trained_models, training_losses
 from pipeline.tables.results_summary import GIVEN, summarise
 from pipeline.tables.touch_tables import supplement_touches, touch_tables, touches_per_grasp
@@ -54,7 +53,7 @@ CARDS = 8
 """Objects on the first page."""
 
 
-def write_report(data: Place, console: Console, max_objects: int = 10) -> Place:
+def write_report(data: Location, console: Console, max_objects: int = 10) -> Location:
     """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
 
     A figure shows at most `max_objects` reconstructions.
@@ -274,7 +273,6 @@ def _about(source: ReportSource) -> dict[str, Any]:
     origins = records(source.directory)
     return {
         "failures": _failures(source.failures),
-        "left_out": left_out_table(source),
         "contents": contents_table(origins),
         "commands": commands(source.directory, origins),
         "settings": settings_tables(source.directory, origins),

@@ -4,7 +4,7 @@ import base64
 import gzip
 import hashlib
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from functools import cached_property
 from math import ceil
@@ -16,19 +16,14 @@ from jinja2 import Template
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.contrib.report.lift import CLOSING_SECONDS, lifts
 from pipeline.contrib.report.reconstruction_gallery import render_mesh
 from pipeline.contrib.report.report_source import ReportSource, best, errors_table, shown_scene
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.drawing.contact_sheet_page import depth_colors, enlarged, finger_colors, grasp_note, size_note
-from pipeline.drawing.gltf_animation import Clip
 from pipeline.drawing.grasp_scene import GraspScenes, Rows
 from pipeline.drawing.second_view import fitted_camera
-from pipeline.kernels.touch.contact import pressed_pixels
+from pipeline.kernels.touch.depth_maps import pressed_pixels
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.grasp_tests import GRASP_TESTS
-from pipeline.physics.hold_test import HoldTest
-from pipeline.physics.pybullet_engine import PybulletHoldTest
 from stages.render_vision.renderer import Renderer
 
 THUMBNAIL = 150
@@ -63,24 +58,15 @@ class ObjectPages:
         self.scenes = GraspScenes(source.hand(), self.sensors, small=True)
 
     @cached_property
-    def _hold_test(self) -> HoldTest:
-        mass = self.source.attributes("grasps").get("settings", {}).get("hold_mass", GRASP_TESTS["lift"].mass)
-        return self._opened.enter_context(PybulletHoldTest(self.scenes.hand, self.sensors, mass=mass))
-
-    @cached_property
     def _renderer(self) -> Renderer:
         return self._opened.enter_context(Renderer(self.scene, 2 * THUMBNAIL))
 
     def write(self, object_id: str, before: str | None, after: str | None, common: Mapping[str, Any]) -> dict[str, Any]:
         """Write an object's page, with links to the pages before and after it, and its files; return its `ObjectCard`, without the key."""
         rows = self.source.rows(object_id)
-        played = lifts(self._hold_test, rows["surfaces"], rows["grasps"], self.sensors) if "squeeze_angles" in list(rows["grasps"]) else []
-        clips = [self.scenes.clip(rows, number, lift) for number, lift in enumerate(played)]
         grasps = [self._grasp(rows, number) for number in range(len(rows["grasps"]["hand_pose"]))]
-        for grasp, lift in zip(grasps, played, strict=False):
-            grasp["lift"] = lift.note
         (self.folder / f"{object_id}.webp").write_bytes(_webp(self._thumbnail(rows)))
-        self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows), clips)
+        self._write_mesh(f"{object_id}.mesh.js", self.scenes.scene(rows))
         evaluation = self.source.evaluation
         predictions = evaluation.predictions(object_id) if evaluation else []
         if evaluation and predictions:
@@ -97,7 +83,6 @@ class ObjectPages:
                 {"value": prediction.name, "label": prediction.label, "best": prediction is best(predictions)} for prediction in predictions
             ],
             errors=errors_table(predictions) if predictions else None,
-            closing=CLOSING_SECONDS if played else None,
             before=before,
             after=after,
             **common,
@@ -114,8 +99,8 @@ class ObjectPages:
             "files": {f"{self.folder.name}/{path.name}": hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
         }
 
-    def _write_mesh(self, name: str, scene: Any, clips: Sequence[Clip] = ()) -> None:
-        packed = base64.b64encode(gzip.compress(self.scenes.glb(scene, clips), 6, mtime=0)).decode()
+    def _write_mesh(self, name: str, scene: Any) -> None:
+        packed = base64.b64encode(gzip.compress(self.scenes.glb(scene), 6, mtime=0)).decode()
         (self.folder / name).write_text(f'vtMesh("{name}", "{packed}");\n')
 
     def _grasp(self, rows: Rows, number: int) -> dict[str, Any]:
@@ -144,7 +129,6 @@ class ObjectPages:
         return {
             "touches": f"{touched.sum()} of {len(touched)} sensors touch",
             "note": f"{grasp_note(rows['grasps'], number)}.",
-            "lift": None,
             "pictures": pictures,
             "sensors": sensors,
             "columns": columns(2 * len(pictures) + len(sensors)),

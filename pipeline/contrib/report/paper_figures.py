@@ -24,8 +24,7 @@ from pipeline.kernels.charts.vision_charts import CHART_VERTICES, VisionCharts, 
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.sensor import masked_points
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.touch_model import load_touch_model

@@ -18,7 +18,7 @@ from pipeline.drawing.plots import save_figure
 from pipeline.drawing.second_view import fitted_camera
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory

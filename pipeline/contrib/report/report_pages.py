@@ -8,7 +8,7 @@ from pydantic import Field, FiniteFloat, ValidationError
 from pipeline.errors import StoreError, first_line
 from pipeline.store.directory import changed_files
 from pipeline.store.record import Name, RelativePath, Sha256, Stored
-from pipeline.store.storage import Place, exists, list_folder, read_bytes
+from pipeline.store.storage import Location, exists, list_folder, read_bytes
 
 WRITTEN = "pages.json"
 
@@ -44,7 +44,7 @@ class Pages(Stored):
         return {name: sha256 for card in self.objects.values() for name, sha256 in card.files.items()} | self.files
 
 
-def read_pages(report: Place) -> Pages:
+def read_pages(report: Location) -> Pages:
     """Read the list of a report's files; raise a `StoreError` if it is missing or damaged."""
     path, remedy = report / WRITTEN, "run `vt-pipeline report` again"
     if not exists(path):
@@ -55,13 +55,13 @@ def read_pages(report: Place) -> Pages:
         raise StoreError(f"{path} cannot be used ({first_line(error)}); {remedy}") from error
 
 
-def refuse_report_links(report: Place) -> None:
+def refuse_report_links(report: Location) -> None:
     """Raise a `StoreError` if a report's folder is or holds a symbolic link, which would lead out of the dataset."""
     if isinstance(report, Path) and (link := next((path for path in (report, *report.rglob("*")) if path.is_symlink()), None)):
         raise StoreError(f"{link} is a symbolic link, which a report must not hold; remove it, then run `vt-pipeline report` again")
 
 
-def report_problems(data: Place) -> dict[Place, list[str]]:
+def report_problems(data: Location) -> dict[Location, list[str]]:
     """Check the report of a data directory if there is one: a line per changed file, by the path of the report's list."""
     report = data / "report"
     if not list_folder(report) and not (isinstance(report, Path) and report.is_symlink()):

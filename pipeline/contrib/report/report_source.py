@@ -21,7 +21,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.tables.training_seeds import scores
 from schemas.catalogue import ARTIFACTS
 from schemas.vision import VISION
@@ -55,7 +55,7 @@ class ReportSource:
     that ships; `evaluation` is their content, None if no network has been evaluated.
     """
 
-    def __init__(self, data: Place) -> None:
+    def __init__(self, data: Location) -> None:
         self.directory = DataDirectory(data)
         collections = {name: self.directory.collection(ARTIFACTS[name]) for name in (*NEEDED, *SHOWN)}
         self.collections = {name: collection for name, collection in collections.items() if name in NEEDED or collection.shards}

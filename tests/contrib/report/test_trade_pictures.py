@@ -1,4 +1,4 @@
-"""Trades of a data directory in its report, and omissions of its scenes."""
+"""Trades of a data directory in its report."""
 
 from __future__ import annotations
 
@@ -6,12 +6,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-
 from pipeline.console import console
 from pipeline.contrib.report.html_report import _trades, write_report
-from pipeline.contrib.report.left_out import left_out_table
-from pipeline.contrib.report.report_source import ReportSource
 from pipeline.contrib.report.trade_pictures import report_trades, used_point
 from pipeline.store.directory import DataDirectory
 from stages.registry import resolve
@@ -60,21 +56,9 @@ def test_points_of_sweeps_are_not_marked_as_used(tmp_path: Path, monkeypatch) ->
     assert "used here: own" in picture["caption"]
 
 
-def test_report_shows_trades_and_omissions_of_scenes(tmp_path: Path, monkeypatch) -> None:
+def test_report_shows_trades(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("pipeline.contrib.report.html_report.draw_figures", lambda *_: [])
     ball_dataset.make_data(tmp_path, 1)
     TRADE.write(tmp_path)
     folder = write_report(tmp_path, console).parent
     assert "Speed against accuracy" in (folder / "results.html").read_text()
-    assert "What was left out of the scenes" in (folder / "about.html").read_text()
-
-
-def test_faces_that_no_ray_hits_are_counted(tmp_path: Path) -> None:
-    ball_dataset.make_data(tmp_path, 1)
-    source = ReportSource(tmp_path)
-    rows = {row.cells[0]: row.cells for row in left_out_table(source).rows}
-    touched = float(np.mean([source.rows(name)["grasps"]["touch_success"] for name in source.object_ids]))
-    assert touched < 1
-    assert rows["sensors"][2] == 0  # those that do not touch are 2 cm away, within the range of 5 cm
-    assert rows["sensors"][1] == ball_dataset.SENSORS * ball_dataset.GRASPS_AN_OBJECT * min(4, len(source.object_ids))
-    assert 90 < float(str(rows["faces before a sensor"][2])) < 100  # a sensor of 16 mm sees little of a ball of 20 cm

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.charts.chart_fitting import ChartFits, fit_charts
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
 from pipeline.kernels.metrics.surface_sampling import map_to_surface
 
 WIDTH, GEL, PIXELS = 0.01641, 0.0068, 100

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
+from pipeline.kernels.metrics.cloud_distances import ring_indices, ring_means
 
 WIDTH = 0.016
 

@@ -5,17 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.contact import CONTACT_MARGIN, local_points, touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
-from tests.kernels.touch.shapes import (
-    SENSOR,
-    ball,
-    pose_at,
-    pybullet_triangles,
-    random_pose,
-    ray_origins,
-)
+from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN, local_points, touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
+from tests.kernels.touch.shapes import SENSOR, ball, pose_at, pybullet_triangles, random_pose, ray_origins
 
 
 def test_touch_success_requires_depth_below_gel_minus_margin() -> None:

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import SENSOR, ball, coarse, pose_at, pressed_ball, sheet

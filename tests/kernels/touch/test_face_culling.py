@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from pipeline.kernels.touch.face_culling import box_faces, cull_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, cull_faces, ray_depth
 from tests.kernels.touch.shapes import SENSOR, ball, coarse, pose_at, ray_origins
 from tests.references.brute_force_depth import brute_force
 

@@ -1,34 +1,34 @@
-"""Postures in which two gels of a hand face each other, by the width that they pinch; prepared once per hand."""
+"""Pairs of surface points that two fingers could press together: their normals oppose each other within the friction cone."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.transforms import length, unit_vectors
+from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
+from pipeline.kernels.hand.distance_field import DistanceField
 from pipeline.kernels.hand.grasp_ik import GraspIk
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.posture_samples import limit_margin
 from pipeline.kernels.hand.self_collision import fingers_apart
 
-Float64Array = NDArray[np.float64]
-
+RAYS = 4000  # rays that are traced from surface points through the object
+TILT = 0.25  # standard deviation of a ray's slope against the inward normal: most pairs do not face each other exactly
+CONE_SHARE = 0.8  # share of the friction angle by which a normal may be off the line between the points
+SELF_HIT = 2e-4  # m from its origin within which a ray meets only the surface that it starts from
+BEHIND = 0.003  # m behind a point at which the object must have ended: room for the other finger
 WIDTH_STEP = 0.004
 """m, step of the width: as many postures are kept of each step, and each serves widths up to one step from its own."""
-POSTURES_PER_STEP = 16
-"""Postures kept of each pair of gels and width: enough that palms come from many sides."""
-THINNEST = 0.0005
-"""m, the thinnest sheet that is pinched; nearer gels cross each other."""
+POSTURES_PER_STEP = 16  # postures kept of each pair of gels and width: enough that palms come from many sides
+THINNEST = 0.0005  # m, the thinnest sheet that is pinched; nearer gels cross each other
 FACING, SIN_FACING = float(np.sqrt(0.75)), 0.5
 """Cosine and sine of the angle, 30°, by which the two normals may be off: two gels with a friction coefficient of 0.5 hold up to it."""
-SIDE, SIDE_SHARE = 0.004, 0.27
-"""Largest distance of one gel from the other's axis, m, and as a share of the width."""
-START_STEPS = 128
-"""Steps of width from which postures start: up to half a metre."""
+SIDE, SIDE_SHARE = 0.004, 0.27  # largest distance of one gel from the other's axis, m, and as a share of the width
+START_STEPS = 128  # steps of width from which postures start: up to half a metre
 ROUGHLY_FACING, ROUGH_SIDE = 0.5, 0.02
 """The same limits for sampled postures, cosine and m: least squares can correct as much."""
 MAX_STEP, TINY = 0.3, 1e-300
@@ -37,17 +37,68 @@ ROUNDS, DAMPING, DIFFERENCE_STEP = 6, 0.03, 1e-5
 
 
 @dataclass(frozen=True, eq=False)
+class AntipodalPoints:
+    """P pairs of surface points, world, m."""
+
+    centre: Array  # (P, 3) between the two points
+    axis: Array  # (P, 3) unit vector from the first to the second
+    width: Array  # (P,) from the first to the second
+
+
+def antipodal_points(
+    field: DistanceField,
+    points: Array,  # (N, 3) on the surface, world, m
+    normals: Array,  # (N, 3) unit, outward
+    *,
+    friction: float,  # coefficient between finger and object
+    widest: float,  # m, greatest distance between two points
+    rng: np.random.Generator,
+) -> AntipodalPoints:
+    """Find pairs of points on an object that two fingers could press together (Chen and Burdick, 1993).
+
+    Rays start from random surface points; each place where one leaves the object may give a pair. There may be none.
+    """
+    start = rng.integers(len(points), size=RAYS)
+    origin, outward = points[start], normals[start]
+    direction = unit_vectors(-outward + TILT * rng.standard_normal((RAYS, 3)))
+    hits = field.tree.intersect_ray(field.vertices, field.faces, origin, direction)
+    ray = np.repeat(np.arange(RAYS), [len(ray_hits) for ray_hits in hits])
+    face, distance, _, _ = np.array([hit for ray_hits in hits for hit in ray_hits], np.float64).reshape(-1, 4).T
+    origin, outward, direction = origin[ray], outward[ray], direction[ray]
+    corners = field.vertices[field.faces[face.astype(np.intp)]]
+    facing = np.abs((unit_vectors(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])) * direction).sum(axis=1))
+    least_cosine = sin_cos(CONE_SHARE * np.arctan(friction))[1]
+    end = origin + distance[:, None] * direction
+    kept = (distance > SELF_HIT) & (distance <= widest) & (facing >= least_cosine) & (-(outward * direction).sum(axis=1) >= least_cosine)
+    kept[kept] = field.lookup((end + BEHIND * direction)[kept].T.astype(np.float32)) > 0
+    return AntipodalPoints(((origin + end) / 2)[kept], direction[kept], distance[kept])
+
+
+def central_weights(
+    pairs: AntipodalPoints,
+    centre: Array,  # (3,) of mass, world, m
+    *,
+    spread: float,  # m from the centre, beyond the nearest pairs, at which the weight is a quarter
+) -> Array:  # (P,), with sum 1
+    """Weigh pairs by their nearness to the centre of mass: gravity turns an object less if it is held there."""
+    away = length(pairs.centre - centre)
+    excess = np.maximum(away - np.quantile(away, 0.05), 0)  # the object may be hollow at its centre
+    weights = (1 + (excess / spread) ** 2) ** -2
+    return np.asarray(weights / weights.sum())
+
+
+@dataclass(frozen=True, eq=False)
 class OpposedPostures:
     """R postures of two gels that face each other, in the root link's frame."""
 
-    joint_angles: Float64Array  # (R, J) rad; joints of fingers that are not in the pair are at rest
-    sensors: NDArray[np.intp]  # (R, 2) the pair
-    centre: Float64Array  # (R, 3) the middle between the gels, m
-    axis: Float64Array  # (R, 3) unit vector from the first to the second
-    width: Float64Array  # (R,) between the gels, m
-    fault: Float64Array  # (R,) deviation from facing each other; above 1, the gels do not
+    joint_angles: Array  # (R, J) rad; joints of fingers that are not in the pair are at rest
+    sensors: Indices  # (R, 2) the pair
+    centre: Array  # (R, 3) the middle between the gels, m
+    axis: Array  # (R, 3) unit vector from the first to the second
+    width: Array  # (R,) between the gels, m
+    fault: Array  # (R,) deviation from facing each other; above 1, the gels do not
 
-    def rows(self, rows: NDArray[np.intp]) -> "OpposedPostures":
+    def rows(self, rows: Indices) -> "OpposedPostures":
         """Select postures by their numbers, in that order."""
         return OpposedPostures(*(getattr(self, field.name)[rows] for field in fields(self)))
 
@@ -87,7 +138,7 @@ def _postures_of_pair(ik: GraspIk, pair: tuple[int, int]) -> OpposedPostures:
     return grips.rows(_best_of_each_width(np.where(clear, grips.fault, np.inf), grips.width))
 
 
-def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array, moving: list[int]) -> Float64Array:
+def _step(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array, moving: list[int]) -> Array:
     """Compute the step (N, K) of the moving joints, rad, that brings the gels of postures (N, J) nearer to facing each other."""
     nudged = angles[:, None] + DIFFERENCE_STEP * np.eye(angles.shape[1])[moving]  # (N, K, J)
     offsets = _offsets(ik, angles, pair, width)
@@ -105,7 +156,7 @@ def _step(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float
     return np.clip(step, -MAX_STEP, MAX_STEP)
 
 
-def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Float64Array) -> Float64Array:
+def _offsets(ik: GraspIk, angles: Array, pair: tuple[int, int], width: Array) -> Array:
     """Compute the deviations (N, 6) of two gels from facing each other across a width (N,), in units of the allowed ones."""
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     axis = unit_vectors(normals[:, 0] - normals[:, 1])
@@ -114,7 +165,7 @@ def _offsets(ik: GraspIk, angles: Float64Array, pair: tuple[int, int], width: Fl
     )
 
 
-def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> NDArray[np.intp]:
+def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> Indices:
     """Pair sampled postures (N, 2) of two fingers whose gels roughly face each other; with two motors, only a few of every width."""
     points, normals = _gels(ik, ik.frames, pair)
     samples = np.arange(len(ik.joint_angles))
@@ -127,7 +178,7 @@ def _facing_samples(ik: GraspIk, pair: tuple[int, int], fingers: list[int]) -> N
 
 
 @compiled
-def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Array, second_normals: Float64Array) -> NDArray[np.intp]:
+def _facing(first: Array, first_normals: Array, second: Array, second_normals: Array) -> Indices:
     """Find rows (N, 2) of points (A, 3) and (B, 3) whose normals roughly face each other, `POSTURES_PER_STEP` of every step of width."""
     counts = np.zeros(START_STEPS, np.intp)
     pairs = np.empty((START_STEPS * POSTURES_PER_STEP, 2), np.intp)
@@ -151,7 +202,7 @@ def _facing(first: Float64Array, first_normals: Float64Array, second: Float64Arr
     return pairs[:count]
 
 
-def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Float64Array, Float64Array]:
+def _gels(ik: GraspIk, frames: Array, sensors: Sequence[int]) -> tuple[Array, Array]:
     """Compute the middle points (N, S, 3) of gels at the depth of touches, m, and their outward normals, in the root link's frame."""
     mounts = [ik.hand.sensors[sensor] for sensor in sensors]
     tips = frames[:, [mount.link for mount in mounts]]
@@ -159,7 +210,7 @@ def _gels(ik: GraspIk, frames: Float64Array, sensors: Sequence[int]) -> tuple[Fl
     return points, np.einsum("nsij,sj->nsi", tips[..., :3, :3], np.stack([mount.pose[:3, 2] for mount in mounts]))
 
 
-def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedPostures:
+def _grips(ik: GraspIk, angles: Array, pair: tuple[int, int]) -> OpposedPostures:
     points, normals = _gels(ik, forward_kinematics(ik.hand, np.eye(4), angles), pair)
     facing, across = normals[:, 0] - normals[:, 1], points[:, 1] - points[:, 0]
     axis = unit_vectors(facing)
@@ -170,7 +221,7 @@ def _grips(ik: GraspIk, angles: Float64Array, pair: tuple[int, int]) -> OpposedP
     return OpposedPostures(angles, np.tile(np.array(pair), (len(angles), 1)), points.mean(axis=1), axis, width, fault)
 
 
-def _best_of_each_width(fault: Float64Array, width: Float64Array) -> NDArray[np.intp]:
+def _best_of_each_width(fault: Array, width: Array) -> Indices:
     """Select the postures (K,) with the least fault of every step of width, if it is below 1."""
     order = np.lexsort((fault, np.floor(width / WIDTH_STEP)))
     order = order[fault[order] < 1]

@@ -1,6 +1,4 @@
-"""Commands for the wheel outside any clone, as a user without anything else installed types them. tests/test_wheel.py runs them too."""
-
-from __future__ import annotations
+"""Commands for the wheel outside any clone, as a user without anything else installed types them."""
 
 from stages.registry import DATASET
 
