@@ -62,14 +62,6 @@ def test_interval_over_objects_and_trainings_has_the_variance_of_both():
     assert paired.mean == pytest.approx(trainings.mean() - trainings[:2].mean() - 0.3)
 
 
-def test_differences_between_trainings_cancel_in_figures_of_the_same_trainings():
-    values = np.random.default_rng(9).normal(size=100) + np.array([-0.6, 0.1, 0.5])[:, None]
-    apart = difference_interval(values, values + 0.1, np.random.default_rng(10))
-    paired = difference_interval(values, values + 0.1, np.random.default_rng(10), same_trainings=True)
-    assert apart.low < 0 < apart.high
-    assert astuple(paired) == pytest.approx((-0.1, -0.1, -0.1, 100))
-
-
 def test_difference_interval_rejects_unequal_numbers_of_objects():
     with pytest.raises(ValueError, match=r"\(3,\) and \(4,\)"):
         difference_interval(np.zeros(3), np.zeros(4), np.random.default_rng(0))

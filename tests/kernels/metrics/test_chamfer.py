@@ -5,7 +5,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.metrics import chamfer as module
 from pipeline.kernels.metrics.chamfer import SearchCloud, chamfer, squared_distances
 
 
@@ -54,15 +53,6 @@ def test_squared_distances_has_one_value_per_query() -> None:
     assert squared_distances(b, a).tolist() == [1, 4]
     assert SearchCloud(b).nearest(a).tolist() == [0, 0]
     assert chamfer(a, b).item() == 5
-
-
-def test_all_pairs_search_equals_the_tree(monkeypatch: pytest.MonkeyPatch) -> None:
-    a, b = cloud(300, 10), cloud(200, 11)
-    target = SearchCloud(b)
-    by_tree = target.nearest(a)
-    monkeypatch.setattr(target, "_tree", None)
-    monkeypatch.setattr(module, "PAIRS_PER_BLOCK", 7 * len(b))
-    assert target.nearest(a).equal(by_tree)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")

@@ -32,12 +32,6 @@ def test_smooth_drift_is_removed_and_the_contact_kept(rng: np.random.Generator) 
     assert np.abs(left).max() < 1.0
 
 
-def test_image_without_drift_is_kept() -> None:
-    still = torch.tensor(contact()[None], dtype=torch.float32)
-    assert (without_drift(still) - still).abs().max() < 0.5
-    assert (without_drift(torch.zeros(1, 3, 60, 80)) == 0).all()
-
-
 def test_drift_equals_weighted_least_squares() -> None:
     change = contact(SIDE, SIDE) + drift(SIDE, SIDE)
     x, y = (axis.ravel() for axis in positions(SIDE, SIDE))

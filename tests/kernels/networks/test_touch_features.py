@@ -71,10 +71,3 @@ def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
         apart = [(queries[item] - points[item][found[item]]).norm(dim=1) for found in (in_trees, of_pairs)]
         torch.testing.assert_close(*apart)
         assert among[item][of_pairs[item]].all()
-
-
-@pytest.mark.parametrize("flag", [True, False])
-def test_point_features_hold_position_normal_and_touch(flag):
-    (points,) = touches_by_item(chart_on_ball()[None], torch.tensor([flag]), [1]).point_features
-    torch.testing.assert_close(points[:, :3], chart_on_ball())
-    assert (points[:, 6] == float(flag)).all()

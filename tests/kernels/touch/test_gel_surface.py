@@ -9,7 +9,7 @@ from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
-from tests.kernels.touch.shapes import SENSOR, ball, pybullet_triangles, random_pose, ray_origins, sheet
+from tests.kernels.touch.shapes import SENSOR, ball, pybullet_triangles, random_pose, ray_origins
 from tests.references.brute_force_depth import brute_force
 from tests.references.gel_heights import gel_heights
 from tests.references.slow_tactile_image import slow_tactile_image
@@ -106,31 +106,6 @@ def test_gel_surface_is_a_sphere_a_cylinder_or_a_height_map() -> None:
     tilted = WIDE.model_copy(update={"surface": Surface(heights=((0.001, 0.003), (0.002, 0.004)))})
     np.testing.assert_allclose(gel_surface(tilted), 0.0025 + 0.002 * x / 0.03 + 0.001 * y / 0.02, rtol=1e-12)
     assert gel_surface(WIDE) == WIDE.w
-
-
-def test_a_plane_flattens_a_disc_of_a_spherical_gel() -> None:
-    """Pressed d into the middle, it touches where the sphere is less than d below its top: a disc of radius² = 2 R d - d²."""
-    sensor, pressed = curved("both"), 0.0006
-    depth = ray_depth(box_faces(sheet(sensor.w - pressed)), np.eye(4), sensor)
-    area = in_gel(depth, sensor).sum() * sensor.pitch[0] * sensor.pitch[1]
-    assert area == pytest.approx(np.pi * (2 * RADIUS * pressed - pressed**2), rel=0.01)
-    x, y = np.meshgrid(*pixel_centres(sensor))
-    expected = np.maximum(np.sqrt(RADIUS**2 - x**2 - y**2) - RADIUS + pressed, 0)
-    np.testing.assert_allclose(impression(depth, sensor), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("along", ["x", "y"])
-def test_edge_touches_a_cylindrical_gel_along_its_ridge(along: str) -> None:
-    """The edge of a right angle along the ridge, d deep, touches the whole of it, in a strip as wide as where wedge and cylinder meet."""
-    sensor, pressed = curved(along), 0.001
-    across = np.meshgrid(*pixel_centres(sensor))[0 if along == "x" else 1]
-    depth = sensor.w - pressed + np.abs(across)
-    inside = in_gel(depth, sensor)
-    c = RADIUS - pressed  # |t| + R - d = sqrt(R² - t²)
-    half = (-2 * c + np.sqrt(4 * c**2 + 8 * (RADIUS**2 - c**2))) / 4
-    assert (inside == (np.abs(across) < half)).all()
-    lost = np.abs(across).min() + across.min(where=across > 0, initial=1) ** 2 / 2 / RADIUS  # of the pixels beside the ridge
-    assert impression(depth, sensor).max() == pytest.approx(pressed - lost, rel=1e-3)
 
 
 def test_gel_higher_than_its_middle_extends_to_its_top() -> None:

@@ -7,18 +7,12 @@ from hypothesis import strategies as st
 
 from pipeline.kernels.touch.depth_maps import impression
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
-from pipeline.kernels.touch.sensor import Lights, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR, ball, coarse, one_pixel, pybullet_triangles, random_pose
 from tests.references.slow_tactile_image import slow_tactile_image
 from tests.strategies import seeds
 
 SMALL = coarse(8)
-
-
-def with_lamp(x: float, y: float, z: float) -> Sensor:
-    """Move the sensor's red lamp to this place, in sensor widths."""
-    return SMALL.model_copy(update={"lights": Lights(red=(x, y, z), green=SMALL.lights.green, blue=SMALL.lights.blue)})
 
 
 def same(fast: np.ndarray, slow: np.ndarray) -> bool:
@@ -64,24 +58,6 @@ def test_pressed_ball_is_brightest_towards_each_lamp() -> None:
         towards = np.array(lamp[:2]) - 0.5
         assert centre @ towards / np.linalg.norm(centre) / np.linalg.norm(towards) > 0.95
     assert ((image + untouched_image(SENSOR)) == 255).mean() < 0.01
-
-
-def test_gradients_at_the_rim_are_one_sided() -> None:
-    sensor = coarse(4)
-    depth = np.full((4, 4), SENSOR.w, np.float32)
-    depth[0] -= np.float32(0.001)
-    assert (tactile_image(depth, sensor)[0] == slow_tactile_image(depth, sensor)[0]).all()
-
-
-@pytest.mark.parametrize("deep", [0.002, 0.0068])
-def test_lamp_on_the_surface_does_not_light_its_own_position(deep) -> None:
-    """The gel is pressed flat, so deep, and the lamp stands on it over a pixel's centre."""
-    depth = np.full(SMALL.shape, SMALL.w - deep)
-    sensor = with_lamp((5 + 0.5) / 8, (3 + 0.5) / 8, (SMALL.w - depth[3, 5]) / SMALL.width)
-    image = tactile_image(depth, sensor)
-    assert image[3, 5, 0] == 0
-    assert (image[..., 0] == 0).all()  # it stands in the plane: its light passes along the surface
-    np.testing.assert_array_equal(image[..., 1:], tactile_image(depth, SMALL)[..., 1:])
 
 
 @given(seed=seeds, diffuse=st.floats(-6, 6).map(lambda e: 10.0**e))

@@ -26,13 +26,6 @@ def test_ball_is_smooth_and_box_has_edges() -> None:
     assert normals == pytest.approx(np.repeat(normals[:, :1], 3, axis=1), abs=1e-12)
 
 
-def test_corner_normals_do_not_depend_on_chunk_size(monkeypatch) -> None:
-    mesh = ball(subdivisions=2)
-    whole = corner_normals(mesh.vertices, mesh.faces)
-    monkeypatch.setattr(module, "PAIRS_PER_CHUNK", 50)
-    assert (corner_normals(mesh.vertices, mesh.faces) == whole).all()
-
-
 def test_hubs_and_faces_without_area_have_unit_normals() -> None:
     ring = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     vertices = np.vstack([[0, 0, 1.0], np.column_stack([np.cos(ring), np.sin(ring), 0 * ring])])

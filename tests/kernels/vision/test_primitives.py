@@ -69,9 +69,3 @@ def test_large_textures_are_shrunk_and_keep_their_colour(shape, value) -> None:
     assert 1 <= max(small.shape[:2]) <= MAX_TEXTURE_SIDE
     assert min(small.shape[:2]) == 1
     assert (small == value).all()
-
-
-def test_textures_are_shrunk_by_an_integer_factor() -> None:
-    assert shrink_texture(np.full((3, 5000, 4), 7, np.uint8)).shape == (1, 1667, 4)
-    small = np.zeros((20, 30, 4), np.uint8)
-    assert shrink_texture(small) is small
