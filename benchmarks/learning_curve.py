@@ -20,19 +20,20 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
-from pipeline.kernels.networks.implicit_network import ImplicitConfig, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.families import inputs_of, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
 from pipeline.rng import numpy_rng, torch_generator
 from pipeline.store import digest
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from pipeline.training.items import Items
 from pipeline.training.loop import train
 from stages.evaluate.measure import sample_reconstruction
 from stages.registry import resolve
-from stages.train_implicit.settings import ImplicitSettings
-from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from stages.train_implicit.learner import ImplicitLearner
+from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
 
 ANY = "implicit-any"
 POINTS = 10_000
@@ -68,7 +69,14 @@ class Experiment:
     def learn(self, folder: Path, settings: ImplicitSettings, count: int) -> None:
         """Train a network and save it in a folder."""
         learning, validation = (
-            Items(place(self.data), split, settings.named, items, learned=ImplicitLearner.arrays, cache_megabytes=settings.cache_megabytes)
+            Items(
+                as_location(self.data),
+                split,
+                settings.named,
+                items,
+                learned=TrainImplicit.arrays,
+                cache_megabytes=settings.cache_megabytes,
+            )
             for split, items in (("train", settings.samples_per_object), ("valid", settings.validation_items))
         )
         learning.rows.object_ids = self.spread(learning.rows, count)
@@ -78,7 +86,7 @@ class Experiment:
         network = ImplicitNetwork(config, torch_generator(seed, name, "weights"))
         folder.mkdir(parents=True, exist_ok=True)
         train(ImplicitLearner(network, learning, validation, settings, seed), settings, folder=folder, seed=seed, name=name)
-        save_model(folder, network, learning.description(settings.configuration, network.config))
+        save_model(folder, network, learning.trained(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
         """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""
@@ -98,7 +106,7 @@ class Experiment:
     def errors(self, folder: Path, configuration: str) -> list[float]:
         """Measure the Chamfer distance x 9000 of each test object, given one grasp."""
         model = load_reconstructor(configuration, folder)
-        rows = ObjectRows(place(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
+        rows = ObjectRows(as_location(self.tested), [*observed_arrays(inputs_of(configuration)), "points"], "test")
         distances = []
         for object_id in self.spread(rows):
             (reconstruction,) = model.reconstruct([stored_observation(rows, object_id, [0], model.config)])

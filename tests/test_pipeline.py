@@ -1,4 +1,4 @@
-"""Every stage, run from the command line on four objects: made, skipped, killed, resharded, changed."""
+"""Every stage, run from the command line on four objects: made, skipped, killed, changed."""
 
 from __future__ import annotations
 
@@ -156,8 +156,6 @@ def test_digests_do_not_depend_on_shards(manifest, made, tmp_path):
     whole = digests(made)
     assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
     assert len(digests(tmp_path)) == len(SHARDED) + 2  # the copied models that read tactile images
-    vt("reshard", str(tmp_path), "3")
-    assert digests(tmp_path) == {name: whole[name] for name in digests(tmp_path)}
     assert "up to date" in vt(*run_of("simulate-touch", manifest, tmp_path))
 
 

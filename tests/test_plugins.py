@@ -16,10 +16,7 @@ import trimesh
 import yaml
 
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.errors import StoreError
 from pipeline.formats.description_file import description_path
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard
 from tests.stages import ball_dataset as balls
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "plugin"
@@ -120,9 +117,6 @@ def test_stage_of_another_package_runs_and_its_key_follows_its_code(balls_run: t
     assert "made 1 object " in changed[1]
     assert "made 1 object " in by_preset[1]
     assert json.loads((data / "press" / "0000-of-0001.json").read_text())["settings"] == {"least": 1e-4}
-
-    with pytest.raises(StoreError, match="press is an artifact of a package that is not installed"):
-        list(reshard(DataDirectory(data), 2))
 
 
 @pytest.mark.slow

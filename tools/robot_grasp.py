@@ -24,7 +24,7 @@ from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.scene import Label
 from pipeline.kernels.vision.view_transfer import optical_centre, split_projection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, place
+from pipeline.store.storage import Location, as_location
 from schemas.surfaces import SURFACES
 
 ARRAYS = ("sensor", "occluded", "segmentation", "projection", "tactile_image", "untouched", "sensor_pose", "touch_success")
@@ -70,7 +70,7 @@ touches:                           # pose: forward kinematics of the fingertip, 
 def main() -> None:
     """Write the files of a grasp."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("data", type=place)
+    parser.add_argument("data", type=as_location)
     parser.add_argument("object")
     parser.add_argument("grasp", type=int)
     parser.add_argument("folder", type=Path)
@@ -78,7 +78,7 @@ def main() -> None:
     write_grasp(arguments.data, arguments.object, arguments.grasp, arguments.folder)
 
 
-def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: str = "gel_16mm") -> Path:
+def write_grasp(data: Location, object_id: str, grasp: int, folder: Path, sensor: str = "gel_16mm") -> Path:
     """Write images of a stored grasp, `rgbd.yaml`, which has no touches, and `grasp.yaml`; return the path of the latter."""
     folder.mkdir(parents=True, exist_ok=True)
     rows = ObjectRows(data, ARRAYS, None)
@@ -115,7 +115,7 @@ def write_grasp(data: Place, object_id: str, grasp: int, folder: Path, sensor: s
     return folder / "grasp.yaml"
 
 
-def _object_depth(data: Place, object_id: str, projection: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
+def _object_depth(data: Location, object_id: str, projection: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
     """Compute the depth of an object alone, m, as a camera sees it: (rows, cols), 0 beside it."""
     mesh = read_mesh(DataDirectory(data).collection(SURFACES).view(object_id))
     intrinsic, rotation = split_projection(projection)

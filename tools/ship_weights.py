@@ -20,7 +20,7 @@ from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, Mo
 from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from pipeline.training.pretrained import learned_from
 from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
@@ -62,7 +62,7 @@ def ship(data: Path) -> ModelCard:
         not_for=NOT_FOR,
     )
     _write(card)  # scores name the test objects that it has learned from
-    for left_out in score_shipped(place(data), progress):
+    for left_out in score_shipped(as_location(data), progress):
         raise StageError(f"{data}: the network was not given everything, {left_out}")
     card = card.model_copy(update={"errors": _errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network)})
     _write(card)

@@ -27,7 +27,7 @@ from pipeline.kernels.vision.scene import Label
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from schemas.surfaces import SURFACES
 from stages.render_vision.renderer import Renderer
 
@@ -52,7 +52,7 @@ def write_dataset(data: str, folder: Path, seed: int = 0) -> int:
     NoOpenGL
         Nothing can be rendered here.
     """
-    surfaces, synsets = DataDirectory(place(data)).collection(SURFACES), synsets_of("single-image")
+    surfaces, synsets = DataDirectory(as_location(data)).collection(SURFACES), synsets_of("single-image")
     names = [name for name in surfaces if not surfaces.row(name).failure]
     if unknown := sorted({surfaces.row(name).category for name in names} - synsets.keys()):
         raise StageError(f"the manifest single-image has no class {unknown[0]}; it has {', '.join(synsets)}: add it there, with its synset")
@@ -90,7 +90,7 @@ def write_mesh(path: Path, mesh: Mesh) -> None:
 
 
 def camera_of(mesh: Mesh, viewpoint: Viewpoint) -> Camera:
-    """Place the renderings' camera about a normalised mesh, in the world, z up."""
+    """Location the renderings' camera about a normalised mesh, in the world, z up."""
     azimuth, elevation = np.deg2rad([viewpoint.azimuth, viewpoint.elevation])
     towards = np.array([np.cos(azimuth) * np.cos(elevation), -np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
     x, y, z = (POSITION + bounding_diagonal(mesh.vertices) * FARTHEST * viewpoint.distance * towards).tolist()

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption, default_place
+from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
-from pipeline.store.storage import on_disk, place
+from pipeline.store.storage import as_location, on_disk
 from stages.registry import DATASET, TRADED
+from stages.request import default_place
 
 if TYPE_CHECKING:  # imported when the command is called: scipy takes long
     from pipeline.tradeoff.advice import Choice, Workload
@@ -43,7 +44,7 @@ def advise(
 
     if (within is None) == (error is None):
         fail("give either --within or --error")
-    where = on_disk(place(default_place(manifest, None) / preset if data is None else data))
+    where = on_disk(as_location(default_place(manifest, None) / preset if data is None else data))
     if where is None:
         fail(f"--data {data}: give the folder that `vt-pipeline tradeoff` measured into")
     limit = None if error is None else parse_limit(error)  # before anything else, so that a mistake in it is reported first

@@ -10,11 +10,10 @@ from rich.table import Table
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.config.settings import value_text
-from pipeline.console import console, errors, pluralise, print_line, show_tables
-from pipeline.engine.stage import names_read
+from pipeline.console import console, errors, print_line, show_tables
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import STAGES, load_stage
 
@@ -28,7 +27,7 @@ def stages() -> None:
             errors.print(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
             continue
         settings = stage.settings_type()
-        reads = ", ".join(names_read(stage, settings)) or "the manifest's meshes"
+        reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():
@@ -38,31 +37,19 @@ def stages() -> None:
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
+    from pipeline.cluster.slurm import jobs_account
     from pipeline.tables import status as report
 
-    account = report.read_account(place(data))
+    directory = as_location(data)
+    account = report.read_account(directory, lambda: jobs_account(directory))
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.jobs):
-        print_line(f"{place(data).resolve()}: nothing has been made here")
+        print_line(f"{directory.resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
         raise typer.Exit(1)
-
-
-def reshard(
-    data: DataArgument,
-    shards: Annotated[int, typer.Argument(min=1, max=9999, help="How many shards the objects are split into from now on.")],
-) -> None:
-    """Split a data directory into another number of shards.
-
-    All rows are reused.
-    """
-    from pipeline.store.reshard import reshard as split
-
-    count = sum(1 for _ in split(DataDirectory(data), shards))
-    print_line(f"{data}: {pluralise(shards, 'shard')} per artifact, {pluralise(count, 'group')} written")
 
 
 def collect_garbage(
@@ -96,21 +83,21 @@ def validate(
     Exits with status 1 if a check fails.
     """
     from pipeline.cli.recipe import print_comparison
-    from pipeline.contrib.report.report_pages import report_problems
+    from pipeline.drawing.written_files import report_problems
     from pipeline.recipes.recipe import read_recipe
     from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below
 
     expected = read_recipe(recipe) if recipe else None
-    problems = problems_below(place(data), strict=strict)
+    problems = problems_below(as_location(data), strict=strict)
     if problems:
-        problems |= report_problems(place(data))
+        problems |= report_problems(as_location(data))
     for path, lines in problems.items():
         console.print(f"{escape(str(path))}: {'[green]valid[/]' if not lines else '[red]not valid[/]'}")
         for line in lines:
             print_line(f"  {line}")
     if not problems:
-        fail(f"{place(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
+        fail(f"{as_location(data).resolve()} holds no records; looked for ARTIFACT/NNNN-of-NNNN.json")
     equal = expected is None or print_comparison(compare(expected, DataDirectory(data)), recipe)
     if any(problems.values()) or not equal:
         raise typer.Exit(1)
@@ -139,7 +126,7 @@ def summary(
     from pipeline.drawing.contact_sheet import SHOWN, contact_sheets
     from pipeline.tables.touch_tables import touch_tables
 
-    directory = place(data)
+    directory = as_location(data)
     print_line(str(directory.resolve()))
     show_tables(console, touch_tables(tally(directory), sensors_of(directory), paper=has_paper_sizes(directory)))
     missing = [name for name in SHOWN if not DataDirectory(directory).collection(ARTIFACTS[name]).shards]

@@ -17,14 +17,14 @@ from pipeline.cli.request import (
     WorkersOption,
     make_executor,
 )
-from pipeline.cli.run import run_plan
+from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_line
-from pipeline.engine.run import make_plans
+from pipeline.engine.make import make
 from pipeline.formats.file_content import expanded
 from pipeline.recipes.recipe import read_recipe
 from pipeline.recipes.recipe_comparison import Comparison, compare
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import on_disk, place
+from pipeline.store.storage import as_location, on_disk
 
 
 def recipe(
@@ -44,7 +44,7 @@ def recipe(
     """
     from pipeline.recipes.recipe_writing import recipe_of
 
-    typer.echo(recipe_of(place(data), manifest, objects, units=units, up=up, files_url=files_url, full_digests=rows).text(), nl=False)
+    typer.echo(recipe_of(as_location(data), manifest, objects, units=units, up=up, files_url=files_url, full_digests=rows).text(), nl=False)
 
 
 def remake(
@@ -57,7 +57,7 @@ def remake(
     ] = None,
     sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = "dask",
+    executor: ExecutorOption = "processes",
     workers: WorkersOption = 0,
 ) -> None:
     """Make a dataset again from its recipe, and compare digests.
@@ -66,7 +66,7 @@ def remake(
     """
     from pipeline.recipes.remake import prepare_remake, reasons, unusual_settings
 
-    published, where = read_recipe(recipe), place(data)
+    published, where = read_recipe(recipe), as_location(data)
     description_folder = expanded(descriptions) if descriptions else (folder / "descriptions" if (folder := on_disk(where)) else None)
     prepared = prepare_remake(published, objects and expanded(objects), description_folder, sample)
     if prepared.sampled and any(DataDirectory(where).artifact_names()):
@@ -77,8 +77,7 @@ def remake(
         print_line(f"  {line}")
     with make_executor(executor, workers, None) as processes:
         for request in prepared.requests(where, shards, processes):
-            for plan in make_plans(request):
-                run_plan(plan)
+            make(request, console, report=print_made)
     comparison = compare(published, DataDirectory(where), [item.object_id for item in prepared.items] if prepared.sampled else None)
     if print_comparison(comparison, recipe):
         return

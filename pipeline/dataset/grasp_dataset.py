@@ -8,7 +8,7 @@ import torch
 from torch.utils.data import Dataset
 
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 
 Item = dict[str, Any]
 
@@ -26,7 +26,7 @@ class GraspDataset(Dataset[Item]):
     torch.Size([4, 100, 100, 3])
     """
 
-    def __init__(self, data: str | Place, arrays: Sequence[str], split: str | None = "train") -> None:
+    def __init__(self, data: str | Location, arrays: Sequence[str], split: str | None = "train") -> None:
         self.rows = ObjectRows(data, [*arrays, "joint_angles"], split)  # whose shape gives the number of grasps
         self.arrays = tuple(arrays)
         self.left_out = self.rows.left_out

@@ -13,11 +13,11 @@ from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexed
 from pipeline.errors import StoreError, unknown_name
 from pipeline.store.directory import DataDirectory
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, place, zarr_store
+from pipeline.store.storage import Location, as_location, zarr_store
 from schemas.catalogue import ARTIFACTS
 
 
-def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
+def open_artifact(data: str | Location, artifact: str) -> xarray.Dataset:
     """Open all shards of an artifact as one labelled dataset; values are read when they are used.
 
     Arrays have the dimensions, units and descriptions of the schemas, and coordinates `object`, `grasp`, `sensor` and
@@ -33,7 +33,7 @@ def open_artifact(data: str | Place, artifact: str) -> xarray.Dataset:
     """
     if artifact not in ARTIFACTS:
         raise StoreError(unknown_name("artifact", artifact, ARTIFACTS))
-    collection = DataDirectory(place(data)).collection(ARTIFACTS[artifact])
+    collection = DataDirectory(as_location(data)).collection(ARTIFACTS[artifact])
     first_index = collection.shards.index(collection.first)  # an error without shards
     shards = [_open_shard(shard) for shard in collection.shards]
     opened = shards[0]

@@ -19,7 +19,7 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
-from pipeline.store.storage import Place, on_disk, place
+from pipeline.store.storage import Location, as_location, on_disk
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
 from schemas.surfaces import SURFACES
@@ -49,13 +49,13 @@ class ObjectRows:
 
     def __init__(
         self,
-        data: str | Place,  # a data directory
+        data: str | Location,  # a data directory
         arrays: Sequence[str],  # names; shapes, units and frames are the schemas'
         split: str | None = "train",  # train, valid or test; None for all objects
         *,
         cache_megabytes: float = CACHE_MEGABYTES,  # limit of the cache of arrays
     ) -> None:
-        self.data, self.arrays, self.split = place(data), tuple(arrays), split
+        self.data, self.arrays, self.split = as_location(data), tuple(arrays), split
         if (folder := on_disk(self.data)) and not folder.is_dir():
             raise StoreError(
                 f"folder {self.data.resolve()} does not exist; give a data directory, which `vt-pipeline run` or `make dataset` makes"

@@ -10,7 +10,7 @@ import numpy as np
 
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 
@@ -75,7 +75,7 @@ class Tally:
         return len(self.touched), len(touched), touched.size, 100 * touched.mean(), 100 * float(np.mean(self.tried))
 
 
-def tally(data: Place) -> dict[str, Tally]:
+def tally(data: Location) -> dict[str, Tally]:
     """Count the touches of every category in a data directory; failed objects are left out."""
     shard = DataDirectory(data).collection(GRASPS).first
     measured = HOLD_MEASURES if shard.has("closure") else ()  # older datasets have none
@@ -100,7 +100,7 @@ def tally(data: Place) -> dict[str, Tally]:
     return dict(sorted(tallies.items()))
 
 
-def has_paper_sizes(data: Place) -> bool:
+def has_paper_sizes(data: Location) -> bool:
     """Check whether every object was scaled to the paper's diagonal: only then can figures in metres be compared with the paper's."""
     shard = DataDirectory(data).collection(SURFACES).first
     if shard.attributes.get("settings", {}).get("diagonal", PAPER_DIAGONAL) != PAPER_DIAGONAL:
@@ -111,6 +111,6 @@ def has_paper_sizes(data: Place) -> bool:
     return all(rows.read("metres_per_unit", object_id) == 0 for object_id in rows.object_ids)
 
 
-def sensors_of(data: Place) -> list[str]:
+def sensors_of(data: Location) -> list[str]:
     """Read the names of the sensors, in their order."""
     return [str(name) for name in DataDirectory(data).collection(GRASPS).first.read("sensor")]

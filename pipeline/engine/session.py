@@ -19,7 +19,7 @@ from pipeline.store.record import Failure, processor_kind
 from pipeline.store.row_files import Result, RowFiles
 from pipeline.store.rows import Row, conform
 from pipeline.store.shard import RowView
-from pipeline.store.storage import Place, is_machine_fault
+from pipeline.store.storage import Location, is_machine_fault
 
 MORE_MEMORY = "with more memory, or the mesh made smaller, run again with --retry"
 
@@ -30,7 +30,7 @@ class Work:
 
     stage: ObjectStage
     settings: ObjectSettings
-    data: Place
+    data: Location
     models: Mapping[str, str]  # digests by name
     assets: str  # digest of the data files when the run was planned
 

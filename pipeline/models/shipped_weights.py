@@ -12,7 +12,7 @@ from pipeline.formats.description_file import invalid_entries
 from pipeline.formats.file_content import read_file
 from pipeline.models.families import model_name, network_of, trained_models
 from pipeline.models.model_files import DESCRIPTION
-from pipeline.store.storage import Place, place
+from pipeline.store.storage import Location, as_location
 
 SHIPPED = Path(pipeline.__file__).parent / "assets" / "weights"
 """Laid out as DATA/models. `make weights` fills it; a version without weights has no such folder."""
@@ -93,9 +93,9 @@ def shipped_models() -> Path:
     return SHIPPED
 
 
-def models_place(name: str) -> Place:
+def models_place(name: str) -> Location:
     """Find a folder of models by its name on a command line or in a setting, `shipped` or a path; errors as `shipped_models`."""
-    return shipped_models() if name == "shipped" else place(name)
+    return shipped_models() if name == "shipped" else as_location(name)
 
 
 def card_path(models: Path, configuration: str) -> Path:

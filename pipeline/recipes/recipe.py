@@ -21,8 +21,8 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, parse_yaml
 from pipeline.formats.file_content import read_text
 from pipeline.store import digest
+from pipeline.store.directory import shard_of
 from pipeline.store.record import Name, Sha256, Text
-from pipeline.store.reshard import shard_of
 
 MAX_BYTES = 2**28
 """Maximum size of a recipe: 200 bytes for each of a million objects, and some more."""

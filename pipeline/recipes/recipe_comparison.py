@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.recipes.recipe import Recipe, roots_of
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import shard_of
+from pipeline.store.directory import DataDirectory, shard_of
 from schemas.catalogue import ARTIFACTS
 
 

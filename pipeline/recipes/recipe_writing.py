@@ -9,8 +9,8 @@ from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.objects import fingerprint
 from pipeline.console import abbreviate
 from pipeline.engine import keys
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import expanded
@@ -20,7 +20,7 @@ from pipeline.store import digest
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import ShardRecord
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.catalogue import ARTIFACTS
 from stages.registry import DATASET, load_stage
 
@@ -40,7 +40,7 @@ def source_hash(source: Mapping[str, Any]) -> str:
 
 
 def recipe_of(
-    data: Place,  # its stages, or the first of them, have made all objects
+    data: Location,  # its stages, or the first of them, have made all objects
     manifest: str | None = None,  # name or path; by default what the records say
     objects: Path | None = None,  # folder of meshes; it, `units` and `up` are by default what the records say
     *,
@@ -101,7 +101,7 @@ def _readable_hash(item: Object) -> str:
         raise InvalidInput(f"{item.object_id} cannot be published: {error}; remove its file, and run the stages again") from error
 
 
-def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Place) -> Request[ObjectStage]:
+def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data: Location) -> Request[ObjectStage]:
     """Make the request that repeats a record's run."""
     stage: Any = load_stage(name)
     settings = stage.settings_type.model_validate(record.settings | record.speed_settings)
@@ -112,7 +112,7 @@ def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data:
 
 def _check_current(request: Request[ObjectStage]) -> None:
     """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
-    for plan in make_plans(request):
+    for plan in plans(request):
         if not plan.up_to_date():
             if (record := plan.output.record) is None:
                 raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")

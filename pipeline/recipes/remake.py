@@ -22,7 +22,7 @@ from pipeline.formats.description_file import invalid_entries, shipped_files
 from pipeline.recipes.own_files import DESCRIBED, place_files
 from pipeline.recipes.recipe import Recipe
 from pipeline.recipes.recipe_writing import Folders, source_hash
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from stages.registry import DATASET, load_stage, resolve
 
 
@@ -35,7 +35,7 @@ class Remake:
     settings: Mapping[str, Settings]  # by stage
     sampled: bool = False  # `items` are a sample
 
-    def requests(self, data: Place, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
+    def requests(self, data: Location, shards: int | None = None, executor: Executor | None = None) -> Iterator[Request[Any]]:
         """Yield the request of each stage in turn."""
         for name, settings in self.settings.items():
             yield Request(

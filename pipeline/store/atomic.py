@@ -17,7 +17,7 @@ from pipeline.errors import StoreError, first_line
 from pipeline.store.local_copy import local_copy
 from pipeline.store.storage import (
     TEMPORARY,
-    Place,
+    Location,
     bucket_of,
     cache_of,
     copy,
@@ -37,7 +37,7 @@ UNFINISHED = ".unfinished"
 """The subfolder of a target folder that holds unfinished files and the lock of their writer."""
 
 
-def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> None:
+def write_atomically(path: Location, content: bytes, *, durable: bool = True) -> None:
     """Write a file so that readers see the old content or the new, never a part; if `durable`, a power cut loses neither.
 
     A symbolic link at `path` is replaced; its target does not change.
@@ -58,7 +58,7 @@ def write_atomically(path: Place, content: bytes, *, durable: bool = True) -> No
 
 
 @contextmanager
-def atomic_writes(folder: Place) -> Iterator[Path]:
+def atomic_writes(folder: Location) -> Iterator[Path]:
     """Yield an empty local folder to write files in; at the end each file is moved into `folder` atomically.
 
     `folder` may be a symbolic link; links below it are refused. Files of a killed writer are removed. A failed one
@@ -111,7 +111,7 @@ def name_in_errors(path: Path) -> Iterator[None]:
         raise
 
 
-def version_of(path: Place) -> str | None:
+def version_of(path: Location) -> str | None:
     """Read the ETag of a file in object storage; None for a missing file, and on a disk, where locks are used."""
     if isinstance(path, Path):
         return None
@@ -122,7 +122,7 @@ def version_of(path: Place) -> str | None:
 
 
 def replace_version(
-    path: Place,
+    path: Location,
     content: bytes,
     version: str | None,  # the current one, of `version_of`; ignored on a disk
 ) -> bool:
@@ -150,7 +150,7 @@ def replace_version(
     raise StoreError(f"{path} cannot be written: each of {ATTEMPTS} conditional puts failed, though nobody else wrote: {reason}")
 
 
-def create(path: Place, content: bytes) -> None:
+def create(path: Location, content: bytes) -> None:
     """Write a file atomically, unless it exists."""
     if not isinstance(path, Path):
         replace_version(path, content, None)
@@ -184,7 +184,7 @@ def flush_folder(folder: Path) -> None:
         flush(path)
 
 
-def move_folder(source: Path, target: Place) -> None:
+def move_folder(source: Path, target: Location) -> None:
     """Move a local folder to its published path, and replace what is there; on a disk, the source is gone afterwards.
 
     The target may be what a killed run left, or the same rows, computed before: readers see it until it is replaced.
@@ -221,7 +221,7 @@ def _move_to_other_disk(source: Path, target: Path) -> None:
 
 
 @contextmanager
-def exclusive_lock(lock: Place, what: Place) -> Iterator[None]:
+def exclusive_lock(lock: Location, what: Location) -> Iterator[None]:
     """Hold a lock, or raise a `StoreError` if another run holds it; the system releases it however its holder ends.
 
     Object storage has no locks: there, only runs on the same machine exclude each other. Of two others that compute the

@@ -9,14 +9,14 @@ from pipeline.errors import StoreError
 from pipeline.store import digest
 from pipeline.store.record import Failure, RowRecord, ShardRecord
 from pipeline.store.shard import RowView, Shard
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.base import Artifact
 
 
 class Collection:
     """The objects of an artifact whose shards have been published."""
 
-    def __init__(self, folder: Place, artifact: Artifact, shards: Sequence[Shard]) -> None:
+    def __init__(self, folder: Location, artifact: Artifact, shards: Sequence[Shard]) -> None:
         self.folder = folder
         self.artifact = artifact
         self.shards = shards

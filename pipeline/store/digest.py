@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.store.storage import Place, files_below, read_bytes
+from pipeline.store.storage import Location, files_below, read_bytes
 
 LOGS = "tensorboard"
 """A subfolder that no digest covers, because it holds times of day."""
@@ -37,7 +37,7 @@ def of_rows(rows: Iterable[tuple[str, str]], header: Mapping[str, Any]) -> str:
     return of_json({"header": dict(header), "rows": sorted(rows)})
 
 
-def files_of(folder: Place) -> list[str]:
+def files_of(folder: Location) -> list[str]:
     """List the files below a folder that its digest covers: all but logs and hidden ones."""
     return [name for name in sorted(files_below(folder)) if not name.startswith(f"{LOGS}/") and not is_hidden(name)]
 
@@ -47,7 +47,7 @@ def is_hidden(name: str) -> bool:
     return any(part.startswith(".") for part in name.split("/"))
 
 
-def hashes_of(folder: Place, names: Iterable[str] | None = None) -> dict[str, str]:
+def hashes_of(folder: Location, names: Iterable[str] | None = None) -> dict[str, str]:
     """Compute the SHA-256 of files below a folder, by default of all that its digest covers; a missing file has none."""
     hashes = {}
     for name in files_of(folder) if names is None else names:

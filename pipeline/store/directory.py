@@ -1,13 +1,11 @@
 """Data directories: the paths of shards, folders and records, and whether each was made from the current inputs."""
 
 import fnmatch
+import hashlib
 import re
-import shlex
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import Field, ValidationError
 
@@ -20,7 +18,7 @@ from pipeline.store.collection import Collection
 from pipeline.store.digest import hashes_of
 from pipeline.store.record import FolderRecord, ShardRecord, Stored, read_record
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, cache_of, copy, exists, files_below, list_folder, map_in_threads, place, read_bytes
+from pipeline.store.storage import Location, as_location, cache_of, copy, exists, files_below, list_folder, map_in_threads, read_bytes
 from schemas.base import Artifact
 from schemas.catalogue import ARTIFACTS
 from schemas.folders import RECORD, TREES, maker_of
@@ -32,8 +30,6 @@ SHARD_RECORD = "[0-9][0-9][0-9][0-9]-of-[0-9][0-9][0-9][0-9].json"
 """The pattern of the names of shards' records."""
 
 _VERSION = re.compile(r".+-[0-9a-f]{16}(\.zarr)?")
-
-T = TypeVar("T")
 
 
 class DatasetDescription(Stored):
@@ -49,8 +45,8 @@ class DataDirectory:
     name lie beside them, unfinished ones in `.work`.
     """
 
-    def __init__(self, root: str | Place) -> None:
-        self.root = place(root)
+    def __init__(self, root: str | Location) -> None:
+        self.root = as_location(root)
         self._collections: dict[str, Collection] = {}
 
     def is_data_directory(self) -> bool:
@@ -59,27 +55,6 @@ class DataDirectory:
 
     def shards(self) -> int | None:
         """Read the number of shards that the objects are split into; None before the first run."""
-        return self._read_consistently(self._shards)
-
-    def _read_consistently(self, read: Callable[[], T]) -> T:
-        """Read records; repeat this if `reshard` has replaced them meanwhile."""
-        while True:
-            before = self._description()
-            try:
-                result = read()
-            except StoreError:
-                if self._description() == before:
-                    raise
-            else:
-                if self._description() == before:
-                    return result
-
-    def _description(self) -> bytes:
-        with suppress(OSError):
-            return read_bytes(self.root / DESCRIPTION)
-        return b""
-
-    def _shards(self) -> int | None:
         path = self.root / DESCRIPTION
         recorded = sorted({int(path.stem.rpartition("-")[2]) for path in self.shard_records()})
         remedy = f'write {{"shards": N}} into it, N as the records are named: {", ".join(map(str, recorded)) or "none is left"}'
@@ -106,7 +81,7 @@ class DataDirectory:
         if current is not None and count not in (None, current):
             raise StoreError(
                 f"{self.root} is split into {pluralise(current, 'shard')}, {count} were asked for; leave --shards (make: SHARDS=) out, "
-                f"or change the number with `vt-pipeline reshard {shlex.quote(str(self.root))} {count}`"
+                "or make the dataset again in another folder (--data, make: DATA=)"
             )
         return current or count or 1
 
@@ -115,13 +90,13 @@ class DataDirectory:
         create(self.root / DESCRIPTION, DatasetDescription(shards=count).model_dump_json().encode())
         self.check_shard_count(count)
 
-    def shard_record(self, artifact: str, number: int, shards: int) -> Place:
+    def shard_record(self, artifact: str, number: int, shards: int) -> Location:
         """Return the path of a shard's record."""
         return self.root / artifact / f"{shard_name(number, shards)}.json"
 
-    def shard_records(self, *artifacts: str) -> list[Place]:
+    def shard_records(self, *artifacts: str) -> list[Location]:
         """List the paths of all records of shards, of these artifacts or of all, of any number of shards."""
-        records: list[Place] = []
+        records: list[Location] = []
         for artifact in artifacts or sorted(name for name, is_folder in list_folder(self.root).items() if is_folder):
             folder = self.root / artifact
             records += map(folder.joinpath, fnmatch.filter(sorted(list_folder(folder)), SHARD_RECORD))
@@ -130,15 +105,12 @@ class DataDirectory:
     def collection(self, artifact: Artifact) -> Collection:
         """Open the published shards of an artifact."""
         if artifact.name not in self._collections:
-            self._collections[artifact.name] = self._read_consistently(partial(self._collection, artifact))
+            folder, shards = self.root / artifact.name, self.shards()
+            paths = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
+            read_one = partial(read_record, kind=ShardRecord)
+            records = list(map(read_one, paths)) if isinstance(folder, Path) else map_in_threads(read_one, paths)
+            self._collections[artifact.name] = Collection(folder, artifact, [Shard(folder, artifact, record) for record in records])
         return self._collections[artifact.name]
-
-    def _collection(self, artifact: Artifact) -> Collection:
-        folder, shards = self.root / artifact.name, self._shards()
-        records = [path for path in self.shard_records(artifact.name) if has_shard_count(path, shards)]
-        read_one = partial(read_record, kind=ShardRecord)
-        read = list(map(read_one, records)) if isinstance(folder, Path) else map_in_threads(read_one, records)
-        return Collection(folder, artifact, [Shard(folder, artifact, record) for record in read])
 
     def artifacts(self) -> list[Artifact]:
         """List the artifacts that have a published shard."""
@@ -149,7 +121,7 @@ class DataDirectory:
         folder_names = list_folder(self.root).keys() | list_folder(self.root / WORK).keys()
         return [name for name in ARTIFACTS if name in folder_names]
 
-    def folder_record(self, name: str) -> Place:
+    def folder_record(self, name: str) -> Location:
         """Return the path of a folder's record."""
         return self.root / f"{name}.json"
 
@@ -160,7 +132,7 @@ class DataDirectory:
         records += [path for path in trees if path.endswith(".json") and not any(map(is_version, path.split("/")))]
         return sorted(path.removesuffix(".json") for path in records)
 
-    def record_folders(self) -> list[Place]:
+    def record_folders(self) -> list[Location]:
         """List the folders that hold records, or held one that was deleted."""
         folders = {"", *ARTIFACTS}
         for where in TREES:
@@ -173,7 +145,7 @@ class DataDirectory:
         """Read the record of a folder; a `StoreError` where there is none."""
         return read_record(self.folder_record(name), FolderRecord, maker_of(name))
 
-    def folder_path(self, name: str) -> Place:
+    def folder_path(self, name: str) -> Location:
         """Return the path of the folder that a record names."""
         return (self.root / name).with_name(self.folder(name).location)
 
@@ -195,11 +167,11 @@ class DataDirectory:
             raise StoreError(f"{folder}: {problem}")
         return local
 
-    def work(self, name: str) -> Place:
+    def work(self, name: str) -> Location:
         """Return the work folder of an artifact or folder."""
         return self.root / WORK / name
 
-    def shard_lock(self, artifact: str, number: int, shards: int) -> Place:
+    def shard_lock(self, artifact: str, number: int, shards: int) -> Location:
         """Return the path of the lock that a run holds while it makes a shard."""
         return self.work(artifact) / f"{shard_name(number, shards)}.lock"
 
@@ -209,17 +181,22 @@ def made_by(name: str, record: FolderRecord) -> str:
     return maker_of(name) if name.startswith("scores/") else record.stage
 
 
-def _differences(name: str, record: FolderRecord, checked: Place, folder: Place) -> Iterator[str]:
+def _differences(name: str, record: FolderRecord, checked: Location, folder: Location) -> Iterator[str]:
     """Compare the files of a folder, or of its local copy, with its record; yield a line for each that differs."""
     for file, problem in changed_files(checked, record.files).items():
         yield f"{file} {problem}; delete {folder} and run {made_by(name, record)} again"
 
 
-def changed_files(folder: Place, files: Mapping[str, str]) -> dict[str, str]:
+def changed_files(folder: Location, files: Mapping[str, str]) -> dict[str, str]:
     """Compare files below a folder with their recorded SHA-256; return the problem of each that differs, by name."""
     hashes = hashes_of(folder, files)
     problems = {name: "differs from what was written" if name in hashes else "is missing" for name in files}
     return {name: problem for name, problem in problems.items() if hashes.get(name) != files[name]}
+
+
+def shard_of(object_id: str, shards: int) -> int:
+    """Compute the number of an object's shard from its name alone: adding or removing other objects does not move it."""
+    return int(hashlib.sha256(object_id.encode()).hexdigest(), 16) % shards
 
 
 def shard_name(number: int, shards: int) -> str:
@@ -227,7 +204,7 @@ def shard_name(number: int, shards: int) -> str:
     return f"{number:04d}-of-{shards:04d}"
 
 
-def has_shard_count(record: Place, shards: int | None) -> bool:
+def has_shard_count(record: Location, shards: int | None) -> bool:
     """Check whether a record belongs to a dataset with this number of shards."""
     return record.stem.endswith(f"-of-{shards or 0:04d}")
 

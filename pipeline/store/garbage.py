@@ -12,7 +12,7 @@ from pathlib import Path
 from pipeline.store.atomic import write_atomically
 from pipeline.store.directory import SHARD_RECORD, WORK, DataDirectory, is_version, unversioned
 from pipeline.store.record import named_location
-from pipeline.store.storage import TEMPORARY, Place, files_below, list_folder, remove, remove_files
+from pipeline.store.storage import TEMPORARY, Location, files_below, list_folder, remove, remove_files
 from schemas.folders import RECORD, TREES
 
 GRACE_SECONDS = 3600.0
@@ -29,7 +29,7 @@ _UNFINISHED = re.compile(rf".+\.[0-9a-f]{{32}}{re.escape(TEMPORARY)}")
 """Names that `temporary` gives."""
 
 
-def unreferenced(directory: DataDirectory, folder: Place, older_than: float = -math.inf) -> Iterator[Place]:
+def unreferenced(directory: DataDirectory, folder: Location, older_than: float = -math.inf) -> Iterator[Location]:
     """Find the groups and folders directly in a folder that no record names, and unfinished files.
 
     All other names are the user's. Only those are found that were replaced or written more than `older_than` seconds
@@ -54,12 +54,12 @@ def unreferenced(directory: DataDirectory, folder: Place, older_than: float = -m
                 yield folder / name
 
 
-def _is_replaced(record: Place, name: str) -> bool:
+def _is_replaced(record: Location, name: str) -> bool:
     """Check whether a record names another version than this one; a damaged record may have named it."""
     return named_location(record) not in (None, name)
 
 
-def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:
+def _is_ours(directory: DataDirectory, folder: Location, name: str) -> bool:
     """Check whether a run gives a group or folder in this folder such a name."""
     record = f"{unversioned(name)}.json" if is_version(name) else ""
     if folder == directory.root:
@@ -69,7 +69,7 @@ def _is_ours(directory: DataDirectory, folder: Place, name: str) -> bool:
     return is_version(name)
 
 
-def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_SECONDS) -> list[Place]:
+def collect(directory: DataDirectory, folder: Location, older_than: float = GRACE_SECONDS) -> list[Location]:
     """Remove and return what no record of a folder names and was replaced or written more than `older_than` s ago.
 
     If a symbolic link leads to the folder, nothing is removed: it may belong to somebody else.
@@ -82,7 +82,7 @@ def collect(directory: DataDirectory, folder: Place, older_than: float = GRACE_S
     return expired
 
 
-def _age(path: Place) -> float:
+def _age(path: Location) -> float:
     """Return how long ago a path was written or replaced, s; minus infinity if it is gone."""
     if isinstance(path, Path):
         with suppress(FileNotFoundError):  # another run has renamed or removed it
@@ -91,7 +91,7 @@ def _age(path: Place) -> float:
     return time.time() - max((file.written for file in files_below(path).values()), default=0.0)
 
 
-def mark_replaced(path: Place) -> None:
+def mark_replaced(path: Location) -> None:
     """Mark a folder as replaced now, so that its readers get the grace period, however old it is."""
     if not isinstance(path, Path):
         write_atomically(path / REPLACED, b"")
@@ -99,7 +99,7 @@ def mark_replaced(path: Place) -> None:
         os.utime(path, follow_symlinks=False)
 
 
-def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Place]:
+def collect_everything(directory: DataDirectory, older_than: float = GRACE_SECONDS) -> list[Location]:
     """Remove from a data directory what no record names and is older than `older_than`, s; return what was removed.
 
     In object storage, this includes unfinished work of a week ago or earlier: there, a run removes only its own.
@@ -118,12 +118,12 @@ def links(directory: DataDirectory) -> list[Path]:
     return sorted({link for folder in directory.record_folders() if (link := _link_to(directory, folder))})
 
 
-def _link_to(directory: DataDirectory, folder: Place) -> Path | None:
+def _link_to(directory: DataDirectory, folder: Location) -> Path | None:
     """Find the symbolic link in a data directory that leads to a folder of it, if any; the directory itself may be reached by one."""
     paths = [*reversed(folder.parents), folder] if isinstance(folder, Path) else []
     return next((path for path in paths if directory.root in path.parents and path.is_symlink()), None)
 
 
-def all_unreferenced(directory: DataDirectory) -> list[Place]:
+def all_unreferenced(directory: DataDirectory) -> list[Location]:
     """Find everything in a data directory that no record names."""
     return [path for folder in directory.record_folders() for path in unreferenced(directory, folder)]

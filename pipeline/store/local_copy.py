@@ -7,7 +7,7 @@ from threading import Event, Thread
 
 from obstore.exceptions import BaseError
 
-from pipeline.store.storage import TEMPORARY, File, Place, cache_of, copy, files_below
+from pipeline.store.storage import TEMPORARY, File, Location, cache_of, copy, files_below
 from pipeline.store.temporary import temporary_folder
 
 SECONDS = 30.0
@@ -15,7 +15,7 @@ SECONDS = 30.0
 
 
 @contextmanager
-def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
+def local_copy(folder: Location, *, begin: bool = True, send: bool = False) -> Iterator[Path]:
     """Yield a local folder to work in: `folder` itself if it is on a disk, else a copy.
 
     If `begin`, the copy starts with the files of `folder`, and is kept for the next run; else it starts empty and is
@@ -59,7 +59,7 @@ def local_copy(folder: Place, *, begin: bool = True, send: bool = False) -> Iter
             _send_changed(local, folder, sent)
 
 
-def _send_changed(local: Path, folder: Place, sent: dict[str, File]) -> None:
+def _send_changed(local: Path, folder: Location, sent: dict[str, File]) -> None:
     """Copy the files that have changed since they were sent."""
     files = {name: file for name, file in files_below(local).items() if not name.endswith(TEMPORARY)}
     changed = [name for name, file in files.items() if sent.get(name) != file]

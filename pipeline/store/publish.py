@@ -14,7 +14,7 @@ from pipeline.store.record import FolderRecord, Provenance, ShardRecord, named_l
 from pipeline.store.row_files import Chunks, RowFiles
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
-from pipeline.store.storage import Place, files_below, remove
+from pipeline.store.storage import Location, files_below, remove
 from pipeline.store.validate import problems_of
 from pipeline.store.write import Shapes, metadata_digests, write_group
 from schemas.base import Artifact
@@ -58,7 +58,7 @@ class ShardOutput:
         chunks: Callable[[int], Chunks],
         constants: Row,
         attributes: Mapping[str, Any],
-    ) -> Place:
+    ) -> Location:
         """Write the group of the record's rows, and publish the record with the group's name; return the group's path.
 
         Parameters are those of `write_group`, except `record`, whose location is filled in. In object storage, a
@@ -104,11 +104,11 @@ class FolderOutput:
         """Check that the published folder holds what was written, by reading every file."""
         return self.record is not None and not changed_files(self.path.with_name(self.record.location), self.record.files)
 
-    def target(self, record: FolderRecord) -> Place:
+    def target(self, record: FolderRecord) -> Location:
         """Return the path of the folder that is published with a record."""
         return self.record_path.with_name(versioned(self.record_path.stem, [record.key, record.files]))
 
-    def commit(self, filled: Path, record: FolderRecord) -> Place:
+    def commit(self, filled: Path, record: FolderRecord) -> Location:
         """Move a finished folder to its versioned name, unless a killed run has; publish its record, return its path.
 
         In object storage, a `StoreError` says that another run has published something meanwhile.
@@ -120,7 +120,7 @@ class FolderOutput:
         return path
 
 
-def withdraw(record_path: Place) -> None:
+def withdraw(record_path: Location) -> None:
     """Remove a record, so that its group is no longer found; current readers get the grace period."""
     if (location := named_location(record_path)) is not None:
         mark_replaced(record_path.with_name(location))
@@ -130,8 +130,8 @@ def withdraw(record_path: Place) -> None:
 def _publish(
     directory: DataDirectory,
     source: Path | None,
-    path: Place,
-    record_path: Place,
+    path: Location,
+    record_path: Location,
     record: Provenance,
     fields: Mapping[str, Any],
     version: str | None,

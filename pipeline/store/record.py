@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pipeline.console import CONTROLS
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
-from pipeline.store.storage import Place, read_bytes
+from pipeline.store.storage import Location, read_bytes
 
 FORMAT: Final = 2
 """Version of the format of records, raised when an older version could misread them."""
@@ -133,7 +133,7 @@ def serialise_with_checksum(record: Provenance) -> bytes:
     return json.dumps({"checksum": digest.of_json(content), **content}, indent=1).encode()
 
 
-def read_record(path: Place, kind: type[R], maker: str = "the stage that makes it") -> R:
+def read_record(path: Location, kind: type[R], maker: str = "the stage that makes it") -> R:
     """Read a record of a type; `maker` is what the error message says to run if there is none.
 
     Raise a `StoreError` if there is none, it is damaged, or another version of this project wrote it.
@@ -145,7 +145,7 @@ def read_record(path: Place, kind: type[R], maker: str = "the stage that makes i
         raise _damaged(path, error) from error
 
 
-def read_content(path: Place, maker: str = "the stage that makes it") -> dict[str, Any]:
+def read_content(path: Location, maker: str = "the stage that makes it") -> dict[str, Any]:
     """Read the fields of a record of any kind; errors are those of `read_record`."""
     try:
         content = json.loads(read_bytes(path))
@@ -167,7 +167,7 @@ def read_content(path: Place, maker: str = "the stage that makes it") -> dict[st
     raise _damaged(path, ValueError("its checksum is not that of its content"))
 
 
-def named_location(path: Place) -> str | None:
+def named_location(path: Location) -> str | None:
     """Read the name of the group or folder in a record of any kind; None if there is no readable record."""
     try:
         return str(read_content(path)["location"])
@@ -175,5 +175,5 @@ def named_location(path: Place) -> str | None:
         return None
 
 
-def _damaged(path: Place, error: Exception) -> StoreError:
+def _damaged(path: Location, error: Exception) -> StoreError:
     return StoreError(f"{path}: the record is damaged ({first_line(error)}); delete it and run its stage again")

@@ -16,7 +16,7 @@ from pipeline.store.atomic import write_atomically
 from pipeline.store.encode import decode_array, encode_array, with_checksum, without_checksum
 from pipeline.store.record import Failure, Stored
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.storage import Place, files_below, read_bytes, remove, remove_files
+from pipeline.store.storage import Location, files_below, read_bytes, remove, remove_files
 from schemas.base import Artifact
 
 SIZE = 8
@@ -58,10 +58,10 @@ class RowFiles:
     `artifact` declares the arrays; without it, as for evaluations, each array is one chunk, not compressed.
     """
 
-    def __init__(self, work: Place, artifact: Artifact | None = None) -> None:
+    def __init__(self, work: Location, artifact: Artifact | None = None) -> None:
         self.folder, self.artifact = work / "rows", artifact
 
-    def path(self, name: str, key: str) -> Place:
+    def path(self, name: str, key: str) -> Location:
         """Return the path of a unit's file."""
         return self.folder / name / f"{key}.row"
 
@@ -138,7 +138,7 @@ def encode_row(artifact: Artifact | None, row: Row) -> Chunks:
     return {name: encode_array(artifact.of(name) if artifact else None, value) for name, value in row.items()}
 
 
-def _footer(path: Place) -> bytes:
+def _footer(path: Location) -> bytes:
     """Read the footer of a file; on a disk, nothing else is read."""
     if not isinstance(path, Path):
         content = read_bytes(path)

@@ -18,7 +18,7 @@ from pipeline.store import digest
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
 from pipeline.store.spec import array_violations, numpy_dtype, schema_name
-from pipeline.store.storage import File, Place, exists, files_below, is_machine_fault, read_bytes, zarr_store
+from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 
 _CHUNK = re.compile(r"/c(/[0-9]+)*$")
@@ -28,7 +28,7 @@ _CHUNK = re.compile(r"/c(/[0-9]+)*$")
 class Shard:
     """A shard, open for reading: the Zarr group that its record names."""
 
-    def __init__(self, folder: Place, artifact: Artifact, record: ShardRecord) -> None:
+    def __init__(self, folder: Location, artifact: Artifact, record: ShardRecord) -> None:
         self.path = folder / record.location
         self.artifact = artifact
         self.record = record

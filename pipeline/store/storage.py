@@ -1,4 +1,4 @@
-"""Places of data: folders on a disk, or prefixes in object storage. Most differences between the two are here, others in `atomic.py`.
+"""Locations of data: folders on a disk, or prefixes in object storage. Most differences between the two are here, others in `atomic.py`.
 
 Credentials, region and endpoint of object storage come from the environment: `AWS_ACCESS_KEY_ID`, `AWS_ENDPOINT_URL`, ….
 """
@@ -46,7 +46,7 @@ MACHINE_FAULTS = NO_ROOM | {errno.EROFS, errno.EIO, errno.EMFILE, errno.ENFILE}
 RETRY: Any = {"max_retries": 10_000, "retry_timeout": timedelta(minutes=3)}
 """Retries of a request that a server does not answer, or answers with 5xx: it may be restarting."""
 
-Place = Path | UPath
+Location = Path | UPath
 """A folder or file: `pathlib.Path` on a disk, `UPath` in object storage."""
 
 ZARR_METADATA = ("zarr.json", ".zarray", ".zattrs", ".zgroup", ".zmetadata")
@@ -67,8 +67,8 @@ class File:
     written: float
 
 
-def place(text: str | Place) -> Place:
-    """Convert a path or URL to a place; refuse an empty one, and a URL of no object storage that can be written to."""
+def as_location(text: str | Location) -> Location:
+    """Convert a path or URL to a location; refuse an empty one, and a URL of no object storage that can be written to."""
     if not str(text):
         raise InvalidInput("the name of a data directory is empty; name a folder, or object storage")
     protocol, separator, rest = str(text).partition("://")
@@ -86,7 +86,7 @@ def is_machine_fault(error: Exception) -> bool:
     return isinstance(error, BaseError) or (isinstance(error, OSError) and error.errno in MACHINE_FAULTS)
 
 
-def read_bytes(path: Place) -> bytes:
+def read_bytes(path: Location) -> bytes:
     """Read a regular file; raise a `FileNotFoundError` if there is none, a `StoreError` if it is a Git LFS pointer."""
     if isinstance(path, Path):
         regular_stat(path)
@@ -98,7 +98,7 @@ def read_bytes(path: Place) -> bytes:
     return content
 
 
-def exists(path: Place) -> bool:
+def exists(path: Location) -> bool:
     """Check whether a file exists; object storage has no folders."""
     if isinstance(path, Path):
         return path.is_file()
@@ -109,12 +109,12 @@ def exists(path: Place) -> bool:
     return True
 
 
-def on_disk(path: Place) -> Path | None:
-    """Return a place on this machine's disk as it is; None for one in object storage."""
+def on_disk(path: Location) -> Path | None:
+    """Return a location on this machine's disk as it is; None for one in object storage."""
     return path if isinstance(path, Path) else None
 
 
-def list_folder(folder: Place) -> dict[str, bool]:
+def list_folder(folder: Location) -> dict[str, bool]:
     """List the entries of a folder: by name, whether each is a folder; empty if there is no such folder."""
     if isinstance(folder, Path):
         if not folder.is_dir():
@@ -126,7 +126,7 @@ def list_folder(folder: Place) -> dict[str, bool]:
     return files | {PurePosixPath(prefix).name: True for prefix in listing["common_prefixes"]}
 
 
-def files_below(folder: Place) -> dict[str, File]:
+def files_below(folder: Location) -> dict[str, File]:
     """List all files below a folder, by their path below it; empty if there is no such folder."""
     if isinstance(folder, Path):
         files: dict[str, File] = {}
@@ -149,7 +149,7 @@ def _listed(folder: UPath) -> Iterator[tuple[str, Any]]:
         yield from ((entry["path"].removeprefix(prefix), entry) for entry in part)
 
 
-def remove(folder: Place) -> None:
+def remove(folder: Location) -> None:
     """Remove a file, or a folder with everything in it, if it exists; of a symbolic link, only the link."""
     if not isinstance(folder, Path):
         remove_files(folder, [*files_below(folder), ""])
@@ -188,18 +188,18 @@ def temporary(path: Path) -> Iterator[Path]:
         temporary_file.unlink(missing_ok=True)
 
 
-def cache_of(folder: Place) -> Path:
+def cache_of(folder: Location) -> Path:
     """Return the local folder, below `XDG_CACHE_HOME`, that caches a folder in object storage."""
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline"
     return cache / hashlib.sha256(str(folder.parent).encode()).hexdigest()[:16] / folder.name
 
 
-def copy(source: Place, target: Place, names: Iterable[str]) -> None:
+def copy(source: Location, target: Location, names: Iterable[str]) -> None:
     """Copy files, given by their paths below `source`, from a disk to object storage, or from there to a disk."""
     map_in_threads(lambda name: _copy_file(source / name, target / name), list(names))
 
 
-def _copy_file(source: Place, target: Place) -> None:
+def _copy_file(source: Location, target: Location) -> None:
     if isinstance(target, Path):
         target.parent.mkdir(parents=True, exist_ok=True)
         with temporary(target) as temporary_file:
@@ -241,20 +241,20 @@ class _Files(WrapperStore[Store]):
         return content
 
 
-def zarr_store(path: Place, *, sparse: bool = False) -> Store:
+def zarr_store(path: Location, *, sparse: bool = False) -> Store:
     """Open a group for Zarr; a missing chunk is a `FileNotFoundError`, unless the group is `sparse`: written without chunks of zeros."""
     files = LocalStore(path, read_only=True) if isinstance(path, Path) else ZarrObjectStore(_client(str(path)), read_only=True)
     return _Files(files, sparse)
 
 
-def bucket_of(path: Place) -> ObjectStore:
-    """Return the client of a place's bucket."""
+def bucket_of(path: Location) -> ObjectStore:
+    """Return the client of the bucket of a location."""
     protocol, _, rest = str(path).partition("://")
     return _client(f"{protocol}://{rest.partition('/')[0]}")
 
 
-def key_of(path: Place) -> str:
-    """Return the name of a place in its bucket."""
+def key_of(path: Location) -> str:
+    """Return the name of a location in its bucket."""
     return str(path).partition("://")[2].partition("/")[2]
 
 

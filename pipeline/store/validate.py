@@ -17,7 +17,7 @@ from pipeline.store.record import RowRecord, ShardRecord, read_record
 from pipeline.store.rows import are_valid
 from pipeline.store.shard import Shard
 from pipeline.store.spec import schema_violations
-from pipeline.store.storage import Place, exists, read_bytes
+from pipeline.store.storage import Location, exists, read_bytes
 from schemas.base import COMMON
 from schemas.catalogue import ARTIFACTS
 
@@ -25,11 +25,11 @@ CHECKS = 5
 """Attempts to check a data directory that changes meanwhile."""
 
 
-def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str]]:
+def problems_below(root: Location, *, strict: bool = False) -> dict[Location, list[str]]:
     """Check a data directory; return the problems by path of record, an empty list for a record without problems.
 
     A `strict` check also objects to artifacts that several kinds of processors computed. Where a problem is found and
-    records were replaced meanwhile, by a run or by `reshard`, everything is checked again.
+    records were replaced meanwhile by a run, everything is checked again.
     """
     for _ in range(CHECKS):
         before = _records(root)
@@ -39,7 +39,7 @@ def problems_below(root: Place, *, strict: bool = False) -> dict[Place, list[str
     return problems
 
 
-def _records(root: Place) -> dict[Place, bytes]:
+def _records(root: Location) -> dict[Location, bytes]:
     """Read every current record, and the description."""
     directory = DataDirectory(root)
     paths = [root / DESCRIPTION, *directory.shard_records(), *map(directory.folder_record, directory.folders())]
@@ -50,9 +50,9 @@ def _records(root: Place) -> dict[Place, bytes]:
     return content
 
 
-def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
+def _problems_below(root: Location, strict: bool) -> dict[Location, list[str]]:
     directory = DataDirectory(root)
-    problems: dict[Place, list[str]] = {}
+    problems: dict[Location, list[str]] = {}
     for name in ARTIFACTS:
         for path in (records := directory.shard_records(name)):
             problems[path] = _collect_lines(_record_problems(path, name))
@@ -69,7 +69,7 @@ def _problems_below(root: Place, strict: bool) -> dict[Place, list[str]]:
     return problems
 
 
-def _lacks_record(directory: DataDirectory, record: Place) -> bool:
+def _lacks_record(directory: DataDirectory, record: Location) -> bool:
     """Check whether a record is missing: other artifacts have this shard. Withdrawn shards, and other numbers of shards, leave none."""
     return has_shard_count(record, directory.shards()) and any(exists(directory.root / name / record.name) for name in ARTIFACTS)
 
@@ -90,7 +90,7 @@ def problems_of(shard: Shard) -> list[str]:
     return _collect_lines(_shard_problems(shard))
 
 
-def _record_problems(record: Place, artifact: str) -> Iterator[str]:
+def _record_problems(record: Location, artifact: str) -> Iterator[str]:
     yield from problems_of(Shard(record.parent, ARTIFACTS[artifact], read_record(record, ShardRecord)))
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import pluralise
-from pipeline.dataset.grasping_hand import grasping_sensors
+from pipeline.dataset.grasps import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface
@@ -30,7 +30,7 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.charts import STOP_RULES
 from stages.evaluate.baselines import retrieve
 from stages.evaluate.evaluation_files import Arrays, Figures
@@ -236,7 +236,7 @@ def arrays_of(
     return ["points", "normals", "sensor_pose", "touch_success", "depth", "untouched", *images, *fitted]
 
 
-def dataset(data: Place) -> Arrays:
+def dataset(data: Location) -> Arrays:
     """Make Table 1, one row per class and one for all."""
     tallies = tally(data)
     *counts, percent = np.array([entry.row()[:4] for entry in tallies.values()]).T  # (class,) each

@@ -9,14 +9,14 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import Arrays
 
 SPLIT = "test"
 
 
-def training_objects(data: Place, arrays: Iterable[str]) -> ObjectRows | None:
+def training_objects(data: Location, arrays: Iterable[str]) -> ObjectRows | None:
     """Open the training objects, from which baselines retrieve; None if there are none, or all of them failed."""
     try:
         return ObjectRows(data, list(arrays), "train")
@@ -31,7 +31,7 @@ class TestObjects:
     that the dataset has fewer.
     """
 
-    def __init__(self, data: Place, arrays: Iterable[str], count: int, stage: str) -> None:
+    def __init__(self, data: Location, arrays: Iterable[str], count: int, stage: str) -> None:
         self.rows, self.count = ObjectRows(data, list(arrays), SPLIT), count
         self.surfaces = DataDirectory(data).collection(SURFACES)
         if (available := self.rows.size("points", "point")) < count:

@@ -20,7 +20,7 @@ from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Job, dependency, script_of
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from stages.registry import STAGES, resolve
 from tests.cluster.planned_jobs import SHIPPED, plan, submission
 
@@ -132,10 +132,10 @@ def test_script_passes_arguments_unchanged_and_writes_its_exit_status(setup, tmp
 
 
 def test_each_bucket_has_a_separate_folder(tmp_path):
-    assert slurm.slurm_folder(place("s3://team-a/toy")) == Path("slurm/s3/team-a/toy")
-    assert slurm.slurm_folder(place("s3://team-b")) == Path("slurm/s3/team-b")
-    assert slurm.slurm_folder(place("s3://team-a//toy/")) == Path("slurm/s3/team-a/toy")  # as storage takes it
-    assert slurm.slurm_folder(place("s3://team/a-toy")) != slurm.slurm_folder(place("s3://team/a/toy"))
+    assert slurm.slurm_folder(as_location("s3://team-a/toy")) == Path("slurm/s3/team-a/toy")
+    assert slurm.slurm_folder(as_location("s3://team-b")) == Path("slurm/s3/team-b")
+    assert slurm.slurm_folder(as_location("s3://team-a//toy/")) == Path("slurm/s3/team-a/toy")  # as storage takes it
+    assert slurm.slurm_folder(as_location("s3://team/a-toy")) != slurm.slurm_folder(as_location("s3://team/a/toy"))
 
 
 def test_folder_with_a_line_break_is_refused(tmp_path):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import xarray
 from pipeline.dataset.labelled import open_artifact
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard
 from schemas.touch import TOUCH
 from tests.stages import ball_dataset
 
@@ -28,10 +26,9 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def split(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def split(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("split") / "data"
-    shutil.copytree(whole, folder)
-    list(reshard(DataDirectory(folder), 3))
+    ball_dataset.make_data(folder, len(OBJECTS), shards=3)
     return folder
 
 

@@ -16,7 +16,6 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.plan import Request
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard
 from pipeline.store.shard import Shard
 from schemas.catalogue import artifact_of
 from schemas.presses import PRESSES
@@ -144,8 +143,7 @@ def test_unknown_arrays_and_empty_splits_are_named(data, arrays, split, words):
 
 def test_xarray_has_coordinates_for_any_number_of_shards(data, tmp_path_factory):
     folder = tmp_path_factory.mktemp("shards")
-    ball_dataset.make_data(folder, 3)
-    list(reshard(DataDirectory(folder), 3))
+    ball_dataset.make_data(folder, 3, shards=3)
     rows = ObjectRows(data, ["depth", "joint_angles"], "test")
     for directory in (data, folder):
         touch, grasps = open_artifact(directory, "touch"), open_artifact(directory, "grasps")
@@ -158,8 +156,7 @@ def test_xarray_has_coordinates_for_any_number_of_shards(data, tmp_path_factory)
 
 
 def test_shard_of_failed_objects_takes_arrays_and_sizes_from_the_others(tmp_path):
-    ball_dataset.make_data(tmp_path, 3, ungrasped="b")
-    list(reshard(DataDirectory(tmp_path), 4))  # b is alone in the first shard of three
+    ball_dataset.make_data(tmp_path, 3, ungrasped="b", shards=4)  # b is alone in the first shard of three
     rows = ObjectRows(tmp_path, ["depth", "occluded"], None)
     assert rows.object_ids == ["a", "c"]
     assert (rows.size("depth", "grasp"), rows.size("occluded", "rgb")) == (5, 3)

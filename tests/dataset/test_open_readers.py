@@ -19,7 +19,6 @@ from pipeline.engine.plan import Request
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.reshard import reshard
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -33,7 +32,7 @@ AGAIN = "it was replaced since it was opened: open the dataset again, or run the
 @pytest.fixture(scope="module")
 def original(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("balls")
-    ball_dataset.make_data(folder, 4)
+    ball_dataset.make_data(folder, 4, shards=2)
     for name in ("vision", "charts", "distances"):
         shutil.rmtree(folder / name)
     return folder
@@ -44,14 +43,8 @@ def data(original, tmp_path) -> Path:
     return Path(shutil.copytree(original, tmp_path / "data"))
 
 
-def split_otherwise(data: Path) -> None:
-    shards = DataDirectory(data).shards() or 1
-    list(reshard(DataDirectory(data), shards + 1))
-    collect_everything(DataDirectory(data), older_than=-1)
-
-
-def make_again(data: Path) -> None:
-    """Run the stages with another seed in one shard; the rows stay equal, so that all artifacts match."""
+def replace(data: Path) -> None:
+    """Run the stages with another seed; the rows stay equal, so that all artifacts match."""
     for stage in (stage for stage in ball_dataset.stages() if stage.output in (SURFACES, GRASPS, TOUCH)):
         wanted: Any = Request(
             stage=stage, settings=Settings(), manifest="balls", objects=ball_dataset.objects(4), preset="draft", seed=1, data=data
@@ -60,11 +53,7 @@ def make_again(data: Path) -> None:
     collect_everything(DataDirectory(data), older_than=-1)
 
 
-replaced = pytest.mark.parametrize("replace", [split_otherwise, make_again])
-
-
-@replaced
-def test_reading_rows_of_a_replaced_group_names_object_file_and_remedy(data, replace: Callable[[Path], None]):
+def test_reading_rows_of_a_replaced_group_names_object_file_and_remedy(data):
     rows, dataset = ObjectRows(data, ARRAYS, None, cache_megabytes=0), GraspDataset(data, ARRAYS, None)
     first = dataset[0]
     for name in ARRAYS:
@@ -74,7 +63,7 @@ def test_reading_rows_of_a_replaced_group_names_object_file_and_remedy(data, rep
         with pytest.raises(StoreError, match=AGAIN) as error:
             rows.read(name, "b", 1)
         assert str(DataDirectory(data).root) in str(error.value)
-    with pytest.raises(StoreError, match=rf"touch/0000-of-0001-\w+\.zarr: depth of b .*chunk is missing: 'depth/c/.*{AGAIN}"):
+    with pytest.raises(StoreError, match=rf"touch/000.-of-0002-\w+\.zarr: depth of b .*chunk is missing: 'depth/c/.*{AGAIN}"):
         rows.read("depth", "b", 1)
     with pytest.raises(StoreError, match=AGAIN):
         dataset[len(dataset) - 1]
@@ -83,8 +72,7 @@ def test_reading_rows_of_a_replaced_group_names_object_file_and_remedy(data, rep
     assert (reopened[len(reopened) - 1]["depth"] > 0).all()
 
 
-@replaced
-def test_reading_a_mesh_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None]):
+def test_reading_a_mesh_of_a_replaced_group_is_an_error(data):
     view = DataDirectory(data).collection(SURFACES).view("b")
     vertices = view["meshes/vertices"]
     assert vertices.any()
@@ -95,10 +83,7 @@ def test_reading_a_mesh_of_a_replaced_group_is_an_error(data, replace: Callable[
             view[name]
 
 
-@pytest.mark.parametrize(("replace", "shards"), [(make_again, 1), (split_otherwise, 2)])
-def test_loading_an_open_xarray_of_a_replaced_group_is_an_error(data, replace: Callable[[Path], None], shards: int):
-    if shards > 1:
-        list(reshard(DataDirectory(data), shards))
+def test_loading_an_open_xarray_of_a_replaced_group_is_an_error(data):
     touch = open_artifact(data, "touch")
     assert float(touch.depth.sel(object="a").min()) > 0
     replace(data)
@@ -120,11 +105,8 @@ def damage(path: Path) -> None:
     path.write_bytes(content)
 
 
-@pytest.mark.parametrize("shards", [1, 2])
 @pytest.mark.parametrize(("harm", "reason"), [(damage, "cannot be read"), (Path.unlink, "the chunk is missing: 'depth/c/0/0/0/0/0'")])
-def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Callable[[Path], None], reason: str, shards: int):
-    if shards > 1:
-        list(reshard(DataDirectory(data), shards))
+def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Callable[[Path], None], reason: str):
     touch, group = open_artifact(data, "touch"), DataDirectory(data).collection(TOUCH).shard("b").path
     (chunk,) = (path for path in (group / "depth" / "c").rglob("*") if path.is_file())
     harm(chunk)
@@ -133,10 +115,7 @@ def test_a_damaged_or_missing_chunk_is_named_when_xarray_reads_it(data, harm: Ca
     assert touch.tactile_image.any(), "what is sound is read"
 
 
-@pytest.mark.parametrize("shards", [1, 2])
-def test_xarray_selections_equal_the_rows(data, shards: int):
-    if shards > 1:
-        list(reshard(DataDirectory(data), shards))
+def test_xarray_selections_equal_the_rows(data):
     touch, rows = pickle.loads(pickle.dumps(open_artifact(data, "touch"))), ObjectRows(data, ["depth"], None)
     whole = np.stack([rows.read("depth", name) for name in "abcd"])
     np.testing.assert_array_equal(touch.depth[[3, 0], ::-2, [2, 1]], whole[[3, 0]][:, ::-2][:, :, [2, 1]])

@@ -11,16 +11,14 @@ from uuid import uuid4
 
 import pytest
 
-from pipeline.engine.dask_executor import Dask
-from pipeline.engine.run import run as run_plan
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
 from pipeline.store.directory import DataDirectory
 from pipeline.store.local_copy import local_copy
-from pipeline.store.reshard import reshard
 from pipeline.store.row_files import Result, RowFiles
-from pipeline.store.storage import Place, files_below, place, read_bytes, remove
+from pipeline.store.storage import Location, as_location, files_below, read_bytes, remove
 from pipeline.store.validate import problems_below
 from pipeline.store.write import write_group
 from pipeline.tables.status import read_account
@@ -38,10 +36,10 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture
-def data(server, monkeypatch, tmp_path) -> Place:
+def data(server, monkeypatch, tmp_path) -> Location:
     """Return a fresh prefix in the bucket."""
     use(monkeypatch, server, tmp_path / "cache")
-    return place(f"s3://{BUCKET}/{uuid4().hex}")
+    return as_location(f"s3://{BUCKET}/{uuid4().hex}")
 
 
 @pytest.fixture
@@ -53,18 +51,18 @@ def faults(data, server, monkeypatch, tmp_path) -> Iterator[Proxy]:
         yield running_proxy
 
 
-def run_all_stages(data: Place, **changes) -> None:
+def run_all_stages(data: Location, **changes) -> None:
     for stage in (MakeNoise(), TakeMean(), Average()):
         run(request(data, stage, **changes))
 
 
-def digests(data: Place) -> tuple[object, ...]:
+def digests(data: Location) -> tuple[object, ...]:
     return digest(data), digest(data, MEAN), DataDirectory(data).folder("models/average").files
 
 
 def test_digests_equal_those_on_a_disk(data, tmp_path):
     run_all_stages(tmp_path / "disk")
-    run(request(data, executor=Dask(2), shards=3))
+    run(request(data, executor=WorkerProcesses(2), shards=3))
     run_all_stages(data)
     assert digests(data) == digests(tmp_path / "disk")
     assert not any(problems_below(data).values())
@@ -72,14 +70,6 @@ def test_digests_equal_those_on_a_disk(data, tmp_path):
     run_all_stages(data)
     assert files_below(data) == before, "a second run writes nothing"
     assert not [name for name in before if name.startswith(".work")]
-
-
-def test_reshard_keeps_digests_and_leaves_nothing_to_compute(data):
-    run_all_stages(data)
-    before = digests(data)
-    assert all(files_below(group) for group in reshard(DataDirectory(data), 3))
-    assert digests(data) == before
-    assert [run(request(data, stage)) for stage in (MakeNoise(), TakeMean(), Average())] == [0, 0, 0]
 
 
 def test_damaged_or_missing_chunk_is_detected_and_made_again(data):
@@ -107,9 +97,9 @@ def test_unfinished_run_is_continued_on_another_machine(data, tmp_path):
 def test_unfinished_folder_is_continued_on_another_machine(data, tmp_path):
     run(request(data))
     with pytest.raises(StageError, match="no more"):
-        run_plan(plan_of(request(data, Average(dies=True))), CONSOLE)
+        plan_of(request(data, Average(dies=True))).make(CONSOLE)
     clear(tmp_path / "cache")
-    run_plan(plan_of(request(data, Average())), CONSOLE)
+    plan_of(request(data, Average())).make(CONSOLE)
     assert DataDirectory(data).folder("models/average").facts == {"resumed": True}
     assert not [name for name in files_below(data) if name.startswith(".work")]
 
@@ -213,7 +203,7 @@ def test_open_reader_of_a_collected_group_gets_a_clear_error(data):
     shard = published(data).shard("b")
     assert all(shard.view("b")[name].any() for name in names)
     view = shard.view("b")  # has read nothing yet
-    list(reshard(DataDirectory(data), 2))
+    run(request(data, seed=1))
     garbage.collect_everything(DataDirectory(data), older_than=-1)
     for name in names:
         with pytest.raises(StoreError, match="it was replaced since it was opened: open the dataset again"):
@@ -229,7 +219,7 @@ def test_unreachable_server_gives_an_error_with_a_remedy(data, faults, monkeypat
     plan = plan_of(request(data, settings={"samples": 9}))
     faults.fault = lambda method, path: Answer(503)
     with pytest.raises(StoreError, match=r"s3://.*/noise/0000-of-0001 cannot be written: .*503.*; see that it is reachable"):
-        run_plan(plan, CONSOLE)
+        plan.make(CONSOLE)
     faults.fault = lambda method, path: None
     run(request(data, settings={"samples": 9}))
     assert not any(problems_below(data).values())
@@ -254,5 +244,5 @@ def test_garbage_is_old_and_named_by_no_record(data, monkeypatch):
 
 def test_unsupported_scheme_is_refused():
     with pytest.raises(InvalidInput, match=r"ftp://x/y cannot hold data; give a folder, or s3://BUCKET/PREFIX"):
-        place("ftp://x/y")
-    assert place("data/toy") == Path("data/toy")
+        as_location("ftp://x/y")
+    assert as_location("data/toy") == Path("data/toy")

@@ -7,12 +7,23 @@ from pathlib import Path
 import pytest
 
 from pipeline.dataset.labelled import open_artifact
-from pipeline.engine.run import forecast
+from pipeline.engine.make import make
 from pipeline.errors import StoreError
-from pipeline.store.directory import DataDirectory
-from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
-from tests.engine.tiny_stages import MEAN, Average, MakeNoise, TakeMean, digest, leave_row, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import (
+    CONSOLE,
+    MEAN,
+    Average,
+    MakeNoise,
+    TakeMean,
+    digest,
+    leave_row,
+    objects,
+    plan_of,
+    published,
+    request,
+    run,
+)
 
 STAGES = (MakeNoise(), TakeMean())
 
@@ -47,8 +58,8 @@ def test_incomplete_shard_lists_its_missing_objects(tmp_path):
     (lines,) = [lines for lines in problems_below(tmp_path).values() if lines]
     assert lines == ["4 objects of the manifest not made yet (a, c, d, e); run make-noise without --object"]
     assert json.loads(open_artifact(tmp_path, "noise").attrs["missing"]) == ["a", "c", "d", "e"]
-    (foreseen,) = [foreseen for _, foreseen in forecast(request(tmp_path, only="c"))]
-    assert (foreseen.missing, foreseen.up_to_date) == (1, False)
+    (foreseen,) = make(request(tmp_path, only="c"), CONSOLE, dry_run=True)
+    assert foreseen.text.startswith("would make 1 of 5 objects")
 
 
 def test_stage_without_the_input_of_an_object_is_refused(tmp_path):
@@ -90,18 +101,6 @@ def test_object_removed_from_the_manifest_is_not_missing(tmp_path):
     assert '"missing"' not in record  # so that older versions can read records of complete shards
 
 
-def test_reshard_keeps_the_list_of_missing_objects(tmp_path):
-    for stage in STAGES:
-        run(request(tmp_path, stage=stage, shards=2, only="b"))
-        run(request(tmp_path, stage=stage, only="c"))
-    missing = list(published(tmp_path).missing)
-    assert missing
-    list(reshard(DataDirectory(tmp_path), 1))
-    assert list(published(tmp_path).missing) == missing
-    assert run(request(tmp_path, only="b")) == 0
-    assert run(request(tmp_path)) == 3
-
-
 def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
     mended = tmp_path / "mended"
     items = objects(3, b=f"until {mended}")
@@ -112,13 +111,6 @@ def test_a_failure_is_published_with_its_reason_and_tried_again_alone(tmp_path):
     assert run(request(tmp_path, items=items, only="b", retry=True)) == 1
     assert run(request(tmp_path, stage=TakeMean(), items=items, only="b")) == 1
     assert published(tmp_path, MEAN).failure("b") is None
-
-
-def test_reshard_that_would_forget_missing_objects_is_refused(tmp_path):
-    run(request(tmp_path, only="b"))
-    with pytest.raises(StoreError, match="not made yet; run make-noise without --object first"):
-        list(reshard(DataDirectory(tmp_path), 4))
-    assert len(published(tmp_path).missing) == 4
 
 
 def test_strict_run_of_one_object_ignores_failures_of_others(tmp_path):

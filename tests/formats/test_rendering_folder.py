@@ -1,7 +1,5 @@
 """Each fault of a folder of renderings is named."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Fingers that are built side by side, nearer than the margins of a physics engine and of a search."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -28,13 +28,10 @@ from pipeline.rng import seeded_weights
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.reshard import reshard
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches
-from stages.train_unet.settings import UnetSettings
-from stages.train_unet.stage import TrainUnet
-from stages.train_unet.trade import depth_errors
+from stages.train_unet.stage import TrainUnet, UnetSettings, depth_errors
 from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 
@@ -144,10 +141,15 @@ def test_augmentation_varies_images_and_keeps_depths(touches: Touches) -> None:
 def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     """Make a dataset of 6 objects, the folder of a U-Net trained on it, and its facts."""
     data = tmp_path_factory.mktemp("balls")
-    for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
-        run(Request(Made(name, output), Settings(), manifest="balls", objects=OBJECTS, preset="draft", seed=0, data=data))
+    make_touches(data, "balls")
     facts = make(data, data / "models", SETTINGS)
     return data, facts | {"digest": hashes_of(data / "models")["model.safetensors"]}
+
+
+def make_touches(data: Path, manifest: str) -> None:
+    """Make rows; for another manifest, equal rows in other groups."""
+    for name, output in (("simulate-grasps", GRASPS), ("simulate-touch", TOUCH)):
+        run(Request(Made(name, output), Settings(), manifest, OBJECTS, "draft", 0, data))
 
 
 def make(data: Path, folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
@@ -168,7 +170,7 @@ def test_training_whose_inputs_are_removed_ends_with_an_error_and_resumes(
 
     def read_and_replace(self: UnetLearner, *given: Any) -> Any:
         if next(reads) == 3:
-            list(reshard(DataDirectory(data), 2))
+            make_touches(data, "spheres")
             collect_everything(DataDirectory(data), older_than=-1)
         return read(self, *given)
 

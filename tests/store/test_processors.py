@@ -14,7 +14,6 @@ from pipeline.engine import session
 from pipeline.engine.versions import processor
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import processor_kind
-from pipeline.store.reshard import reshard
 from pipeline.store.validate import problems_below
 from schemas.catalogue import ARTIFACTS
 from tests.engine.tiny_stages import NOISE, digest, published, request, run
@@ -73,15 +72,10 @@ def test_one_kind_is_not_marked(tmp_path: Path) -> None:
     assert strict_problems(tmp_path) == []
 
 
-def test_digests_do_not_depend_on_the_processor_and_rows_keep_it_through_reshard(
-    mixed_data: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_digests_do_not_depend_on_the_processor_and_reused_rows_keep_it(mixed_data: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     other = tmp_path_factory.mktemp("alone")
     run(request(other))
     assert digest(mixed_data) == digest(other)
-    for _ in reshard(DataDirectory(mixed_data), 3):
-        pass
-    assert published(mixed_data).processors() == {HERE: 3, OTHER_KIND: 2}
     assert run(request(mixed_data, count=6)) == 1  # the other rows are packed again with their records
     assert published(mixed_data).processors() == {HERE: 4, OTHER_KIND: 2}
 

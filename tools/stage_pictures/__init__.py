@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.models.families import FAMILIES
 from pipeline.store.directory import DataDirectory
-from pipeline.store.storage import Place, exists
+from pipeline.store.storage import Location, exists
 from schemas.catalogue import ARTIFACTS
 from schemas.renderings import RENDERINGS
 from tools.stage_pictures.data_stages import (
@@ -46,7 +46,7 @@ PICTURES: dict[str, tuple[Callable[[Subject, Path], None], str]] = {
 """The function that draws each stage's picture, and the artifact or model that it needs."""
 
 
-def draw_stages(data: Place, folder: Path, object_id: str | None = None) -> None:
+def draw_stages(data: Location, folder: Path, object_id: str | None = None) -> None:
     """Draw the picture of each stage that a dataset has been through into `folder`, as STAGE.webp: of an object, or of the clearest.
 
     Raises

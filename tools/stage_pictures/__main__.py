@@ -8,8 +8,8 @@ OBJECT is one of the test split; without it, the one whose best grasp hides leas
 import sys
 from pathlib import Path
 
-from pipeline.store.storage import place
+from pipeline.store.storage import as_location
 from tools.stage_pictures import draw_stages
 
 if __name__ == "__main__":
-    draw_stages(place(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:4])
+    draw_stages(as_location(sys.argv[1]), Path(sys.argv[2]), *sys.argv[3:4])

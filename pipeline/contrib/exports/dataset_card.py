@@ -14,12 +14,14 @@ from rich.markup import escape
 from pipeline.config.manifest import without_controls
 from pipeline.console import Table, errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
+from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
-from pipeline.store.storage import Place
+from pipeline.store.storage import Location
 from pipeline.tables.touch_tables import touch_tables
 from schemas.catalogue import ARTIFACTS, artifact_of
 from schemas.grasps import GRASPS
@@ -99,7 +101,7 @@ class Facts:
         return sum(self.grasps.values())
 
 
-def facts_of(data: Place, frames: GraspFrames) -> Facts:
+def facts_of(data: Location, frames: GraspFrames) -> Facts:
     """Collect the facts for the card of a data directory whose grasps are exported."""
     directory = DataDirectory(data)
     origins = {name: collection.first.record for name in SHOWN if (collection := directory.collection(ARTIFACTS[name])).shards}
@@ -131,12 +133,13 @@ def meaning_of(column: str) -> tuple[str, str]:
     return declared.units, declared.description + (f" Of the sensor on {finger}." if finger else "")
 
 
-def write_card(data: Place, facts: Facts, about: About, folder: Path) -> None:
+def write_card(data: Location, facts: Facts, about: About, folder: Path) -> None:
     """Write README.md, with a picture if images and touches were made and the hand and the scene can be drawn here."""
     drawn = {artifact.name for artifact in DataDirectory(data).artifacts()}.issuperset(SHOWN)
     if drawn:
         try:
-            draw_contact_sheet(data, SHOWN_OBJECTS, folder / PICTURE)
+            source = CompletedObjects(data, SHOWN)
+            draw_contact_sheet(source, spread_evenly(source.object_ids, SHOWN_OBJECTS), folder / PICTURE)
         except PipelineError as error:
             errors.print(f"[yellow]warning:[/] the card has no picture: {escape(str(error))}")
             drawn = False

@@ -1,7 +1,5 @@
 """Opposed points of a box and a ball, where they are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

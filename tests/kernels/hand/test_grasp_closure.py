@@ -1,7 +1,5 @@
 """Contacts and force closure against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
