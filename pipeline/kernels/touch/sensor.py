@@ -10,12 +10,12 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Mask, check_shape
-from pipeline.kernels.touch.optics import Calibration, Lights
+from pipeline.kernels.touch.optics import Calibration, Entry, Lights
 
 MM = 1e3  # millimetres per metre
 MAX_PIXELS_PER_SIDE = 4096  # rows and columns of an image: more than any camera of a sensor has
@@ -24,10 +24,8 @@ Length = Annotated[float, Field(ge=1e-6, le=10)]
 POSE_TOLERANCE = 1e-6  # largest deviation of a pose's axes from orthonormal: the error of float32 arithmetic
 
 
-class Surface(BaseModel):
+class Surface(Entry):
     """The shape of a gel that is not flat: a bulge of some radius, or a map of heights."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     radius: Annotated[Length | None, Field(description="of a sphere or cylinder whose highest point, in the middle, is w, m")] = None
     along: Annotated[
@@ -53,20 +51,18 @@ class Surface(BaseModel):
         return self
 
 
-class Gel(BaseModel):
+class Gel(Entry):
     """An elastic gel: a layer of rubber, bonded to a rigid plate."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     modulus: Annotated[float, Field(gt=0, le=1e12, description="Young's modulus, Pa; a gel's is some 1e5")]
     poisson: Annotated[float, Field(ge=0, le=0.5, description="Poisson's ratio; rubber's is nearly 0.5")] = 0.48
     thickness: Annotated[Length | None, Field(description="of the elastic layer, m; by default w")] = None
 
 
-class Sensor(BaseModel):
+class Sensor(Entry):
     """A gel on a rectangular sensor plane, seen by a camera below it."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, serialize_by_alias=True)
+    model_config = ConfigDict(serialize_by_alias=True)
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$", max_length=120, description="recorded in datasets")]
     width: Annotated[Length, Field(description="side of the sensor plane along +x, m")]
