@@ -106,18 +106,16 @@ class Sensor(Entry):
                 raise ValueError(f"a gel of radius {radius} m and thickness w {self.w} m ends before its rim, {reach:.4g} m away")
         heights = self.surface.heights if self.surface is not None else None
         if self.range < (top := max(self.w, *(max(row) for row in heights or [[0.0]]))):
-            raise ValueError(
-                f"range {self.range} m ends inside the gel, which is {top} m high: nothing that presses into it would be found"
-            )
+            raise ValueError(f"range {self.range} m ends inside the gel, which is {top} m high; make it larger")
         return self
 
     def _check_calibration(self, calibrated: Calibration) -> None:
         if self.diffuse != 1:
             raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
         if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # such as mm
+            rim = f"{self.width / 2:g} m and {self.height / 2:g} m from its middle"
             raise ValueError(
-                f"calibrated.within {list(calibrated.within)} lies far beyond the gel, whose rim is {self.width / 2:g} m and "
-                f"{self.height / 2:g} m from its middle; state it in metres from there"
+                f"calibrated.within {list(calibrated.within)} lies far beyond the gel's rim, {rim}; state it in metres from there"
             )
 
     def __repr__(self) -> str:
