@@ -104,8 +104,8 @@ def sample_exterior(
     drawn = 0
     while len(points) < count:
         if drawn >= MAX_DRAWS * count:
-            share = f"{len(points)} of {drawn} points on the surface are exterior"
-            raise InvalidInput(f"{share}, too few to draw {count}; does the mesh enclose its surface?")
+            fault = f"{len(points)} of {drawn} points on the surface are exterior"
+            raise InvalidInput(f"{fault}, too few to draw {count}; does the mesh enclose its surface?")
         share = len(points) / drawn if len(points) else 1.0
         size = int(min(max((count - len(points)) / share * 1.05, 256), 4 * count))
         candidates, face = sample_triangles(triangles, size, rng)

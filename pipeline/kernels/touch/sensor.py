@@ -113,10 +113,8 @@ class Sensor(Entry):
         if self.diffuse != 1:
             raise ValueError(f"diffuse {self.diffuse} belongs to lights (equation 2); leave it out of a calibrated sensor")
         if calibrated.within is not None and (np.abs(calibrated.within) > np.array([self.width, self.height] * 2)).any():  # such as mm
-            rim = f"{self.width / 2:g} m and {self.height / 2:g} m from its middle"
-            raise ValueError(
-                f"calibrated.within {list(calibrated.within)} lies far beyond the gel's rim, {rim}; state it in metres from there"
-            )
+            beyond = f"the gel, whose rim is {self.width / 2:g} m and {self.height / 2:g} m from its middle"
+            raise ValueError(f"calibrated.within {list(calibrated.within)} lies far beyond {beyond}; state it in metres from there")
 
     def __repr__(self) -> str:
         return f"Sensor({self.name}, {self.shape} pixels, {1e3 * self.width:.3g} mm wide)"
