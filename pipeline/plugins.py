@@ -1,6 +1,8 @@
-"""Extensions from other installed packages: sensors, hands, stages and schemas, found by entry points in their metadata.
+"""Extensions, of `pipeline.contrib` and of other packages: stages, schemas, hands, sensors, sources, commands and exports.
 
-Listing reads metadata alone. A package's code is imported when its stage or schema is used.
+They are found by entry points in the metadata of installed packages.
+
+Listing reads metadata alone. A package's code is imported when its extension is used.
 """
 
 import traceback
@@ -10,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import InvalidInput, PipelineError
+from pipeline.errors import InvalidInput, PipelineError, unknown_name
 
 
 @cache
@@ -34,6 +36,18 @@ def load(entry: EntryPoint, error_type: type[PipelineError]) -> Any:
             f"{entry.name} of package {package_of(entry)}: {entry.value} cannot be imported: {type(error).__name__}: {error} "
             f"({frame.filename}, line {frame.lineno}); fix it, or `pip uninstall {package_of(entry)}`"
         ) from error
+
+
+def named(group: str, name: str, kind: type) -> Any:
+    """Import the subclass of `kind` that a package declares under a name in `vt_pipeline.GROUP`."""
+    entries = {entry.name: entry for entry in declared(group)}
+    if name not in entries:
+        raise InvalidInput(f"{unknown_name(group.removesuffix('s'), name, entries)}; install the package that brings it")
+    check_unique(group.removesuffix("s"), name, [package_of(entry) for entry in declared(group) if entry.name == name])
+    loaded = load(entries[name], InvalidInput)
+    if not (isinstance(loaded, type) and issubclass(loaded, kind)):
+        raise InvalidInput(f"{entries[name].value} of package {package_of(entries[name])} is no {kind.__name__}")
+    return loaded
 
 
 def check_unique(kind: str, name: str, packages: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Servers of object storage for tests: moto in this process, SeaweedFS as a separate process, and a proxy that answers with faults."""
+"""Object storage for tests: moto's server in this process, and a proxy that answers with faults."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ import os
 import shutil
 import socket
 import struct
-import subprocess
-import sys
 import threading
 import time
-import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -41,55 +38,12 @@ def moto_server() -> Iterator[str]:
     server.stop()
 
 
-class SeaweedServer:
-    """SeaweedFS's S3 on one machine; `kill` keeps the stored objects."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.ports = [_free_port() for _ in range(4)]
-        self.address = f"http://127.0.0.1:{self.ports[3]}"
-        self.process: subprocess.Popen[bytes] | None = None
-
-    def start(self) -> None:
-        """Start the server and wait until it answers."""
-        master, volume, filer, s3 = self.ports
-        (self.folder / "stored").mkdir(parents=True, exist_ok=True)
-        ports = [f"-master.port={master}", f"-volume.port={volume}", f"-filer.port={filer}", f"-s3.port={s3}"]
-        ports += [f"-{name}.port.grpc={_free_port()}" for name in ("master", "volume", "filer", "s3")]
-        command = [Path(sys.executable).parent / "weed", "server", f"-dir={self.folder}/stored", "-s3", "-ip=127.0.0.1", *ports]
-        with (self.folder / "log").open("ab") as log:
-            self.process = subprocess.Popen([*command, "-master.volumeSizeLimitMB=64", "-volume.max=0"], stdout=log, stderr=log)
-        wait_until(lambda: _answers(self.address) and _answers(f"http://127.0.0.1:{master}/dir/assign"))
-
-    def kill(self) -> None:
-        """Kill the server as if its machine were lost."""
-        assert self.process is not None
-        self.process.kill()
-        self.process.wait()
-
-
 def wait_until(happens: Callable[[], bool]) -> None:
     """Wait until a condition holds; raise AssertionError after a minute."""
     deadline = time.monotonic() + SECONDS
     while not happens():
         assert time.monotonic() < deadline
         time.sleep(0.1)
-
-
-def _answers(url: str) -> bool:
-    try:
-        urllib.request.urlopen(url, timeout=5).close()
-    except urllib.error.HTTPError as error:
-        return error.code < 500 and error.code != 404
-    except OSError:
-        return False
-    return True
-
-
-def _free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 def make_bucket(address: str) -> None:

@@ -15,12 +15,13 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import make_executor, make_request
+from pipeline.cli.request import make_executor
 from pipeline.config.settings import value_text
-from pipeline.engine.stage import names_read
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
-from stages.registry import STAGES, load_settings_type, load_stage
+from stages.registry import STAGES, load_stage
+from stages.request import make_request
+from stages.sample_surfaces import SurfaceSettings
 
 RUN = ["run", "sample-surfaces"]
 
@@ -43,12 +44,12 @@ def test_stages_lists_every_setting_with_its_reason():
 def test_stages_shows_folders_that_are_read_and_defaults_as_set_takes_them():
     output = invoke("stages")[1]
     assert "reads touch, grasps, models/unet; writes charts" in output
-    reads = names_read(load_stage("evaluate"), load_settings_type("evaluate")())
+    reads = load_stage("evaluate").reads(load_stage("evaluate").settings_type())
     assert [name for name in reads if name.startswith("models/")]
     assert f"reads {', '.join(reads)}; writes evaluation" in output
     for word in ("False", "None", "(", "'"):
-        assert all(word not in value_text(info.default) for name in STAGES for info in load_settings_type(name).model_fields.values())
-    assert f"configurations {value_text(load_settings_type('evaluate').model_fields['configurations'].default)} " in output
+        assert all(word not in value_text(info.default) for name in STAGES for info in load_stage(name).settings_type.model_fields.values())
+    assert f"configurations {value_text(load_stage('evaluate').settings_type.model_fields['configurations'].default)} " in output
 
 
 def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
@@ -139,8 +140,8 @@ def test_error_names_the_value_and_the_remedy(arguments, message):
     ("raised", "message"),
     [
         (OSError("no room"), "error: no room"),
-        (TimeoutError(), "error: TimeoutError; run the same command again"),
-        (KeyboardInterrupt(), "error: interrupted; run the same command again"),
+        (TimeoutError(), "error: TimeoutError; run the same command again, what is finished is kept"),
+        (KeyboardInterrupt(), "error: interrupted; run the same command again, what is finished is kept"),
         (KeyError("x"), "this is a bug"),
     ],
 )
@@ -239,8 +240,8 @@ def test_one_object_with_other_settings_is_not_published_and_names_the_remedy(tm
     assert invoke(*command, "points=100")[0] == 0
     code, output = invoke(*command, "points=90", "--object", "a")
     assert code == 0
-    assert "not published, because the others are damaged, have left the manifest, or were made with other settings" in output
-    assert "to look at a alone, run each stage from sample-surfaces with another --data" in output
+    assert "not published, because other rows are damaged, have left the manifest, or were made with other settings" in output
+    assert "to look at a alone, run each stage from the first with another --data" in output
 
 
 def test_folders_of_meshes_have_separate_data_directories(tmp_path):
@@ -249,8 +250,7 @@ def test_folders_of_meshes_have_separate_data_directories(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         trimesh.creation.box().export(folder / "one.ply")
-        stage = load_stage("sample-surfaces")
-        places.append(make_request(stage, "directory", "draft", data=None, objects=folder, assignments=[], seed=None).data)
+        places.append(make_request("sample-surfaces", "directory", objects=folder).data)
     assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
     dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
     assert f"--data '{places[0]}'" in dry.stdout
@@ -325,7 +325,10 @@ def test_version_equals_the_package_version() -> None:
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
         ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
-        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in load_settings_type("sample-surfaces").model_fields]),
+        (
+            "run sample-surfaces --set sample-s",
+            [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields],
+        ),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
         ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),

@@ -5,20 +5,22 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
 import yaml
 
+from checks.documents import run_commands
 from pipeline.cli import app
-from stages.registry import STAGES, load_settings_type
-from tests.examples import run_commands
+from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ROOTS = ("", "pipeline", "docs", "stages")
 """Folders that paths in documents are below."""
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+GROUP: Any = typer.main.get_command(app)
+COMMANDS = {name: GROUP.get_command(None, name) for name in GROUP.list_commands(None)}
 MADE = ("docs/overview.png", "stages/measure_contact", "tests/stages/measure_contact", "explanations/measure_contact", "schemas/contact")
 MADE += ("stages/train_ball", "networks/ball_network", "models/ball_reconstruction")
 PLACEHOLDER = re.compile(r"[A-Z]{3,}|…|~|^data/|^(my_|\.work|touch/0000|out\.|poses|seen|contact-sheet|learning-curves|reconstructions)")
@@ -74,7 +76,7 @@ def test_targets_of_make_and_settings_in_documents_exist(page):
         assert {word for word in words if re.fullmatch("[a-z][a-z-]*", word)} <= targets, line
         assert {word.partition("=")[0] for word in words if "=" in word} <= variables, line
     for stage, setting in re.findall(rf"\b({'|'.join(STAGES)})\.([a-z_]+)", shell):
-        assert setting in load_settings_type(stage).model_fields, f"{stage}.{setting}"
+        assert setting in load_stage(stage).settings_type.model_fields, f"{stage}.{setting}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -8,10 +8,10 @@ import time
 
 import pytest
 
+from checks.forked import run
 from pipeline.cli import app
-from tests.forked import run
 
-STOPPED = "error: interrupted; run the same command again\n"
+STOPPED = "error: interrupted; run the same command again, what is finished is kept\n"
 
 SWALLOWED = {
     "by a library": """

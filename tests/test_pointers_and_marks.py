@@ -1,7 +1,5 @@
 """Git LFS pointers are named, and byte-order marks skipped, in every kind of file that is read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +9,8 @@ import trimesh
 from PIL import Image
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object, fingerprint, identity
+from pipeline.config.objects import Object, fingerprint
+from pipeline.config.sources import identity
 from pipeline.contrib.calibration.ball_photographs import CIRCLES, _read_circles
 from pipeline.errors import PipelineError
 from pipeline.formats.file_content import MESH_SUFFIXES
@@ -26,8 +25,7 @@ from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.recipes.recipe import read_recipe
 from pipeline.reconstruct.observation_file import read_entries
 from pipeline.store.storage import read_bytes
-from stages.sample_surfaces.settings import SurfaceSettings
-from stages.sample_surfaces.stage import SampleSurfaces
+from stages.sample_surfaces import SampleSurfaces, SurfaceSettings
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "5" + "\nsize 70000\n"
 BOX = trimesh.creation.box()

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tests.processors import environment
+from checks.processors import environment
 
 OBJECTS = [
     {"kind": "procedural", "licence": "MIT", "seed": 0, "count": {"knife": 1}},

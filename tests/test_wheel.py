@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.systems import wheel
+from tests import wheel_commands
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("vt_pipeline", "pipeline", "stages", "schemas", "data_manifests")
@@ -19,7 +19,7 @@ PACKAGES = ("vt_pipeline", "pipeline", "stages", "schemas", "data_manifests")
 RUN = """
 import sys
 from pathlib import Path
-from tools_systems_wheel import COMMANDS, LATER, LIBRARY
+from wheel_commands import COMMANDS, LATER, LIBRARY
 
 import pipeline.__main__
 assert Path(pipeline.__file__).is_relative_to(sys.argv[1]), pipeline.__file__
@@ -41,7 +41,7 @@ run(LATER)
 
 @pytest.fixture(scope="module")
 def unpacked(tmp_path_factory):
-    """Build the wheel and unpack it; `make test-systems` has pip install it into an empty environment."""
+    """Build the wheel and unpack it."""
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder / "built"]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
@@ -66,8 +66,8 @@ def test_wheel_holds_every_file_of_the_packages(unpacked):
 
 @pytest.mark.slow
 def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp_path):
-    (tmp_path / "two-meshes.yaml").write_text(wheel.MANIFEST)
-    (tmp_path / "tools_systems_wheel.py").write_text(Path(wheel.__file__).read_text())
+    (tmp_path / "two-meshes.yaml").write_text(wheel_commands.MANIFEST)
+    (tmp_path / "wheel_commands.py").write_text(Path(wheel_commands.__file__).read_text())
     paths = [unpacked, sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "OMP_NUM_THREADS": "1"}
     run = [sys.executable, "-S", "-c", RUN, unpacked]  # -S: no .pth file adds the clone
@@ -75,5 +75,5 @@ def test_commands_and_library_run_from_the_wheel_without_the_clone(unpacked, tmp
     assert completed.returncode == 0, completed.stdout + completed.stderr
     assert str(unpacked / "vt_pipeline") in completed.stdout
     assert "read by the network that ships for gelsight_mini" in completed.stdout
-    for name in wheel.WRITTEN:
+    for name in wheel_commands.WRITTEN:
         assert (tmp_path / name).stat().st_size > 0

@@ -1,7 +1,7 @@
 # Tests on other systems, and measurements: targets for contributors. Included by the Makefile.
 
 .PHONY: test-cpus test-extremes test-slow test-report test-exports test-docs test-slurm test-storage test-sensors test-hands site faults findings fuzz bench bench-grasps bench-peers bench-touch \
-        tradeoff test-systems weights sensor-weights
+        tradeoff weights sensor-weights
 
 PEERS_PYTHON := .venv-peers/bin/python
 installed-browser installed-exports installed-peers: installed-dev
@@ -23,22 +23,19 @@ sensor-weights: $$(if $$(REAL),installed-peers,setup)  ## train the networks tha
 
 test-cpus: lint  ## run the tests as on older processors: without AVX-512, and without AVX2 and FMA
 	@for name in haswell prescott; do \
-	    echo "as on $$name"; $(BIN)/python -m tests.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
+	    echo "as on $$name"; $(BIN)/python -m checks.processors $$name $(BIN)/pytest -n auto --dist loadfile -m 'not slow' || exit 1; done
 
 test-slow: lint  ## run the same tests at full size
 	@$(BIN)/pytest -n auto --dist loadfile --hypothesis-profile thorough
 
-test-systems: setup  ## install and run on Debian 12 and 13, Python 3.12, and as a wheel, from nothing; as root, with debootstrap (an hour)
-	@$(BIN)/python -m tools.systems --write docs/guide/installing.md
-
 test-extremes: installed-dev  ## feed kernels with the extremes of their ranges, against exact arithmetic; writes docs/extremes.md (5 minutes)
-	@$(BIN)/python -m tests.extremes --write docs/extremes.md
+	@$(BIN)/python -m checks.extremes --write docs/extremes.md
 
 test-report: installed-browser  ## click through a report in headless Chromium, with an accessibility checker; as root (4 minutes on 2 cores)
-	@$(BIN)/pytest -n 0 tests/browser/report_in_browser.py
+	@$(BIN)/pytest -n 0 checks/browser/report_in_browser.py
 
-test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant, WebDataset and Rerun, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
-	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 tests/contrib/exports/read_back.py tests/contrib/exports/other_readers.py
+test-exports: installed-exports  ## read exports with LeRobot, Hugging Face, Croissant and WebDataset, the store with tensorstore, zarrs, zarrita and xarray (5 minutes on 2 cores)
+	@HF_HUB_OFFLINE=1 .venv-exports/bin/python -m pytest -n 0 checks/exports/read_back.py checks/exports/other_readers.py
 
 findings:  ## show what surprised us in other software, each in an environment of its own: findings/README.md (5 minutes)
 	@changed=0; for script in findings/*.sh; do \
@@ -48,14 +45,14 @@ site: installed-docs  ## build the documentation as pages: site/index.html
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir site && echo "site/index.html"
 
 test-docs: installed-dev site  ## check the pages' links, run the documents' commands and the notebook (half an hour on 2 cores)
-	@$(BIN)/pytest -n 0 tests/examples/run_commands.py
-	@$(BIN)/python -m tests.examples.run_notebook examples/first_steps.ipynb
+	@$(BIN)/pytest -n 0 checks/documents/run_commands.py
+	@$(BIN)/python -m checks.documents.run_notebook examples/first_steps.ipynb
 
 test-slurm: installed-dev installed-slurm  ## install Slurm, start one of one node, and run all stages on it; as root (under 10 minutes on 2 cores)
-	@$(BIN)/pytest -n 0 tests/slurm/real_slurm.py
+	@$(BIN)/pytest -n 0 checks/slurm/real_slurm.py
 
 test-storage: installed-dev  ## run all stages with their data on two servers of object storage, one killed again and again (4 minutes on 2 cores)
-	@$(BIN)/pytest -n 0 -m slow tests/test_object_storage.py
+	@$(BIN)/pytest -n 0 checks/storage.py
 
 test-sensors: installed-peers  ## test the shipped sensors on real photographs, beside Taxim; with REAL=FOLDER writes docs/sensors.md (3 minutes)
 	@OMP_NUM_THREADS=1 $(PEERS_PYTHON) -m benchmarks.real_sensors --write docs/sensors.md $(if $(REAL),--real $(call quoted,$(REAL)))
@@ -65,10 +62,10 @@ test-hands: installed-hands  ## grasp MANIFEST's objects with the hands of other
 	    --site-packages "$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"
 
 faults: installed-dev  ## inject 600 faults (kills, full disks, damage …) and compare digests; writes docs/faults.md (an hour on 2 cores)
-	@$(BIN)/python -m tests.faults --write docs/faults.md
+	@$(BIN)/python -m checks.faults --write docs/faults.md
 
 fuzz: installed-dev  ## feed a million invalid files to all file readers (half an hour)
-	@$(BIN)/python -m tests.fuzz
+	@$(BIN)/python -m checks.fuzz
 
 bench: installed-dev simulate-touch.0  ## measure every stage beside its raw limit, in one run
 	@$(BIN)/python -m benchmarks surfaces grasps vision depth presses chamfer unet charts gcn --data $(call quoted,$(DATA))

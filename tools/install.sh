@@ -174,9 +174,9 @@ dev | docs | browser) # groups of packages that pyproject.toml names
     install "$venv" -c constraints.txt -e ".[$what]"
     ;;
 exports) # LeRobot pins an older torch, but reads datasets with ours
-    stop_if_fresh .venv-exports installed "$venv/installed-dev" tests/contrib/exports/requirements.txt
+    stop_if_fresh .venv-exports installed "$venv/installed-dev" checks/exports/requirements.txt
     create_beside .venv-exports
-    install .venv-exports -c constraints.txt -r tests/contrib/exports/requirements.txt
+    install .venv-exports -c constraints.txt -r checks/exports/requirements.txt
     install .venv-exports --no-deps lerobot==0.4.4 accelerate==1.15.0
     command -v npm >/dev/null || packages npm
     npm install --silent --no-audit --no-fund --prefix .venv-exports zarrita@0.7.5

@@ -1,4 +1,6 @@
-"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations.
+
+`make docs` writes those of `PAGES`; those of `SITE_PAGES` are written when the site is built.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -13,11 +15,11 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
-from pipeline.config.manifest import Manifest
+from pipeline import plugins
+from pipeline.config.manifest import MESH_SOURCES, Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
-from pipeline.engine.stage import names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
@@ -98,7 +100,7 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     defaults = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in names_read(stage, defaults))
+    reads = ", ".join(f"`{name}`" for name in stage.reads(defaults))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
     yield f"{stage.summary} With the default settings it reads {reads or 'mesh files'} and writes `{stage.writes(defaults)}`.\n"
@@ -162,7 +164,10 @@ def observation_entries() -> str:
 def manifest_entries() -> str:
     """Describe every entry of a manifest; entries that several kinds of sources share are described once."""
     schema = Manifest.model_json_schema()
-    models, source, meshes = schema["$defs"], Source.model_json_schema(), MeshSource.model_json_schema()
+    models, source, meshes = dict(schema.get("$defs", {})), Source.model_json_schema(), MeshSource.model_json_schema()
+    for kind in (*MESH_SOURCES.values(), plugins.named("sources", "procedural", Source)):
+        described = kind.model_json_schema()
+        models |= {kind.__name__: described, **described.get("$defs", {})}
     parts = [
         _entries("A manifest", schema),
         _entries(TITLES["Splits"], models["Splits"]),
@@ -230,7 +235,7 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     if "prefixItems" in entry:
         count, inner = len(entry["prefixItems"]), _schema_type(entry["prefixItems"][0])
         return f"{count} × {inner}" if inner.endswith("s") else f"{count} {inner}s"
-    if "oneOf" in entry:
+    if not entry:  # of any kind
         return "sources"
     if "additionalProperties" in entry:
         names = " or ".join(f"`{name}`" for name in entry.get("propertyNames", {}).get("enum", ()))
@@ -240,9 +245,8 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     return "path" if entry.get("format") == "path" else {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
 
 
+SITE_PAGES = {"data-format.md": data_format, "settings.md": settings}
 PAGES = {
-    "data-format.md": data_format,
-    "settings.md": settings,
     "manifest.md": manifest_entries,
     "hand-and-sensor.md": hand_and_sensor_entries,
     "guide/own-photographs.md": observation_entries,

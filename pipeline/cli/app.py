@@ -1,32 +1,59 @@
-"""Every command of `vt-pipeline`, by the panels in which help lists them."""
+"""Every command of `vt-pipeline`, by the panels in which help lists them; the module of a command is imported when it is used."""
 
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
-from pipeline.cli import advise, calibrate, check, export, inspection, learn, read, recipe, run, submit, tradeoff
-from pipeline.cli.failures import CONTINUE_HINT, REPEAT_HINT, report_failures
+from pipeline import plugins
+from pipeline.cli.failures import report_failures
+from pipeline.errors import PipelineError
 
-PANELS: dict[str, tuple[Callable[..., None], ...]] = {
-    "Make": (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, advise.advise),
-    "Learn": (learn.sweep, learn.report, learn.predict, learn.demo, learn.score, read.read_touch),
-    "Describe": (check.check, calibrate.calibrate_sensor, inspection.stages),
-    "Look and export": (inspection.status, inspection.summary, export.view, export.export, recipe.recipe),
-    "Maintain": (inspection.validate, inspection.collect_garbage, inspection.doctor),
+PANELS = {
+    "Make": {"run": "run", "submit": "submit", "remake": "recipe", "tradeoff": "tradeoff", "advise": "advise"},
+    "Learn": {"sweep": "learn", "predict": "learn", "demo": "learn", "score": "learn", "read-touch": "read"},
+    "Describe": {"check": "check", "stages": "inspection"},
+    "Look and export": {"status": "inspection", "summary": "inspection", "export": "export", "recipe": "recipe"},
+    "Maintain": {"validate": "inspection", "collect-garbage": "inspection", "doctor": "inspection"},
 }
+"""The commands of each panel, with the module of `pipeline.cli` that has the function of this name."""
 
-CONTINUED = (run.run, submit.submit, recipe.remake, tradeoff.tradeoff, learn.sweep, learn.report, export.export)
-"""Commands that keep what they made when they are stopped, and continue from there."""
+EXTENSIONS = "Extensions"
+"""The panel of commands that packages declare as `vt_pipeline.commands`, with a function each."""
 
-app = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_show_locals=False,
-)
-for panel, commands in PANELS.items():
-    for command in commands:
-        app.command(rich_help_panel=panel)(report_failures(CONTINUE_HINT if command in CONTINUED else REPEAT_HINT)(command))
+
+class Commands(TyperGroup):
+    """The commands of `PANELS`, then those of packages."""
+
+    def list_commands(self, context: Any) -> list[str]:
+        """List the names of all commands."""
+        ours = [name for commands in PANELS.values() for name in commands]
+        return ours + [entry.name for entry in plugins.declared("commands") if entry.name not in ours]
+
+    def get_command(self, context: Any, name: str) -> TyperCommand | None:
+        """Import a command."""
+        for panel, commands in PANELS.items():
+            if name in commands:
+                function = getattr(import_module(f"pipeline.cli.{commands[name]}"), name.replace("-", "_"))
+                return _command(name, panel, function)
+        for entry in plugins.declared("commands"):
+            if entry.name == name:
+                return _command(name, EXTENSIONS, plugins.load(entry, PipelineError))
+        return None
+
+
+def _command(name: str, panel: str, function: Callable[..., None]) -> TyperCommand:
+    single = typer.Typer(add_completion=False, pretty_exceptions_show_locals=False)
+    single.command(name, rich_help_panel=panel)(report_failures()(function))
+    command = cast(TyperCommand, typer.main.get_command(single))
+    command.name = name
+    return command
+
+
+app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_show_locals=False)
 
 
 def _print_version(requested: bool) -> None:

@@ -18,9 +18,8 @@ from pipeline.console import errors
 from pipeline.errors import PipelineError, first_line
 from pipeline.store.storage import is_machine_fault
 
-CONTINUE_HINT = "what is finished is kept, run the same command to continue"
-REPEAT_HINT = "run the same command again"
-"""What to do after a command was stopped: some commands keep finished results, others start again."""
+AGAIN = "run the same command again, what is finished is kept"
+"""What to do after a command was stopped."""
 
 RAISE_AGAIN_SECONDS = 0.5
 """Seconds after which Ctrl-C is raised again if it was swallowed."""
@@ -37,12 +36,9 @@ def fail(message: object, *, status: int = 1) -> NoReturn:
 
 
 @contextmanager
-def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
-    """End a command with a message for faults that a user can fix, and for Ctrl-C and SIGTERM; decorates every command.
-
-    `then` says what to do after it was stopped: `CONTINUE_HINT` or `REPEAT_HINT`.
-    """
-    with _stoppable(then) as stopped:
+def report_failures() -> Iterator[None]:
+    """End a command with a message for faults that a user can fix, and for Ctrl-C and SIGTERM; decorates every command."""
+    with _stoppable() as stopped:
         try:
             yield
         except (typer.Exit, BrokenPipeError):  # who reads the output has seen enough: click ends without a word
@@ -51,16 +47,15 @@ def report_failures(then: str = CONTINUE_HINT) -> Iterator[None]:
             if stopped:  # a library turned it into another error
                 raise stopped[0] from error
             if isinstance(error, PipelineError | OSError):
-                fail(str(error) or f"{type(error).__name__}; {then}")  # a timeout may say nothing
+                fail(str(error) or f"{type(error).__name__}; {AGAIN}")  # a timeout may say nothing
             if is_machine_fault(error):  # of object storage: its own kind of exception
                 fail(f"object storage: {first_line(error)}; see that its address and credentials are in the environment")
             errors.print(escape(traceback.format_exc().rstrip()))
-            note = ". What is finished is kept" if then == CONTINUE_HINT else ""
-            fail(f"this is a bug in vt-pipeline; please report it with the traceback above{note}")
+            fail("this is a bug in vt-pipeline; please report it with the traceback above. What is finished is kept")
 
 
 @contextmanager
-def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
+def _stoppable() -> Iterator[list[type[KeyboardInterrupt]]]:
     """End a command with a message on Ctrl-C and SIGTERM; yield a list that then holds the exception.
 
     Imports, callbacks of C code and destructors can swallow exceptions, so this one is raised again until it is being handled.
@@ -89,7 +84,7 @@ def _stoppable(then: str) -> Iterator[list[type[KeyboardInterrupt]]]:
         yield stopped
     except KeyboardInterrupt as ended_by:
         ended, number = ("terminated", signal.SIGTERM) if isinstance(ended_by, _Terminated) else ("interrupted", signal.SIGINT)
-        fail(f"{ended}; {str(ended_by) or then}", status=128 + number)
+        fail(f"{ended}; {str(ended_by) or AGAIN}", status=128 + number)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
         sys.unraisablehook = show_unraisable

@@ -9,13 +9,14 @@ from itertools import count, pairwise
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, SerializeAsAny, model_validator
 
+from pipeline import plugins
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
 from pipeline.config.objects import Object as Object
-from pipeline.config.sources import MeshSource, Procedural, Pybullet, Source
+from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
 from pipeline.console import CONTROLS
-from pipeline.errors import InvalidInput
+from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files
 from pipeline.formats.file_content import expanded
 from pipeline.formats.file_units import METRES
@@ -64,6 +65,23 @@ def without_controls(name: str) -> str:
     return name
 
 
+MESH_SOURCES: dict[str, type[Source]] = {"pybullet": Pybullet, "directory": Directory, "catalogue": Catalogue, "shapenet": ShapeNet}
+
+
+def _of_its_kind(entries: object) -> Source:
+    """Check the entries of a source as its kind asks: one of `MESH_SOURCES`, or one that a package declares."""
+    if isinstance(entries, Source):
+        return entries
+    kind = entries.get("kind") if isinstance(entries, dict) else None
+    if kind in MESH_SOURCES:
+        return MESH_SOURCES[kind].model_validate(entries)
+    kinds = [*MESH_SOURCES, *(entry.name for entry in plugins.declared("sources"))]
+    if kind not in kinds:
+        raise ValueError(unknown_name("kind of source", str(kind), kinds) if kind else f"names no kind; write one of {', '.join(kinds)}")
+    source_type: type[Source] = plugins.named("sources", kind, ModelledSource)
+    return source_type.model_validate(entries)
+
+
 class Manifest(BaseModel):
     """A dataset's objects, as its YAML file states them."""
 
@@ -77,9 +95,7 @@ class Manifest(BaseModel):
     """Seed of the splits and of all random choices per object; `--seed` replaces it for the objects, not for the splits."""
     splits: Splits
     """How many objects are for what, without those whose source states its split."""
-    sources: tuple[Annotated[Procedural | Pybullet | Directory | Catalogue | ShapeNet, Field(discriminator="kind")], ...] = Field(
-        min_length=1
-    )
+    sources: tuple[Annotated[SerializeAsAny[Source], PlainValidator(_of_its_kind)], ...] = Field(min_length=1)
     """Where the objects come from, one or more, of any kinds."""
 
     def objects(self, root: Path | None = None) -> list[Object]:

@@ -1,7 +1,6 @@
 """The objects of a dataset: the source of each, and digests of it."""
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,13 +20,6 @@ class Object:
     split: str = ""  # that the manifest draws
 
 
-def identity(source: Mapping[str, Any]) -> str:
-    """Name what an object is, wherever its file lies: the toy object that is modelled, or the SHA-256 of its mesh file."""
-    if "procedural" in source:
-        return f"procedural {source['procedural']} {source['variant']}, seed {source['seed']}"
-    return _sha256(Path(source["file"]))
-
-
 def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
     """Describe an object's source independently of where its files lie: a file is replaced by the hash of its content.
 
@@ -45,10 +37,11 @@ def fingerprint(source: dict[str, Any]) -> dict[str, Any]:
 def checksum(objects: list[Object]) -> str:
     """Compute one SHA-256 for all files of a source, of the lines `ID SHA256` in id order."""
     files = sorted((item.object_id, Path(item.source["file"])) for item in objects if "file" in item.source)
-    return hashlib.sha256("".join(f"{name} {_sha256(file)}\n" for name, file in files).encode()).hexdigest()
+    return hashlib.sha256("".join(f"{name} {file_checksum(file)}\n" for name, file in files).encode()).hexdigest()
 
 
-def _sha256(file: Path) -> str:
+def file_checksum(file: Path) -> str:
+    """Compute the SHA-256 of a mesh file."""
     if not file.is_file():
         raise InvalidInput(f"{file} is no regular file; remove it")
     content = file.read_bytes()

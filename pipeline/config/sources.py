@@ -2,18 +2,22 @@
 
 import re
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib import resources
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from pipeline.config.objects import Object, checksum
+from pipeline import plugins
+from pipeline.config.objects import Object, checksum, file_checksum
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import GREATEST_UNIT, LEAST_UNIT, stated_units
+
+if TYPE_CHECKING:
+    from pipeline.kernels.geometry.mesh import Mesh
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 """Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
@@ -21,14 +25,14 @@ NOT_UTF8 = re.compile("[\ud800-\udfff]")
 MAX_OBJECTS = 200_000
 """Most objects of a source: listing them takes a second, and memory, before anything else is done."""
 
-Category = Literal["bottle", "cellphone", "knife", "rifle", "bowl", "box", "brush", "bulb", "can", "hammer", "mug", "screwdriver", "toy"]
-
 
 class Source(BaseModel):
     """What every source states: the licence of its meshes, and a checksum where its files are known beforehand."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
+    kind: str
+    """Which kind of source it is, of those below or of a package that declares it."""
     licence: str = Field(min_length=1)
     """Of the meshes; recorded with every object."""
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")
@@ -87,26 +91,34 @@ class MeshSource(Source):
         yield from ()
 
 
-class Procedural(Source):
-    """Objects the project models itself, drawn by seed.
+class ModelledSource(Source):
+    """A source that models its objects: the `source` of each has a `kind`, under which `modelled` finds the class again."""
 
-    ```yaml
-    - {kind: procedural, licence: MIT, seed: 0, count: {bottle: 20, knife: 5}}
-    ```
-    """
+    @staticmethod
+    @abstractmethod
+    def mesh(source: Mapping[str, Any]) -> "Mesh":
+        """Make an object's mesh, the same for the same `source`, in m unless `metres_per_unit` says otherwise."""
 
-    kind: Literal["procedural"]
-    count: dict[Category, Annotated[int, Field(gt=0)]] = Field(min_length=1)
-    """Of each class; more of them leave the first ones as they are."""
-    seed: int = Field(ge=0)
-    """From which their shapes are drawn."""
+    @staticmethod
+    @abstractmethod
+    def identity(source: Mapping[str, Any]) -> str:
+        """Name what the object is; recorded with it, and equal for equal objects."""
 
-    def list_objects(self, root: Path | None) -> Iterator[Object]:
-        """List every variant of every category."""
-        for category, count in self.count.items():
-            for number in range(count):
-                source = {"procedural": category, "variant": number, "seed": self.seed, "licence": self.licence}
-                yield Object(f"{category}-{number:04d}", category, source)
+    @staticmethod
+    @abstractmethod
+    def module(source: Mapping[str, Any]) -> str:
+        """Name the module whose code makes the object: keys depend on it, and on what it imports."""
+
+
+def modelled(source: Mapping[str, Any]) -> type[ModelledSource]:
+    """Find the class of a modelled object's source, by its kind."""
+    kind: type[ModelledSource] = plugins.named("sources", source["kind"], ModelledSource)
+    return kind
+
+
+def identity(source: Mapping[str, Any]) -> str:
+    """Name what an object is, wherever its file lies: by the kind that models it, or as the SHA-256 of its mesh file."""
+    return file_checksum(Path(source["file"])) if "file" in source else modelled(source).identity(source)
 
 
 class PybulletFile(BaseModel):

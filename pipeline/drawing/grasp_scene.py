@@ -11,18 +11,14 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import cKDTree
 
-from pipeline.contrib.report.lift import Lift
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.drawing.contact_sheet_page import Color, finger_colors
-from pipeline.drawing.gltf_animation import Clip, clip_writer
-from pipeline.drawing.second_view import gel_squares, touch_patch
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Color, finger_colors, linear_colors
+from pipeline.drawing.grasp_pictures import Rows, gel_squares, touch_patch
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.transforms import compose, invert_pose
-from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP, linear_colors
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
@@ -36,7 +32,6 @@ GRID = 2.0**-15
 TEXTURE = 512
 """Pixels along the longest side of a texture in a small scene, which is written as WebP."""
 
-Rows = Mapping[str, Mapping[str, np.ndarray]]
 Scene = Any
 """A `trimesh.Scene`, whose methods have no types."""
 _visual: Any = trimesh.visual
@@ -72,24 +67,9 @@ class GraspScenes:
             self.add(scene, name, _plain(vertices, faces, VISION_COLORS[0][:3]), f"prediction-{name}")
         return scene
 
-    def clip(self, rows: Rows, grasp: int, lift: Lift) -> Clip:
-        """Make the animation `grasp-K` of a grasp's lift: hand, gels, object and the marks on it move."""
-        row, name = rows["grasps"], f"grasp-{grasp}"
-        frames = forward_kinematics(self.hand, row["hand_pose"][grasp], lift.joint_angles)  # (T, L, 4, 4)
-        poses = {f"{name}-hand-{shape}": frames[:, link] for link, shape, _ in self._shapes}
-        sensors = sensor_poses_from_links(self.hand, frames)
-        for sensor, pose in enumerate(row["sensor_pose"][grasp]):
-            poses[f"{name}-sensors-gel-{grasp}-{sensor}"] = compose(sensors[:, sensor], invert_pose(pose))
-        poses |= dict.fromkeys(("object", f"{name}-touched", f"{name}-charts"), compose(Y_UP, lift.object_motion))
-        return Clip(name, lift.times, poses)
-
-    def glb(self, scene: Scene, clips: Sequence[Clip] = ()) -> bytes:
-        """Write a scene as GLB, with animations of its nodes; viewers compute the normals."""
-        kept = [Clip(clip.name, clip.times, {node: clip.poses[node] for node in clip.poses if node in scene.graph.nodes}) for clip in clips]
-        content = scene.export(
-            file_type="glb", include_normals=False, extension_webp=self.small, buffer_postprocessor=clip_writer(kept) if kept else None
-        )
-        return bytes(content)
+    def glb(self, scene: Scene) -> bytes:
+        """Write a scene as GLB; viewers compute the normals."""
+        return bytes(scene.export(file_type="glb", include_normals=False, extension_webp=self.small))
 
     def _add_grasp(self, scene: Scene, rows: Rows, grasp: int) -> None:
         row = rows["grasps"]

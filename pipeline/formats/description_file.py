@@ -1,7 +1,5 @@
 """Description files of manifests, hands, sensors, scenes and clusters: shipped ones by name, others by the path of a YAML file."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter
@@ -45,22 +43,7 @@ def _files_by_name(kind: Kind) -> dict[str, list[tuple[Path, str]]]:
 
 
 def description_path(kind: Kind, name: str | Path) -> Path:
-    """Find a description file.
-
-    Parameters
-    ----------
-    kind
-        What the file describes.
-    name
-        Name of a shipped file, or the path of a YAML file.
-
-    Raises
-    ------
-    InvalidInput
-        There is no such file, and the message lists the shipped ones; or several packages have one of this name.
-    TypeError
-        `name` is neither.
-    """
+    """Find a description file by the name of a shipped one or by its path; the message of a missing one lists the shipped ones."""
     if not isinstance(name, str | Path):
         raise TypeError(f"a {kind} is the name of a shipped one or the path of a YAML file; this is {type(name).__name__}")
     shipped = _files_by_name(kind)
@@ -87,23 +70,7 @@ def _similar_file(path: Path) -> Path | None:
 
 
 def read_description(kind: Kind, path: Path, model: type[Model]) -> Model:
-    """Read and validate a description file.
-
-    Parameters
-    ----------
-    kind
-        Of description, for messages.
-    path
-        The YAML file.
-    model
-        Its type.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is not YAML, lacks an entry, or has an unknown or unusable one; the message names the file and every
-        such entry.
-    """
+    """Read and validate a description file; the message names the file and every entry that is missing, unknown or unusable."""
     try:
         return model.model_validate(read_yaml(path))
     except ValidationError as error:
@@ -118,23 +85,14 @@ def entries_of(model: type[BaseModel]) -> str:
 
 
 def read_yaml(path: Path) -> Any:
-    """Read a YAML file; see `parse_yaml`.
-
-    Raises
-    ------
-    ValueError, yaml.YAMLError
-        It cannot be read, is too large or too deep, has aliases, or is not YAML.
-    """
+    """Read a YAML file; see `parse_yaml`."""
     return parse_yaml(read_text(path, MAX_BYTES))
 
 
 def parse_yaml(text: str) -> Any:
     """Parse YAML without aliases, which make the size of what is read unbounded, and without tags such as `!!float`.
 
-    Raises
-    ------
-    ValueError, yaml.YAMLError
-        It is too large or too deep, has aliases or tags, or is not YAML.
+    A `ValueError` or `YAMLError` says what it has of these, or that it is too large, too deep or no YAML.
     """
     if len(text) > MAX_BYTES:
         raise ValueError(f"it has {len(text)} characters; {MAX_BYTES} are the most that are read")

@@ -1,7 +1,5 @@
 """Read files that come from a user or a stranger."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -67,14 +65,9 @@ def expanded(path: Path | str) -> Path:
 
 
 def regular_stat(path: Path | str) -> os.stat_result:
-    """Find size and times of a regular file, and refuse others: a pipe may block for ever, a device may never end.
+    """Return size and times of a regular file; raise an `OSError` for others: a pipe may block for ever, a device may never end.
 
     Call this before a file that comes from a user or a stranger is opened, here or by a library.
-
-    Raises
-    ------
-    OSError
-        There is no such file; an `IsADirectoryError` for a folder, a pipe, a device or a link to itself.
     """
     try:
         status = os.stat(path)
@@ -91,20 +84,7 @@ def regular_stat(path: Path | str) -> os.stat_result:
 
 
 def read_file(path: Path, max_bytes: int) -> bytes:
-    """Read a file.
-
-    Parameters
-    ----------
-    path
-        A regular file.
-    max_bytes
-        Maximum size.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is not regular, or is larger.
-    """
+    """Read a regular file of at most `max_bytes` that is no Git LFS pointer."""
     try:
         if (size := regular_stat(path).st_size) > max_bytes:
             raise InvalidInput(f"{path} has {size} bytes; {max_bytes} are the most that are read")
@@ -163,13 +143,7 @@ def refuse_foreign(name: str, content: bytes) -> None:
 
 
 def without_mark(path: object, content: bytes) -> bytes:
-    """Encode text that begins with a byte-order mark as UTF-8 without one; return other content as it is.
-
-    Raises
-    ------
-    InvalidInput
-        It is not in the encoding that its mark announces; the message names its path.
-    """
+    """Encode text that begins with a byte-order mark as UTF-8 without one; return other content as it is."""
     mark = next((mark for mark in MARKS if content.startswith(mark)), None)
     if mark is None or MARKS[mark] == "utf-8":
         return content.removeprefix(mark or b"")

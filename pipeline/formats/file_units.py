@@ -1,7 +1,5 @@
 """Read the unit and the up-axis that a mesh file or its format's specification states."""
 
-from __future__ import annotations
-
 import io
 import re
 from contextlib import suppress
@@ -25,16 +23,10 @@ THREEMF = {b"micron": 1e-6, b"millimeter": 1e-3, b"centimeter": 1e-2, b"inch": 0
 
 
 def stated_units(file: Path) -> tuple[float | None, str | None]:
-    """Read the unit and the up-axis that a mesh file states.
+    """Read metres per unit and the up-axis, "x", "y" or "z", that a mesh file or its format states; None for what neither does.
 
-    Returns
-    -------
-    Metres per unit, and "x", "y" or "z"; None for what neither the file nor its format states.
-
-    Notes
-    -----
-    glTF 2.0, section 3.4: metres, y up. COLLADA 1.4: ``<unit meter="...">`` and ``<up_axis>`` of its asset; Y_UP where it states none. 3MF
-    core, section 3.4: ``<model unit="...">``, millimetres where it states none; z up. A file that cannot be read states nothing: loading
+    glTF 2.0, section 3.4: metres, y up. COLLADA 1.4: `<unit meter="...">` and `<up_axis>` of its asset; Y_UP where it states none. 3MF
+    core, section 3.4: `<model unit="...">`, millimetres where it states none; z up. A file that cannot be read states nothing: loading
     its mesh reports the error.
     """
     with suppress(Exception):  # zipfile raises whatever its parsing trips over

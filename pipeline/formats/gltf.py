@@ -1,7 +1,5 @@
 """glTF 2.0 documents, text or binary: their JSON, the files that it names, and the arrays of accessors and primitives."""
 
-from __future__ import annotations
-
 import base64
 import json
 import re

@@ -3,20 +3,17 @@
 By glTF 2.0, sections 3.8 and 3.9, and the extensions of materials and textures that change a colour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from trimesh.visual.color import linear_to_srgb, srgb_to_linear
 
 from pipeline.formats.gltf import Document, Primitive, one_line, table
-from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, Decode
-from pipeline.formats.texture_wrap import Repeats, Wrap
+from pipeline.formats.mesh_parts import GREY, MAX_UV, WHITE, Decode, check_count
 from pipeline.kernels.geometry.mesh import Look
 from pipeline.kernels.geometry.transforms import sin_cos
 
@@ -28,6 +25,14 @@ DIELECTRIC = 0.04
 
 WHITE_LIGHT = (1, 1, 1, 1)
 """The factor of a colour where a material states none."""
+
+Wrap = Literal["clamp", "mirror"]
+
+STEPS = 8
+"""Parts of its size by which a clamped texture is extended, so that parts of a mesh share the result."""
+
+MAX_PIXELS = 2**24
+"""Maximum number of pixels of a texture that is extended: one of 4096 × 4096."""
 
 WRAPS: dict[Any, Wrap] = {33071: "clamp", 33648: "mirror"}
 """The values of a sampler's `wrapS` and `wrapT`; others repeat."""
@@ -197,3 +202,38 @@ def _srgb(light: NDArray[np.float64]) -> NDArray[np.uint8]:
     colors[..., : light.shape[-1]] = np.rint(255 * light)
     colors[..., :3] = np.rint(255 * linear_to_srgb(light[..., :3]))
     return colors
+
+
+class Repeats:
+    """The textures of one mesh file that were made to repeat; what several parts need is made once."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[int, int, int, int], tuple[NDArray[np.uint8], NDArray[np.uint8]]] = {}
+
+    def make(
+        self,
+        texture: NDArray[np.uint8],  # (height, width, 4)
+        coordinates: NDArray[np.float64],  # (V,) of the vertices along the axis, 0..1 within the texture, in the direction of its pixels
+        axis: int,  # 0 along a column, 1 along a row
+        wrap: Wrap | None,  # None: it repeats
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+        """Make a texture that shows repeated what another shows clamped or mirrored along one axis, and the coordinates in it.
+
+        It is the same one if the vertices lie within it to half a pixel.
+        """
+        size, low, high = texture.shape[axis], coordinates.min(initial=0), coordinates.max(initial=0)
+        if wrap is None:
+            return texture, coordinates
+        if low > -0.5 / size and high < 1 + 0.5 / size:
+            return texture, np.clip(coordinates, 0, 1)
+        first, last = 0, 2 * size
+        if wrap == "clamp":  # one pixel more at each end: colours are interpolated
+            first, last = int(np.floor(low * STEPS) * size / STEPS) - 1, int(np.ceil(high * STEPS) * size / STEPS) + 1
+        key = (id(texture), axis, first, last)
+        if key not in self._made:
+            pixels = texture.size // (4 * size) * (last - first)
+            check_count("pixels in a clamped texture with what is seen outside it", pixels, MAX_PIXELS, "make it smaller")
+            outside = np.arange(first, last)
+            source = np.minimum(outside, last - 1 - outside) if wrap == "mirror" else np.clip(outside, 0, size - 1)
+            self._made[key] = texture, texture.take(source, axis)  # with the original, so that its id stays taken
+        return self._made[key][1], (coordinates * size - first) / (last - first)

@@ -3,8 +3,6 @@
 By glTF 2.0, sections 3.5 and 3.7, and EXT_mesh_gpu_instancing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

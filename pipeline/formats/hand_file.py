@@ -1,7 +1,5 @@
 """Hand files: the YAML descriptions of robot hands."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -22,8 +20,8 @@ from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
-from pipeline.kernels.hand.link_overlaps import overlapping_neighbours
 from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
+from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]
@@ -101,19 +99,10 @@ class HandFile(_Entry):
     )
 
 
-def load_hand(name: str | Path) -> Hand:
-    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`).
-
-    Parameters
-    ----------
-    name
-        Name of a shipped hand (`allegro_right`), or the path of a hand file.
-
-    Raises
-    ------
-    InvalidInput
-        A file is missing or malformed, or the hand file names what its URDF does not have; the message names file and entry.
-    """
+def load_hand(
+    name: str | Path,  # of a shipped hand (`allegro_right`), or the path of a hand file
+) -> Hand:
+    """Read a hand with its URDF and meshes; heavy collision meshes become convex shapes (`with_convex_shapes`)."""
     path = description_path("hand", name).resolve()
     if path in _cached:
         digests, hand = _cached[path]
@@ -162,8 +151,8 @@ def _assemble(file: HandFile, path: Path, urdf: Path) -> Hand:
         joints=roles.joints,
         joint_links=tuple(joint.child for joint in roles.independent),
         joint_names=tuple(joint.name for joint in roles.independent),
-        lower=np.array([joint.lower for joint in roles.independent]),
-        upper=np.array([joint.upper for joint in roles.independent]),
+        lower=np.array([joint.limits[0] for joint in roles.independent]),
+        upper=np.array([joint.limits[1] for joint in roles.independent]),
         fingers=fingers,
         sensors=sensors,
         palm_facing=_unit(file.palm.facing, "palm: facing"),

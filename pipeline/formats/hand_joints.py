@@ -1,7 +1,5 @@
 """Find which joints of a hand move on their own, which follow another one, and which are frozen."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -22,23 +20,12 @@ class JointRoles:
     frozen: Mapping[str, float]
 
 
-def joint_roles(joints: Sequence[Joint], used: Sequence[str], frozen: Mapping[str, float]) -> JointRoles:
-    """Find the role of each joint of a URDF.
-
-    Parameters
-    ----------
-    joints
-        Parents first.
-    used
-        The joints of all fingers, finger by finger; those that mimic another one may be left out.
-    frozen
-        Angles of joints that no finger uses, rad (m).
-
-    Raises
-    ------
-    InvalidInput
-        A name is unknown, or a moving joint has no role or two.
-    """
+def joint_roles(
+    joints: Sequence[Joint],
+    used: Sequence[str],  # joints of all fingers, finger by finger; those that mimic another one may be missing
+    frozen: Mapping[str, float],  # angles of joints that no finger uses, rad (m)
+) -> JointRoles:
+    """Find the role of each joint of a URDF, parents first; each moving one must have one."""
     moving = {joint.name: joint for joint in joints if joint.kind in MOVING}
     for name in (*used, *frozen):
         if name not in moving:
@@ -86,14 +73,15 @@ def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) 
 
 def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> None:
     for name, angle in frozen.items():
-        joint = moving[name]
-        limited = joint.mimic is None or joint.lower < joint.upper  # a follower needs no limits
-        if limited and not joint.lower <= angle <= joint.upper:
-            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {joint.lower:g} … {joint.upper:g}")
+        lower, upper = moving[name].limits
+        limited = moving[name].mimic is None or lower < upper  # a follower needs no limits
+        if limited and not lower <= angle <= upper:
+            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {lower:g} … {upper:g}")
 
 
 def _freeze(joint: Joint, angle: float) -> Joint:
-    return replace(joint, kind="fixed", origin=compose(joint.origin, joint_motion(joint.kind, joint.axis, angle)), mimic=None)
+    origin = compose(joint.origin, joint_motion(joint.kind, joint.axis, angle))
+    return replace(joint, kind="fixed", origin=origin, mimic=None, rpy=None)
 
 
 def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:

@@ -1,8 +1,7 @@
-"""Image files as arrays: photographs, masks, depth images."""
-
-from __future__ import annotations
+"""Image files as arrays: photographs, masks, depth images; and arrays that numpy saved."""
 
 import io
+import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from PIL import Image, ImageOps, UnidentifiedImageError
 from PIL.TiffImagePlugin import BITSPERSAMPLE, TiffImageFile
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.array_file import read_array
 from pipeline.formats.file_content import foreign_content, read_file
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF")
@@ -30,14 +28,7 @@ def image_files(files: Iterable[Path], leave_out: Path) -> list[Path]:
 
 
 def read_image(path: Path) -> NDArray[np.uint8]:
-    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour, and an orientation in its EXIF data is applied.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be read, is of another format than `FORMATS`, is damaged or too large, or has transparency or more than 8 bits
-        per colour.
-    """
+    """Read an image file: (rows, cols, 3) uint8 sRGB; grey becomes colour, and an orientation in its EXIF data is applied."""
     remedy = "8-bit RGB, without transparency"
     pixels: NDArray[np.uint8] = _read_pixels(path, ("RGB", "L"), "colours", remedy, lambda image: np.asarray(image.convert("RGB")))
     return pixels
@@ -99,3 +90,20 @@ def _bits(image: Image.Image) -> int:
     if isinstance(image, TiffImageFile):
         return int(max(image.tag_v2.get(BITSPERSAMPLE, (8,))))
     return 16 if image.format == "PNG" and any(tile[3] == "RGB;16B" for tile in image.tile) else 8  # type: ignore[attr-defined]
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """Read a .npy file; compare its header with its size before allocating memory."""
+    file = io.BytesIO(read_file(path, MAX_BYTES))
+    try:
+        if (version := np.lib.format.read_magic(file)) != (1, 0):
+            raise ValueError(f"it is of numpy's format {version}")
+        shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        values = file.read()
+        if dtype.hasobject or min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(values):
+            raise ValueError(f"it claims {dtype} {shape}, and has {len(values)} bytes of values")
+        return np.frombuffer(values, dtype).reshape(shape, order="F" if fortran else "C")
+    except Exception as error:  # numpy's parsing of headers raises whatever it trips over
+        foreign = foreign_content(file.getvalue())
+        problem = f"is {foreign}" if foreign else f"cannot be read as an array ({error}); save it with numpy.save"
+        raise InvalidInput(f"{path} {problem}") from error

@@ -3,24 +3,25 @@
 The key of a mesh covers them, and its reader may open no others.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re
+import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from io import BytesIO
+from itertools import takewhile
 from pathlib import Path
 from urllib.parse import unquote
 
 from pipeline.errors import InvalidInput
 from pipeline.formats import collada
-from pipeline.formats.file_content import decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
+from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.gltf import file_names, read_document
 from pipeline.formats.mtl import OPTIONS, read_library
 from pipeline.formats.obj_lines import LIBRARY
-from pipeline.formats.texture_search import find_below
 
 MAX_BYTES = 256 * 2**20
 """Maximum size of a mesh file, and of all files that it names together."""
@@ -35,23 +36,22 @@ ALL_LIBRARIES = "*"
 """Name of all material libraries of an OBJ, one after the other: it may have several, trimesh takes one."""
 
 
+SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".tif", ".tiff", ".webp", ".dds", ".ppm", ".pcx"}
+"""Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
+
+MAX_ENTRIES = 200_000
+"""Maximum number of files and folders below a folder that is searched; in a larger one nothing is found."""
+
+CACHE_SECONDS = 60
+"""How long a listing is used: thousands of meshes may lack their textures."""
+
+
 class Companions(Mapping[str, bytes]):
     """The contents of the files that a mesh file names, by the name it gives them; each is read once.
 
-    Only regular files below the root are included; a symbolic link counts as its target. `unread` lists the others, and whatever else the
-    reader of the mesh file cannot read, each with the reason. `content` is that of the mesh file, text without a byte-order mark.
-
-    Parameters
-    ----------
-    file
-        The mesh file. Names are relative to its folder.
-    root
-        The folder that everything must be in; by default, the folder of the file.
-
-    Raises
-    ------
-    InvalidInput
-        The mesh file is not a regular file, a Git LFS pointer, too large, or names too many or too large files.
+    Only regular files below the root, by default the mesh file's folder, are included; a symbolic link counts as its target. Names are
+    relative to the mesh file. `unread` lists the others, and whatever else its reader cannot read, each with the reason. `content` is
+    that of the mesh file, text without a byte-order mark.
     """
 
     def __init__(self, file: Path, root: Path | None = None) -> None:
@@ -176,3 +176,59 @@ def _names_after(word: bytes, content: bytes) -> Iterator[str]:
 
 def _decode(name: bytes) -> str:
     return decode_text(name).strip()
+
+
+def find_below(
+    root: Path,
+    folder: Path,  # of the mesh file
+    name: str,  # between slashes, as the mesh file states it
+) -> Path | None:
+    """Find a file below a folder that a mesh file below it names by another path: the nearest one of this name, upper or lower case.
+
+    That is, of those with the deepest folder in common with the mesh, the one whose path has the longest end in common with the stated
+    one. None if two are equally near, or if its folder holds other meshes: it is theirs.
+    """
+    stated_parts = [part for part in name.lower().split("/") if part not in ("", ".", "..")]
+    if not stated_parts or Path(stated_parts[-1]).suffix not in SEARCHED_SUFFIXES or not folder.is_relative_to(root):
+        return None
+    listing, mesh_parts = _list(root, int(time.monotonic() // CACHE_SECONDS)), folder.relative_to(root).parts
+    ranked = []
+    for parts in listing.files.get(stated_parts[-1], ()):
+        shared = _common(parts[:-1], mesh_parts)
+        branch = parts[: shared + 1]
+        if len(branch) == len(parts) or branch not in listing.with_meshes:
+            ranked.append(((shared, _common([part.lower() for part in reversed(parts)], stated_parts[::-1])), parts))
+    best = max((rank for rank, _ in ranked), default=None)
+    nearest = [parts for rank, parts in ranked if rank == best]
+    return root.joinpath(*nearest[0]) if len(nearest) == 1 else None
+
+
+@dataclass(frozen=True)
+class _Listing:
+    """Files by their names in lower case, and the folders with meshes at any depth, as the parts of their paths."""
+
+    files: dict[str, list[tuple[str, ...]]]
+    with_meshes: set[tuple[str, ...]]
+
+
+@lru_cache(maxsize=2)
+def _list(root: Path, period: int) -> _Listing:
+    """List the files below a folder, without following links to folders."""
+    files, with_meshes, entries = defaultdict[str, list[tuple[str, ...]]](list), set[tuple[str, ...]](), 0
+    for place, folders, names in os.walk(root):
+        entries += len(folders) + len(names)
+        if entries > MAX_ENTRIES:
+            return _Listing({}, set())
+        parts = Path(place).relative_to(root).parts
+        for name in names:
+            suffix = os.path.splitext(name)[1].lower()
+            if suffix in SEARCHED_SUFFIXES:
+                files[name.lower()].append((*parts, name))
+            elif suffix in MESH_SUFFIXES:
+                with_meshes.update(parts[:depth] for depth in range(1, len(parts) + 1))
+    return _Listing(dict(files), with_meshes)
+
+
+def _common(one: tuple[str, ...] | list[str], other: tuple[str, ...] | list[str]) -> int:
+    """Count the equal parts at the beginning."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))

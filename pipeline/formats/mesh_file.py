@@ -1,7 +1,5 @@
 """Mesh files in any of the usual formats, with their materials and textures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence, Set, Sized
 from dataclasses import replace
 from functools import partial
@@ -15,8 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, first_line
 from pipeline.formats import mtl
-from pipeline.formats.collada import check_shape, rewrite_effects
-from pipeline.formats.collada_polygons import cut_concave
+from pipeline.formats.collada import check_shape, cut_concave, rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
@@ -40,31 +37,13 @@ trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 def load_mesh(file: Path, root: Path | None = None) -> Mesh:
     """Read the triangles of a file, in its own units and axes, with their materials and textures.
 
-    Parameters
-    ----------
-    file
-        The mesh file.
-    root
-        The folder that the files it names must be in; by default, the folder of the file.
-
-    Raises
-    ------
-    InvalidInput
-        The file is missing or empty, is not what its suffix says, holds no triangle mesh, or takes too much memory or time.
+    The files that it names must be below `root`, by default its folder. It is read in a process of its own, with limits of memory and time.
     """
     return read_in_subprocess(file, root or file.parent)
 
 
 def parse_mesh(file: Path, root: Path) -> Mesh:
-    """Read a mesh file in this process, without limits; otherwise like `load_mesh`.
-
-    Raises
-    ------
-    InvalidInput
-        As for `load_mesh`.
-    MemoryError
-        It takes more memory than there is.
-    """
+    """Read a mesh file in this process, without limits; otherwise like `load_mesh`."""
     if file.suffix.lower() not in MESH_SUFFIXES:
         raise InvalidInput(f"{file.name} cannot be read; convert it to one of {', '.join(MESH_SUFFIXES)}")
     companions = Companions(file, root)

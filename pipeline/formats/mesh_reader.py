@@ -4,8 +4,6 @@ A small file may need more memory or time than there is. A limit set in this pro
 it had freed before; an exception stops no native code. A fork of a process that does nothing else starts equal for every file.
 """
 
-from __future__ import annotations
-
 import atexit
 import errno
 import json
@@ -48,22 +46,7 @@ _readers: dict[int, subprocess.Popen[bytes]] = {}
 
 
 def read_in_subprocess(file: Path, root: Path) -> Mesh:
-    """Read a mesh file in a separate process.
-
-    Parameters
-    ----------
-    file
-        The mesh file.
-    root
-        The folder that the files it names must be in.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be used, takes more than `BYTES` or `SECONDS`, or ends the process that reads it.
-    StageError
-        The process cannot be started.
-    """
+    """Read a mesh file, which may name files below `root`, in a separate process that is limited to `BYTES` and `SECONDS`."""
     with _lock:
         reader = _readers.get(os.getpid())
         if reader and reader.poll() is not None:

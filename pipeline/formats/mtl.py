@@ -1,7 +1,5 @@
 """Materials of MTL files: what is in them that trimesh does not read."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -28,15 +26,7 @@ Values = Mapping[str, Any]
 
 
 def read_library(name: str, content: bytes, unread: list[str]) -> bytes:
-    """Return the statements of a material library that are read, in a form that trimesh reads: one that it cannot would cost all materials.
-
-    Parameters
-    ----------
-    name, content
-        Of its file.
-    unread
-        Gets what is no library, and statements that cannot be read.
-    """
+    """Return the statements of a material library that trimesh reads: one that it cannot read would cost all materials."""
     try:
         text = decode_text(without_mark(name, content))
     except InvalidInput as error:

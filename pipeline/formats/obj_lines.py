@@ -1,8 +1,6 @@
 """Lines of OBJ files that trimesh reads wrongly: it cuts concave polygons into fans, counts relative numbers from the file's end, and skips
 lines that begin with a blank and materials with a comment behind their name."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Collection, Sequence
@@ -13,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import decode_text
-from pipeline.formats.polygons import ear_clip, is_concave
+from pipeline.formats.mesh_parts import ear_clip, is_concave
 
 UNUSUAL = re.compile(rb"^(?:[ \t]+\S|(?:v[tn]?|f)(?:\t|[^#\r\n]*#))", re.MULTILINE)
 """A line that begins with a blank, a vertex or a face with a tab after its letter or a comment behind it."""
@@ -52,19 +50,7 @@ def check_statements(content: bytes, unread: list[str]) -> None:
 def rewrite_lines(content: bytes) -> bytes:
     """Write an OBJ file's concave polygons as triangles between the same corners, relative numbers as absolute ones, lines without indent.
 
-    Parameters
-    ----------
-    content
-        Of the file.
-
-    Returns
-    -------
-    The same content if there is nothing of that. Faces that cannot be understood, or have no area, stay as they are.
-
-    Raises
-    ------
-    InvalidInput
-        A relative number leads before the first vertex.
+    Faces that cannot be understood, or have no area, stay as they are.
     """
     text = content.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")  # lines that continue
     if UNUSUAL.search(text):
@@ -126,22 +112,12 @@ def _cut_concave(
     return triangles
 
 
-def rewrite_uses(content: bytes, libraries: bytes, unread: list[str]) -> bytes:
-    """Write the names of materials as their libraries do, without comments behind them and in the same case.
-
-    Parameters
-    ----------
-    content
-        Of an OBJ file.
-    libraries
-        The content of its material libraries.
-    unread
-        Names that no library defines, or that have several definitions, are appended to it.
-
-    Returns
-    -------
-    The content with other names.
-    """
+def rewrite_uses(
+    content: bytes,
+    libraries: bytes,  # content of the material libraries
+    unread: list[str],
+) -> bytes:
+    """Write the names of materials as their libraries do, without comments behind them and in the same case; list unknown ones."""
     definitions = defaultdict[bytes, set[bytes]](set)
     pieces = DEFINITION.split(libraries)
     for name, definition in zip(pieces[1::2], pieces[2::2], strict=True):

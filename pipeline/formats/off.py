@@ -1,7 +1,5 @@
 """OFF files of Geomview and its successors: polygons, with colours of vertices or of faces."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
@@ -9,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import GREY, build_part, check_corners, check_mesh, eight_bits, read_numbers
-from pipeline.formats.polygons import triangulate
+from pipeline.formats.mesh_parts import GREY, build_part, check_corners, check_mesh, eight_bits, read_numbers, triangulate
 from pipeline.kernels.geometry.mesh import Mesh
 
 KIND = re.compile(rb"\s*((?:ST|C|N|4|n)*)OFF\b|\s*off\b|\s*((?:ST|C|N|4|n)*)OFF(?=\d)")

@@ -1,7 +1,5 @@
 """PLY files: polygons and triangle strips, colours under their several names, and textures of one or more pages."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
@@ -11,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
-from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices
+from pipeline.formats.mesh_parts import Decode, build_part, check_corners, check_mesh, eight_bits, split_vertices, triangulate
 from pipeline.formats.ply_elements import Element, read_elements
-from pipeline.formats.polygons import triangulate
 from pipeline.kernels.geometry.mesh import Mesh
 
 COLORS = [

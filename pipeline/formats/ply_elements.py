@@ -1,7 +1,5 @@
 """The elements of a PLY file as arrays: text or binary of either byte order, with lists of any lengths."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Folders of 3D-R2N2's renderings: `SYNSET/MODEL/rendering` with 24 images and their viewpoints."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence
@@ -13,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file, read_text
-from pipeline.kernels.vision.viewpoint import Viewpoint
+from pipeline.kernels.vision.camera import Viewpoint
 
 VIEWS, PIXELS = 24, 137
 """Images per model, and pixels per side of each."""
@@ -36,23 +34,7 @@ def image_name(number: int) -> str:
 
 
 def read_renderings(folder: Path) -> tuple[NDArray[np.uint8], list[Viewpoint]]:
-    """Read the images of a model, and where each was rendered from.
-
-    Parameters
-    ----------
-    folder
-        `ShapeNetRendering/SYNSET/MODEL/rendering`.
-
-    Returns
-    -------
-    (24, 137, 137, 4) uint8 sRGB and opacity, and 24 viewpoints.
-
-    Raises
-    ------
-    InvalidInput
-        A file is missing or damaged, an image is of another size or without opacity, or the metadata has another number of lines or a line
-        that is no viewpoint.
-    """
+    """Read the (24, 137, 137, 4) sRGB and opacity of a model from `ShapeNetRendering/SYNSET/MODEL/rendering`, and 24 viewpoints."""
     metadata, *images = rendering_files(folder)
     for path in (metadata, *images):
         if not path.is_file():
@@ -102,17 +84,7 @@ def _read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def write_renderings(folder: Path, images: NDArray[np.uint8], viewpoints: Sequence[Viewpoint]) -> None:
-    """Write a model's renderings in the form that `read_renderings` reads.
-
-    Parameters
-    ----------
-    folder
-        The folder; created if missing.
-    images
-        (24, 137, 137, 4) uint8, RGBA.
-    viewpoints
-        (24,), of the images.
-    """
+    """Write a model's renderings (24, 137, 137, 4), sRGB and opacity, in the form that `read_renderings` reads."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, image in enumerate(images):
         Image.fromarray(image).save(folder / image_name(number))

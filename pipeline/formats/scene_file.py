@@ -3,8 +3,6 @@
 A separate module, so that code that reads other descriptions, and its keys, do not depend on cameras.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from pipeline.formats.description_file import description_path, read_description

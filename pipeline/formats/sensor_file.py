@@ -1,7 +1,5 @@
 """Sensor files: the YAML descriptions of tactile sensors."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,25 +13,11 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_content import expanded
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, resample
 
 
 def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Sensor:
-    """Read a sensor.
-
-    Parameters
-    ----------
-    name
-        Of a shipped sensor, or the path of a sensor file.
-    shape
-        Rows and columns of pixels, if not those of the file: see `resample`.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be used, or cannot have these pixels; the message names the file and the fault.
-    """
+    """Read a sensor by the name of a shipped one or by the path of its file, perhaps with other rows and columns (`resample`)."""
     sensor = _read_sensor(name)
     if shape is None:
         return sensor
@@ -88,21 +72,9 @@ def sensor_files(names: Sequence[str]) -> list[Path]:
 
 
 def load_worn_sensors(names: Sequence[str]) -> tuple[Sensor, ...]:
-    """Read the sensors of a hand's fingers.
+    """Read the sensors of a hand, mount by mount.
 
-    Parameters
-    ----------
-    names
-        Mount by mount, as `load_sensor` takes them.
-
-    Returns
-    -------
-    One sensor per name.
-
-    Raises
-    ------
-    InvalidInput
-        One cannot be read, or their images differ in rows or columns: one array holds those of all fingers; or some have an elastic gel.
+    One array holds the images of all, so rows and columns must agree, and all or none must have an elastic gel.
     """
     sensors = {name: load_sensor(name) for name in dict.fromkeys(names)}
     if len({sensor.shape for sensor in sensors.values()}) > 1:

@@ -1,7 +1,5 @@
 """STL files, binary and text, with the colours of VisCAM and of Magics."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The textures of mesh files; those that cannot be decoded are listed with the reason."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Set
 from io import BytesIO
@@ -22,14 +20,9 @@ MAX_PIXELS = 2**26
 
 
 class Textures:
-    """The decoded textures of one mesh file, of which several materials may use one.
+    """The decoded textures of one mesh file, of which several materials may use one; those that are no image join `companions.unread`.
 
-    Parameters
-    ----------
-    companions
-        The files that it names; those that are no image join its list of what is not read.
-    transparent
-        The textures whose alpha is an opacity, by name; other formats say so per material.
+    `transparent` names the textures whose alpha is an opacity; other formats say so per material.
     """
 
     def __init__(self, companions: Companions, transparent: Set[str] = frozenset()) -> None:
@@ -69,24 +62,7 @@ class Textures:
         return self._digest(image) in self._transparent
 
     def decode(self, image: Image.Image, *, opaque: bool) -> NDArray[np.uint8] | None:
-        """Decode an image; the same array for the same content.
-
-        Parameters
-        ----------
-        image
-            Opened by Pillow.
-        opaque
-            Whether its alpha is no opacity.
-
-        Returns
-        -------
-        (height, width, 4) uint8 sRGB and opacity; None if it cannot be decoded, which joins the list of what is not read.
-
-        Raises
-        ------
-        InvalidInput
-            The textures so far and this one have too many pixels.
-        """
+        """Decode an image to (height, width, 4) sRGB and opacity, 255 if `opaque`: the same array for the same content."""
         digest = self._digest(image)
         if (digest, opaque) not in self._decoded:
             self._decoded[digest, opaque] = self._decode(image, self._names.get(digest, "a texture"), opaque=opaque)

@@ -1,7 +1,5 @@
 """3MF files: the objects that are built, with the colours and textures of the core and materials specifications."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The package of a 3MF file: a ZIP file of models in XML, textures, and relations that name the main model."""
 
-from __future__ import annotations
-
 import re
 import zipfile
 from array import array
@@ -46,17 +44,17 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
-    children: list[Element] = field(default_factory=list)
-    numbers: array[float] = field(default_factory=lambda: array("d"))
+    children: list["Element"] = field(default_factory=list)
+    numbers: "array[float]" = field(default_factory=lambda: array("d"))
     """Positions of `vertices`; of `triangles` three vertices, the group of their properties and three numbers in it, -1 for none."""
 
     text: str = ""
 
-    def all(self, tag: str) -> Iterator[Element]:
+    def all(self, tag: str) -> Iterator["Element"]:
         """List the children of a tag."""
         return (child for child in self.children if child.tag == tag)
 
-    def first(self, tag: str) -> Element:
+    def first(self, tag: str) -> "Element":
         """Return the first child of a tag, or an empty element."""
         return next(self.all(tag), Element(tag, {}))
 

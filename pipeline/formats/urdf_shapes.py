@@ -1,7 +1,5 @@
 """The shapes of a URDF's links: primitives and mesh files, with their colours."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -10,12 +8,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
 from pipeline.kernels.hand.model import Shape
@@ -36,27 +34,15 @@ GREY: Color = (178, 178, 178)
 """sRGB colour of a visual shape that names none."""
 
 
-def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], read: Callable[[Path, Path], Mesh] = load_mesh) -> Shape:
-    """Read a <visual> or <collision>.
-
-    Parameters
-    ----------
-    element
-        Of the URDF.
-    folder
-        The URDF's folder, to which the paths of mesh files are relative.
-    materials
-        sRGB colours by the names of the URDF's materials.
-    read
-        Reads a mesh file, given the folder that its textures must be in: the package.
-
-    Raises
-    ------
-    InvalidInput
-        It has no geometry, or one that cannot be used.
-    """
+def shape_of(
+    element: Element,
+    folder: Path,  # of the URDF, to which the paths of mesh files are relative
+    materials: Mapping[str, Color],  # by the names of the URDF's materials
+    read: Callable[[Path, Path], Mesh] = load_mesh,  # of a mesh file and the folder that its textures must be in: the package
+) -> Shape:
+    """Read a <visual> or <collision>."""
     material = element.find("material")
-    origin, color = origin_of(element), material_color(material, materials)
+    (origin, rpy), color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
         body: Any
         companions: tuple[Path, ...] = ()
@@ -83,7 +69,7 @@ def shape_of(element: Element, folder: Path, materials: Mapping[str, Color], rea
         vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
         plain = Look.plain(len(vertices), len(faces), color)
         look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
-        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions)
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions, rpy)
     given = ", ".join(f"<{part.tag}>" for part in element.findall("geometry/*")) or "no geometry"
     raise InvalidInput(f"a {element.tag} has {given}; give it a box, sphere, cylinder, capsule or mesh")
 
@@ -94,11 +80,6 @@ def mesh_path(name: str, folder: Path) -> tuple[Path, Path]:
     That is the nearest folder around the URDF that has a `package.xml`; where none has, the one above the URDF's folder.
     `package://PACKAGE/REST` is searched for in the folders around the URDF: as `PACKAGE/REST`, in another package too if it has a
     `package.xml`; then as `REST`. Other names are relative to the URDF's folder, or absolute.
-
-    Raises
-    ------
-    InvalidInput
-        The file lies outside, or a package's file is missing; the message names the folders that were searched.
     """
     folder = folder.resolve()
     ancestors = list(islice((folder, *folder.parents), MAX_LEVELS))
@@ -143,23 +124,8 @@ def material_color(material: Element | None, materials: Mapping[str, Color]) -> 
     return red, green, blue
 
 
-def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
-    """Read the finite numbers of an attribute; blanks or commas separate them.
-
-    Parameters
-    ----------
-    element
-        An element; None gives the default.
-    key
-        The attribute's name.
-    default
-        (n,) numbers for a missing attribute; n is also the count to read.
-
-    Raises
-    ------
-    InvalidInput
-        The attribute holds another count, or a number that is not finite or too large.
-    """
+def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> Array:
+    """Read the finite numbers of an attribute, as many as the default, which a missing one has; blanks or commas separate them."""
     if element is None or (text := element.get(key)) is None:
         return np.array(default, np.float64)
     try:
@@ -171,7 +137,7 @@ def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) ->
     return numbers
 
 
-def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, slides: bool = False) -> None:
+def check_unit(what: str, numbers: Sequence[float] | Array, *, slides: bool = False) -> None:
     """Refuse angles, rad, that are evidently in degrees, and paths of joints that slide, m, evidently in millimetres."""
     limit, unit, other, factor = (MAX_SLIDE, "m", "millimetres", 1e-3) if slides else (MAX_TURN, "rad", "degrees", np.pi / 180)
     if (np.abs(numbers) > limit).any():
@@ -180,17 +146,17 @@ def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, sli
         raise InvalidInput(f"{what} {stated} {unit}, beyond {limit:.3g}; are they in {other}? Then write {converted}")
 
 
-def origin_of(element: Element) -> NDArray[np.float64]:
-    """Read the <origin> of an element as a pose (4, 4), m."""
+def origin_of(element: Element) -> tuple[Array, tuple[float, ...]]:
+    """Read the <origin> of an element: the pose (4, 4), m, and its roll, pitch and yaw, rad, about fixed axes."""
     origin = element.find("origin")
     pose = np.eye(4)
     if origin is not None and origin.get("quat_xyzw"):  # of URDF 1.1; the physics engines ignore it
         raise InvalidInput(f"<origin quat_xyzw={origin.get('quat_xyzw')!r}> is not read; write the same rotation as rpy")
     angles = numbers_of(origin, "rpy", (0.0, 0.0, 0.0))
     check_unit("<origin> has rpy", angles)
-    pose[:3, :3] = rotation_from_euler(angles)  # fixed axes, as URDF says
+    pose[:3, :3] = rotation_from_euler(angles)
     pose[:3, 3] = numbers_of(origin, "xyz", (0.0, 0.0, 0.0))
-    return pose
+    return pose, tuple(angles.tolist())
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:

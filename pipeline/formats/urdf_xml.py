@@ -1,7 +1,5 @@
 """The XML of a URDF file: its encoding, its limits, and other formats that are given in its place."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from xml.etree.ElementTree import Element, TreeBuilder

@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput, closest_name
-from pipeline.formats.array_file import read_array
 from pipeline.formats.file_content import MESH_SUFFIXES
+from pipeline.formats.image_file import read_array
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, is_watertight
 from pipeline.kernels.geometry.mesh_cleaning import number_positions

@@ -8,14 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
-from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
+from pipeline.kernels.networks.local_network import GelState, LocalNetwork, LocalShape, local_loss, pixel_positions
 from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
 from stages.train_touch.presses import Presses
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.stage import TouchTrainingSettings
 from stages.train_touch.variation import vary_change
 
 NAME = "train-touch"
@@ -47,7 +46,7 @@ class PressLearner(Learner):
 
     def describe(self, item: int) -> str:
         """Name a training press."""
-        return self.train.describe(item)
+        return self.train.names[item]
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Windows:
         """Read a varied window of each press."""

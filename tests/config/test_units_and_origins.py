@@ -1,7 +1,5 @@
 """A user's folder of meshes: units, up-axis, textures, files left out, and the placement that leads back to the file."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -21,7 +21,6 @@ from distributed import Security
 from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.run import run as run_plan
 from pipeline.engine.session import Work
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
@@ -109,7 +108,7 @@ def test_reused_workers_read_replaced_inputs(tmp_path):
     with WorkerProcesses() as executor:
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
-            assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
+            assert plan_of(request(tmp_path, TakeMean(), executor=executor)).make(CONSOLE).objects == 5
 
 
 def test_only_the_crashing_and_hanging_objects_fail_each_after_two_tries(tmp_path):

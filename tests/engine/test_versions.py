@@ -10,8 +10,8 @@ import sys
 
 import numpy as np
 
+from checks.processors import environment
 from pipeline.engine.versions import library_versions, processor
-from tests.processors import environment
 
 
 def test_record_holds_library_versions_and_the_machine() -> None:

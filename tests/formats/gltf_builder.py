@@ -1,7 +1,5 @@
 """glTF files of tests: JSON with arrays and images in data URIs."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

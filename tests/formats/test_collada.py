@@ -1,7 +1,5 @@
 """Effects of COLLADA files: opacity as `<transparent>` and `<transparency>` say, emission where it is the only colour."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

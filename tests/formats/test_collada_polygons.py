@@ -1,14 +1,12 @@
 """Concave polygons of COLLADA files are cut as they are drawn."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from pipeline.formats.collada_polygons import cut_concave
+from pipeline.formats.collada import cut_concave
 from pipeline.formats.mesh_file import parse_mesh
 
 ARROW = "0 0 0 4 -3 0 2 0 0 4 3 0"

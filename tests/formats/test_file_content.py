@@ -1,7 +1,5 @@
 """Only regular files up to a size are read; text begins after its byte-order mark, and content of another kind is named."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

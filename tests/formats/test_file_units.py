@@ -1,7 +1,5 @@
 """Units and up-axes that mesh files state."""
 
-from __future__ import annotations
-
 import io
 import os
 import stat

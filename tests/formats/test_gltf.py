@@ -1,7 +1,5 @@
 """Documents of glTF: their arrays and primitives, compression, extensions, and damaged files, which are refused in words."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Colours, opacity and textures of glTF files."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any
@@ -11,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.formats import texture_wrap
+from pipeline.formats import gltf_look
 from pipeline.kernels.geometry.mesh import Mesh
 from tests.formats.gltf_builder import CORNERS, Gltf, data_uri
 
@@ -145,7 +143,7 @@ def test_samplers_that_clamp_and_mirror_show_the_same_pixels(
 
 
 def test_clamped_texture_that_would_grow_too_large_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(texture_wrap, "MAX_PIXELS", 100)
+    monkeypatch.setattr(gltf_look, "MAX_PIXELS", 100)
     document = Gltf()
     document.texture([[RED, BLUE]], sampler=document.add("samplers", {"wrapS": 33071}))
     primitive = document.box(TEXCOORD_0=MIDDLE + np.float32([100, 0])) | {"material": 0}

@@ -1,7 +1,5 @@
 """Shapes of glTF files that must be computed, against closed forms: nodes, skins, morph targets, instances."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Images are read, or refused before they are decoded."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Each mesh file is read within limits of memory and processor time."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

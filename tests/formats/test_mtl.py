@@ -1,7 +1,5 @@
 """Material libraries: damaged ones and statements that are not read are listed; the others are read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

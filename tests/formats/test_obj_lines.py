@@ -1,7 +1,5 @@
 """Materials of an OBJ with many pages: each face has the one that it names, or that is said."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

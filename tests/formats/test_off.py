@@ -1,7 +1,5 @@
 """OFF files: what may stand before, in and behind their lines, and their colours."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

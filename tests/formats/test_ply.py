@@ -1,7 +1,5 @@
 """PLY files: polygons and strips in text and both byte orders, names and types of colours, and pages of textures."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from pathlib import Path

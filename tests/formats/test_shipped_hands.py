@@ -1,7 +1,5 @@
 """Shipped hands besides the right Allegro: its mirror image, and a gripper whose fingers share a motor."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh

@@ -1,7 +1,5 @@
 """STL files: how long binary ones are, text, and the colours of VisCAM and of Magics."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Sequence
 from pathlib import Path

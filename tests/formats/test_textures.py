@@ -1,7 +1,5 @@
 """Textures that cannot be decoded are listed with the reason; alpha counts only where the mesh file says so."""
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """3MF files: which parts and objects are built, where, and in which colours."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from pathlib import Path

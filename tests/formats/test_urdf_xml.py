@@ -1,7 +1,5 @@
 """URDF files in any encoding are read; other formats in place of a URDF are named."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

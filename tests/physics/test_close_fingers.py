@@ -1,7 +1,5 @@
 """Fingers that are built side by side, nearer than the margins of a physics engine and of a search."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +8,8 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.collision_shapes import collision_boxes
-from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics import hand_body
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.prepare import FINGER_GAP, finger_gap

@@ -1,7 +1,5 @@
 """The hand and the object in PyBullet."""
 
-from __future__ import annotations
-
 import resource
 from pathlib import Path
 
@@ -11,8 +9,8 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.client import pybullet
 from pipeline.physics.hold_test import GRAVITY
-from pipeline.physics.quiet_pybullet import pybullet
 from pipeline.physics.simulation import Simulation
 from tests.kernels.hand.meshes import centred, mug
 

@@ -20,7 +20,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import load_touch_model
@@ -31,9 +31,7 @@ from pipeline.store.garbage import collect_everything
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches
-from stages.train_unet.settings import UnetSettings
-from stages.train_unet.stage import TrainUnet
-from stages.train_unet.trade import depth_errors
+from stages.train_unet.stage import TrainUnet, UnetSettings, depth_errors
 from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 

@@ -3,7 +3,6 @@
 (() => {
   const waiting = {};
   const HAND_OPACITY = 0.5;  // the object is seen through the hand
-  const SPEED = 0.5;  // of a lift that is played
 
   // A mesh file is a script that calls this with its name and its content: gzip, base64. Browsers fetch no files from a disk.
   window.vtMesh = (name, content) => waiting[name](content);
@@ -124,51 +123,10 @@
     canvas.addEventListener("keydown", (event) => {
       if (keys[event.key]) { keys[event.key](); event.preventDefault(); }
     });
-    const { scene: grasps, animations } = await parse(root.dataset.mesh);
+    const { scene: grasps } = await parse(root.dataset.mesh);
     scene.add(grasps);
 
-    // The lift of a grasp: played, or wound by hand. Where none has begun, the scene is the grasp.
-    const play = chosen("play"), time = chosen("time"), mixer = new THREE.AnimationMixer(grasps);
-    let lift, before;
-    const wind = (seconds) => {
-      lift.time = Math.min(seconds, Number(time.max));
-      time.value = lift.time;
-      time.setAttribute("aria-valuetext", `${lift.time.toFixed(2)} seconds`);
-      mixer.update(0);
-      draw();
-    };
-    const begin = () => { lift.play(); lift.paused = true; };  // its time is set here, not by the mixer
-    const pause = () => { before = undefined; play.textContent = "Play"; };
-    const step = (now) => {
-      if (before === undefined) return;
-      wind(lift.time + SPEED * (now - before) / 1000);
-      before = now;
-      if (lift.time < Number(time.max)) requestAnimationFrame(step); else pause();
-    };
-    const choose = () => {
-      if (!play) return;
-      const { value, selectedOptions: [{ dataset }] } = chosen("grasp"), clip = animations.find(({ name }) => name === `grasp-${value}`);
-      pause();
-      mixer.stopAllAction();
-      root.querySelector("output").textContent = dataset.lift ?? "";
-      play.disabled = time.disabled = !clip;
-      lift = clip && mixer.clipAction(clip);
-      time.max = clip ? clip.duration.toPrecision(15) : 1;  // the digits that a range keeps: played and wound to the end are one picture
-      time.value = time.defaultValue;
-    };
-    play?.addEventListener("click", () => {
-      if (before !== undefined) return pause();
-      begin();
-      if (Number(time.value) >= Number(time.max) || time.value === time.defaultValue) wind(0); else wind(Number(time.value));
-      play.textContent = "Pause";
-      before = performance.now();
-      requestAnimationFrame(step);
-    });
-    time?.addEventListener("input", () => { const wanted = Number(time.value); pause(); begin(); wind(wanted); });
-
     root.addEventListener("change", async (event) => {
-      if (event.target === time) return;
-      if (event.target.name === "grasp") choose();
       await show();
       if (["grasp", "beside", "prediction"].includes(event.target.name)) reset();
     });
@@ -177,7 +135,6 @@
         if (material) Object.assign(material, { transparent: true, opacity: HAND_OPACITY });
       });
     });
-    choose();
     await show();
     draw();
     reset();

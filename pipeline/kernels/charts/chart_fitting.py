@@ -7,9 +7,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, descend, planar_grid, take_steps
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from pipeline.kernels.metrics.cloud_distances import checked_cloud, sampling_floor
 
@@ -24,15 +24,15 @@ the whole cloud: from afar many points are about equally near, and a search amon
 class ChartFits:
     """Fitted charts."""
 
-    vertices: NDArray[np.float64]  # (N, side², 3) sensor frame, m; those of `chart_square` where the cloud is empty
-    residual: NDArray[np.float64]  # (N,) m, RMS distance from cloud to chart's surface; 0 where the cloud is empty
-    loss: NDArray[np.float64]  # (N,) sensor widths², exact Chamfer distance when last checked; +inf: never, 0: empty
+    vertices: Array  # (N, side², 3) sensor frame, m; those of `chart_square` where the cloud is empty
+    residual: Array  # (N,) m, RMS distance from cloud to chart's surface; 0 where the cloud is empty
+    loss: Array  # (N,) sensor widths², exact Chamfer distance when last checked; +inf: never, 0: empty
     iterations: NDArray[np.int64]  # (N,) steps of Adam taken
     stop_rule: NDArray[np.int64]  # (N,) `StopRule`: threshold, cap, too_few_points (none) or collapsed
 
 
 def fit_charts(
-    clouds: Sequence[NDArray[np.float64]],  # N clouds (n, 3), sensor frame, m; each n may differ, and be 0
+    clouds: Sequence[Array],  # N clouds (n, 3), sensor frame, m; each n may differ, and be 0
     width: float,  # m, of the sensor
     generators: Sequence[torch.Generator],  # N on the CPU, one per chart
     *,
@@ -70,8 +70,8 @@ class _Fit:
 
     def __init__(
         self,
-        cloud: NDArray[np.float64],  # (n, 3), n at least 1
-        square: NDArray[np.float64],  # (V, 3) vertices of the undeformed chart
+        cloud: Array,  # (n, 3), n at least 1
+        square: Array,  # (V, 3) vertices of the undeformed chart
         faces: NDArray[np.int64],  # (F, 3)
         options: FitOptions,
         generator: torch.Generator,  # shuffles the cloud and draws the chart's samples
@@ -141,7 +141,7 @@ class _Fit:
         if min(losses, default=np.inf) < self.near_loss:
             self.near_loss = np.inf  # it is near from now on
 
-    def _draw(self, steps: int, samples: int) -> NDArray[np.float64]:
+    def _draw(self, steps: int, samples: int) -> Array:
         """Draw (steps, samples, 3) numbers in [0, 1]."""
-        drawn: NDArray[np.float64] = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
+        drawn: Array = torch.rand(steps, samples, 3, generator=self.generator, dtype=torch.float64).numpy()
         return drawn

@@ -11,20 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
 
-BETAS = 0.9, 0.999
-"""Adam's decays of the mean gradient and of its square, as published: the supplement names none."""
-EPSILON = 1e-8
-"""What Adam adds to the root of the mean square, as published."""
+BETAS = 0.9, 0.999  # Adam's decays of the mean gradient and of its square, as published: the supplement names none
+EPSILON = 1e-8  # what Adam adds to the root of the mean square, as published
 
 
 class ChartState(NamedTuple):
     """A chart that is being fitted; steps change the arrays."""
 
-    vertices: NDArray[np.float64]  # (V, 3)
-    mean: NDArray[np.float64]  # (V, 3) Adam's mean gradient
-    square: NDArray[np.float64]  # (V, 3) Adam's mean squared gradient
+    vertices: Array  # (V, 3)
+    mean: Array  # (V, 3) Adam's mean gradient
+    square: Array  # (V, 3) Adam's mean squared gradient
     faces: NDArray[np.int64]  # (F, 3)
 
 
@@ -37,10 +36,10 @@ def chart_area(chart: ChartState) -> float:
 @compiled
 def chamfer_and_gradient(
     chart: ChartState,  # with an area above 0
-    uniform: NDArray[np.float64],  # (n, 3) in [0, 1], which `map_to_surface` maps to the chart
-    cloud: NDArray[np.float64],  # (m, 3) points whose nearest samples are found
+    uniform: Array,  # (n, 3) in [0, 1], which `map_to_surface` maps to the chart
+    cloud: Array,  # (m, 3) points whose nearest samples are found
     target: "PlanarGrid",  # the cloud, or points that represent it, of which each sample finds the nearest
-) -> tuple[float, NDArray[np.float64]]:  # distance, gradient (V, 3)
+) -> tuple[float, Array]:  # distance, gradient (V, 3)
     """Compute the Chamfer distance between samples of a chart and a cloud, and its gradient.
 
     The gradient is that with the neighbours and the samples' places on the chart held fixed.
@@ -80,7 +79,7 @@ def chamfer_and_gradient(
 
 
 @compiled
-def descend(chart: ChartState, gradient: NDArray[np.float64], step: int, rate: float) -> None:
+def descend(chart: ChartState, gradient: Array, step: int, rate: float) -> None:
     """Take Adam's step number `step`, from 1 (Kingma and Ba, 2015, algorithm 1)."""
     for vertex in range(len(chart.vertices)):
         for axis in range(3):
@@ -95,13 +94,13 @@ def descend(chart: ChartState, gradient: NDArray[np.float64], step: int, rate: f
 @compiled
 def take_steps(
     chart: ChartState,  # is changed
-    uniform: NDArray[np.float64],  # (k, n, 3) in [0, 1], of each step
-    parts: NDArray[np.float64],  # (P, m, 3) parts of the cloud, which steps take in turn
+    uniform: Array,  # (k, n, 3) in [0, 1], of each step
+    parts: Array,  # (P, m, 3) parts of the cloud, which steps take in turn
     targets: "tuple[PlanarGrid, PlanarGrid]",  # the first part, and the whole cloud
     near_loss: float,  # +inf for a chart that is near already
     steps: int,  # taken before
     rate: float,  # Adam's
-) -> NDArray[np.float64]:  # (k,) losses of the steps, or of fewer
+) -> Array:  # (k,) losses of the steps, or of fewer
     """Take steps, each with other samples and points; stop before a step if no area is left.
 
     Samples find their nearest in the first part until a loss is below `near_loss`, then in the whole cloud.
@@ -118,7 +117,7 @@ def take_steps(
 
 
 @compiled
-def _cumulative_areas(chart: ChartState) -> NDArray[np.float64]:
+def _cumulative_areas(chart: ChartState) -> Array:
     """Sum up twice the areas of the faces, face after face: (F,); by components, as `doubled_areas`."""
     vertices, faces, areas, total = chart.vertices, chart.faces, np.empty(len(chart.faces)), 0.0
     for i in range(len(faces)):
@@ -130,7 +129,7 @@ def _cumulative_areas(chart: ChartState) -> NDArray[np.float64]:
 
 
 @compiled
-def _first_above(cumulative: NDArray[np.float64], value: float) -> int:
+def _first_above(cumulative: Array, value: float) -> int:
     """Find the first of increasing numbers that exceeds a value; if none does, by rounding, the first that equals the last one."""
     low, high = 0, len(cumulative) - 1
     while low < high:
@@ -145,7 +144,7 @@ def _first_above(cumulative: NDArray[np.float64], value: float) -> int:
 class PlanarGrid(NamedTuple):
     """Points, sorted by the cell of a grid over x and y."""
 
-    points: NDArray[np.float64]  # (n, 3) cell by cell, row by row
+    points: Array  # (n, 3) cell by cell, row by row
     numbers: NDArray[np.int64]  # (n,) number of each in the cloud
     starts: NDArray[np.int64]  # (cells + 1,) where each cell's points begin
     x: float  # corner of the first cell
@@ -156,7 +155,7 @@ class PlanarGrid(NamedTuple):
 
 
 @compiled
-def planar_grid(points: NDArray[np.float64]) -> PlanarGrid:
+def planar_grid(points: Array) -> PlanarGrid:
     """Sort points (n, 3), n at least 1, finite, into the cells of a grid around them."""
     count = len(points)
     x, y, right, top = np.inf, np.inf, -np.inf, -np.inf
@@ -186,7 +185,7 @@ def planar_grid(points: NDArray[np.float64]) -> PlanarGrid:
 
 
 @compiled
-def nearest_in(grid: PlanarGrid, queries: NDArray[np.float64]) -> NDArray[np.int64]:
+def nearest_in(grid: PlanarGrid, queries: Array) -> NDArray[np.int64]:
     """Find the nearest point to each of `queries` (m, 3): (m,) places in `grid.points`; of points equally near, within rounding, any.
 
     The nearest in the nine cells around the query bounds how far away the nearest of all may be; then all cells up to there are searched.
@@ -217,7 +216,7 @@ def _cell(coordinate: float, start: float, side: float, cells: int) -> int:
 
 @compiled
 def _nearer(
-    points: NDArray[np.float64],
+    points: Array,
     starts: NDArray[np.int64],
     columns: int,
     left: int,

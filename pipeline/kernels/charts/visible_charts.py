@@ -1,37 +1,31 @@
 """The visible surface of an object in a depth image as small charts, in the form of touch charts."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-WIDTH = 0.016
-"""m per side of a chart, as wide as a fingertip's gel."""
-MEASURED = 0.9
-"""Share of a chart's pixels that must be measured, its corners among them; the others are filled in."""
-UNEVEN = 2e-3
-"""m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise."""
-STEEP = 2.0
-"""Slope against the image plane above which a surface is seen at too flat an angle."""
-CHARTS = 64
-"""Most charts, spread evenly over the surface; five grasps make twenty touch charts."""
-RIM = 1
-"""Pixels at the rim of the mask that are left out: cameras mix depths there."""
+from pipeline.kernels.arrays import Array, Floats, Mask
+
+WIDTH = 0.016  # m per side of a chart, as wide as a fingertip's gel
+MEASURED = 0.9  # share of a chart's pixels that must be measured, its corners among them; the others are filled in
+UNEVEN = 2e-3  # m: RMS of the depths around the chart, above which a window holds an edge of the object, or noise
+STEEP = 2.0  # slope against the image plane above which a surface is seen at too flat an angle
+CHARTS = 64  # most charts, spread evenly over the surface; five grasps make twenty touch charts
+RIM = 1  # pixels at the rim of the mask that are left out: cameras mix depths there
 
 
 def visible_charts(
-    depth: NDArray[np.floating],  # (rows, cols) along the viewing direction, m; NaN where nothing was measured
-    mask: NDArray[np.bool_],  # (rows, cols) where the image shows the object
-    intrinsic: NDArray[np.floating],  # (3, 3) camera matrix; pixel centres at ½
+    depth: Floats,  # (rows, cols) along the viewing direction, m; NaN where nothing was measured
+    mask: Mask,  # (rows, cols) where the image shows the object
+    intrinsic: Floats,  # (3, 3) camera matrix; pixel centres at ½
     side: int,  # vertices along a side of a chart
     width: float = WIDTH,  # m, of a chart
-) -> NDArray[np.float64]:  # (T, side², 3) camera frame, m; T may be 0
+) -> Array:  # (T, side², 3) camera frame, m; T may be 0
     """Fit charts to the visible surface.
 
     The camera frame has +x along columns, +y along rows, +z ahead. Vertices are ordered as those of touch charts, so
-    that their normals point away from the camera, into the object.
-
-    The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
-    squares: a chart is smooth where the camera's depth is noisy.
+    that their normals point away from the camera, into the object. The image is cut into windows that are `width` wide
+    at the object's median depth. A quadric is fitted to the depths of each, by least squares: a chart is smooth where
+    the camera's depth is noisy.
     """
     usable = binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
     if not usable.any():
@@ -51,7 +45,7 @@ def visible_charts(
     return stacked[np.unique(np.linspace(0, len(stacked) - 1, min(CHARTS, len(stacked))).round().astype(int))] if len(stacked) else stacked
 
 
-def _fitted(depth: NDArray[np.floating], corner: tuple[int, int], intrinsic: NDArray[np.floating], side: int) -> NDArray[np.float64] | None:
+def _fitted(depth: Floats, corner: tuple[int, int], intrinsic: Floats, side: int) -> Array | None:
     """Fit a chart (side², 3) to the depths of a window with its first pixel at `corner`; None if they are not a smooth surface."""
     down, across = (np.linspace(-1, 1, count) for count in depth.shape)
     v, u = np.meshgrid(down, across, indexing="ij")
@@ -72,5 +66,5 @@ def _fitted(depth: NDArray[np.floating], corner: tuple[int, int], intrinsic: NDA
     return chart
 
 
-def _quadric(u: NDArray[np.floating], v: NDArray[np.floating]) -> NDArray[np.float64]:
+def _quadric(u: Floats, v: Floats) -> Array:
     return np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)

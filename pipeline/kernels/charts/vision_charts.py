@@ -13,12 +13,13 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array
+
 BOUNDARY, RING = 12, 6
 CHART_VERTICES = BOUNDARY + RING + 1
 """Vertices of a chart, in this order: the boundary from the first corner on (corners are 0, 4, 8), the ring, the centre."""
 CENTRE = CHART_VERTICES - 1
-MAX_SPLITS = 4
-"""6144 charts: more would be finer than any image resolves."""
+MAX_SPLITS = 4  # 6144 charts: more would be finer than any image resolves
 
 Triangle = tuple[int, int, int]
 
@@ -27,7 +28,7 @@ Triangle = tuple[int, int, int]
 class VisionCharts:
     """C vision charts that close a sphere, V = 19 C vertices, F = 24 C faces, P positions; arrays are read-only."""
 
-    vertices: NDArray[np.float64]  # (V, 3) on the unit sphere; chart c's are 19 c to 19 c + 18
+    vertices: Array  # (V, 3) on the unit sphere; chart c's are 19 c to 19 c + 18
     faces: NDArray[np.int64]  # (F, 3) wound so that normals point outwards
     centres: NDArray[np.int64]  # (C,) vertex in the middle of each chart
     position: NDArray[np.int64]  # (V,) in 0..P-1, which distinct position each vertex has
@@ -65,10 +66,10 @@ def vision_charts(splits: int = 1) -> VisionCharts:
 class _SpherePoints:
     """Numbered points on the unit sphere; each is made at its first use."""
 
-    points: list[NDArray[np.float64]] = field(default_factory=list)
+    points: list[Array] = field(default_factory=list)
     middles: dict[frozenset[int], int] = field(default_factory=dict)
 
-    def add(self, point: NDArray[np.float64]) -> int:
+    def add(self, point: Array) -> int:
         """Add a point, moved onto the sphere, and return its number."""
         self.points.append(_on_sphere(point))
         return len(self.points) - 1
@@ -87,7 +88,7 @@ class _SpherePoints:
         return [low, half, high] if a < b else [high, half, low]
 
 
-def _on_sphere(point: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_sphere(point: Array) -> Array:
     return np.asarray(point / np.linalg.norm(point), np.float64)
 
 

@@ -3,52 +3,41 @@
 import igl
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Faces, Points, face_cross_products, is_watertight, mesh_edges
+from pipeline.kernels.arrays import Array, Floats, Indices, Integers
+from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight, mesh_edges
 from pipeline.kernels.geometry.surface_wrapping import neighbour_means, smooth_mesh, split_edges, vertex_normals, wrap_surface
 from pipeline.kernels.geometry.transforms import unit_vectors
 
-RESOLUTION = 128
-"""Edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre."""
-COARSEST = 64
-"""Fewest edges: with fewer, thin bodies swell and charts distort them."""
+RESOLUTION = 128  # edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre
+COARSEST = 64  # fewest edges: with fewer, thin bodies swell and charts distort them
 TOLERANCE = 4e-4
 """m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
-INPUT_SMOOTHING_ROUNDS = 4
-"""Rounds of Taubin's filter on the input surface, which flatten bumps as short as its edges."""
-WRAP_SMOOTHING_ROUNDS = 100
-"""Rounds on the closed mesh, which flatten the steps of the grid."""
-ATTACHMENT_ROUNDS = 4
-"""Rounds of assigning a part of the mesh to each point and pulling it there."""
-REFINEMENT = 4
-"""Edges around the points become about this many times shorter."""
+INPUT_SMOOTHING_ROUNDS = 4  # rounds of Taubin's filter on the input surface, which flatten bumps as short as its edges
+WRAP_SMOOTHING_ROUNDS = 100  # rounds on the closed mesh, which flatten the steps of the grid
+ATTACHMENT_ROUNDS = 4  # rounds of assigning a part of the mesh to each point and pulling it there
+REFINEMENT = 4  # edges around the points become about this many times shorter
 NORMAL_WEIGHT = 2.0
 """Distance, in spacings, added to a face whose normal is perpendicular to the point's; opposite normals add twice that."""
-CANDIDATES = 6
-"""Faces, nearest by their middles, among which the nearest face is searched."""
-REACH = 4.0
-"""Distance from the points within which the mesh is moved, in spacings."""
-FALLOFF = 3.0
-"""A point pulled far moves a larger neighbourhood: this multiple of the distance …"""
-LARGEST_SHARE = 0.25
-"""… but no more than this share of the mesh's extent."""
-STIFFNESS = 0.3
-"""Weight of bending beside that of the points."""
+CANDIDATES = 6  # faces, nearest by their middles, among which the nearest face is searched
+REACH = 4.0  # distance from the points within which the mesh is moved, in spacings
+FALLOFF = 3.0  # a point pulled far moves a larger neighbourhood: this multiple of the distance …
+LARGEST_SHARE = 0.25  # … but no more than this share of the mesh's extent
+STIFFNESS = 0.3  # weight of bending beside that of the points
 
 
 def closed_surface(
-    vertices: Points,  # (V, 3) m
-    faces: Faces,  # (F, 3); the surface may be crumpled, open, or cross itself
-    charts: NDArray[np.floating],  # (K, S, 3) touch charts in the same frame, m; K may be 0
-    chart_faces: Faces,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
+    vertices: Array,  # (V, 3) m
+    faces: Integers,  # (F, 3); the surface may be crumpled, open, or cross itself
+    charts: Floats,  # (K, S, 3) touch charts in the same frame, m; K may be 0
+    chart_faces: Integers,  # (G, 3) of each chart, wound so that normals point into the object, as the sensor's do
     *,
     resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
-) -> tuple[Points, Faces]:
+) -> tuple[Array, Integers]:
     """Make one closed, smooth mesh that passes through the touch charts.
 
     It is one part, with each edge in two faces and normals outwards. Every vertex of the charts is within 0.5 mm of it;
@@ -72,14 +61,14 @@ def closed_surface(
 
 
 def attach_points(
-    vertices: Points,  # (V, 3)
-    faces: Faces,  # (F, 3), closed, normals outwards
-    points: Points,  # (N, 3) on the true surface
-    normals: Points,  # (N, 3) its approximate outward unit normals there; 0 where unknown
+    vertices: Array,  # (V, 3)
+    faces: Integers,  # (F, 3), closed, normals outwards
+    points: Array,  # (N, 3) on the true surface
+    normals: Array,  # (N, 3) its approximate outward unit normals there; 0 where unknown
     *,
     spacing: float,  # length of the mesh's edges
     tolerance: float,  # largest distance from each point to the mesh afterwards
-) -> tuple[Points, Faces]:
+) -> tuple[Array, Integers]:
     """Pull a closed mesh smoothly through points, together with their surroundings.
 
     The result is closed too, and finer around the points.
@@ -107,8 +96,8 @@ def attach_points(
 
 
 def _nearest_facing_points(
-    vertices: Points, faces: Faces, points: Points, normals: Points, spacing: float
-) -> tuple[NDArray[np.intp], Points]:  # (N,) faces, (N, 3)
+    vertices: Array, faces: Integers, points: Array, normals: Array, spacing: float
+) -> tuple[Indices, Array]:  # (N,) faces, (N, 3)
     """Find the face that each point belongs to, and the nearest place on it."""
     corners = vertices[faces]
     facing = unit_vectors(face_cross_products(corners))
@@ -117,14 +106,14 @@ def _nearest_facing_points(
     count = min(CANDIDATES, len(faces))
     candidates = tree.query(np.concatenate([points, weight * normals], axis=1), k=count)[1].reshape(-1)  # (N count)
     repeated = np.repeat(points, count, axis=0)
-    places: Points = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
+    places: Array = trimesh.triangles.closest_point(corners[candidates], repeated)  # type: ignore[no-untyped-call]
     best = np.linalg.norm(places - repeated, axis=1).reshape(-1, count).argmin(axis=1) + count * np.arange(len(points))
     return candidates[best], places[best]
 
 
 def _displace_vertices(
-    vertices: Points, faces: Faces, points: Points, face: NDArray[np.intp], places: Points, spacing: float, *, coarse: bool
-) -> Points:
+    vertices: Array, faces: Integers, points: Array, face: Indices, places: Array, spacing: float, *, coarse: bool
+) -> Array:
     """Displace the vertices around the places so that these come to the points or near them; with `coarse`, details keep their shape."""
     offset = points - places
     distances, nearest = cKDTree(places).query(vertices)
@@ -150,7 +139,7 @@ def _displace_vertices(
     return displaced
 
 
-def _insert_points(vertices: Points, faces: Faces, points: Points, tolerance: float) -> tuple[Points, Faces]:
+def _insert_points(vertices: Array, faces: Integers, points: Array, tolerance: float) -> tuple[Array, Integers]:
     """Make vertices of the points that are farther from the mesh than the tolerance; each splits its nearest face into three."""
     while True:
         squared, face, _ = igl.point_mesh_squared_distance(points, vertices, faces)

@@ -11,24 +11,19 @@ the object's diagonal may count as a single sheet: rays start off the surface, a
 import numpy as np
 from embreex import rtcore_scene
 from embreex.mesh_construction import TriangleMesh
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 
 DIRECTIONS = 256
-MIN_ESCAPES = 2
-"""Escaping rays that make a point exterior."""
-
+MIN_ESCAPES = 2  # escaping rays that make a point exterior
 CERTAIN_ESCAPES = 2 * MIN_ESCAPES
 """Escaping rays on one side, and none on the other, that decide which side is outside; else all directions are counted."""
-
 RAY_OFFSET = 4e-6
 """Distance of a ray's start from the surface over the object's diagonal: beyond float32 rounding, below any real gap."""
-
-MAX_DRAWS = 200
-"""Sampling fails when fewer than one of `MAX_DRAWS` points is exterior."""
+MAX_DRAWS = 200  # sampling fails when fewer than one of `MAX_DRAWS` points is exterior
 
 
 class EscapeTest:
@@ -47,9 +42,9 @@ class EscapeTest:
 
     def count(
         self,
-        points: NDArray[np.float64],  # (N, 3) on the surface, frame of the mesh
-        normals: NDArray[np.float64],  # (N, 3) unit normals there
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:  # (N,) each
+        points: Array,  # (N, 3) on the surface, frame of the mesh
+        normals: Array,  # (N, 3) unit normals there
+    ) -> tuple[Indices, Indices]:  # (N,) each
         """Count the rays that escape in front of and behind a surface.
 
         Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where
@@ -70,7 +65,7 @@ class EscapeTest:
             first, size = first + size, max(size, first + size)  # 8, 8, 16, 32, …
         return front, back
 
-    def _escape(self, points: NDArray[np.float64], directions: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def _escape(self, points: Array, directions: Array) -> Mask:
         """Find the rays (N, D), from points (N, 3), frame of the scene, in directions (D, 3), that hit nothing."""
         origins = (points[:, None] + RAY_OFFSET * directions).astype(np.float32).reshape(-1, 3)
         rays = np.tile(directions.astype(np.float32), (len(points), 1))
@@ -78,7 +73,7 @@ class EscapeTest:
         return np.asarray(occlusion, bool).reshape(len(points), -1)
 
 
-def spread_directions(count: int) -> NDArray[np.float64]:
+def spread_directions(count: int) -> Array:
     """Compute unit vectors (count, 3) spread evenly over the sphere.
 
     A Fibonacci lattice in a low-discrepancy order: the first few are spread widely too.
@@ -98,7 +93,7 @@ def sample_exterior(
     rng: np.random.Generator,
     *,
     directions: int = DIRECTIONS,  # in which rays are traced
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # (count, 3) each, unit and frame of the mesh
+) -> tuple[Array, Array]:  # (count, 3) each, unit and frame of the mesh
     """Draw points area-uniformly from the exterior surface of a mesh, with outward normals.
 
     Normals point to the side where more rays escape; where both sides are equal, the winding decides.

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Points
+from pipeline.kernels.arrays import Array, Floats, Mask
 
-Field = Callable[[Points], NDArray[np.floating]]
+Field = Callable[[Array], Floats]
 
-MAX_CELLS = 2**27
-"""Most cells of a grid, which holds a gigabyte of values."""
+MAX_CELLS = 2**27  # most cells of a grid, which holds a gigabyte of values
 MIN_VALUE_SHARE = 1e-3
 """Values around the surface are at least this share of the largest, so that no two vertices of the mesh coincide."""
 CELL_CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -24,16 +23,16 @@ AT_CORNERS = [tuple(slice(1, None) if end else slice(None, -1) for end in corner
 
 def level_set_mesh(
     field: Field,  # takes points (N, 3), returns (N,) finite values
-    low: Points,  # (3,)
-    high: Points,  # (3,) the other corner of the box
+    low: Array,  # (3,)
+    high: Array,  # (3,) the other corner of the box
     spacing: float,  # side of a grid cell, in the unit of the box; about the length of the mesh's edges
     *,
     slope: float = 1.0,  # Lipschitz constant of the field: 1 for a signed distance
     halvings: int = 3,
-    dense_points: Points | None = None,  # (M, 3)
+    dense_points: Array | None = None,  # (M, 3)
     dense_radius: float = 0.0,
     loose_pieces: bool = True,
-) -> tuple[Points, NDArray[np.int64]]:  # vertices (V, 3), faces (F, 3)
+) -> tuple[Array, NDArray[np.int64]]:  # vertices (V, 3), faces (F, 3)
     """Make the closed mesh around the part of a box where a field is negative.
 
     Normals point outwards, and each edge is in two faces. A negative region is cut off where the box ends, or up to
@@ -79,7 +78,7 @@ def level_set_mesh(
     return _marching_cubes(np.pad(values, 1, constant_values=slope * step), low - step, step)  # closed where the box ends
 
 
-def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Field, low: Points, step: float) -> None:
+def _evaluate(values: Array, where: Mask, field: Field, low: Array, step: float) -> None:
     if not where.any():
         return
     values[where] = computed = field(low + step * np.argwhere(where))
@@ -87,7 +86,7 @@ def _evaluate(values: NDArray[np.float64], where: NDArray[np.bool_], field: Fiel
         raise InvalidInput(f"a field is NaN or infinite at {np.count_nonzero(~np.isfinite(computed))} of {len(computed)} points of a grid")
 
 
-def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, radius: float) -> None:
+def _mark_cells_around(where: Mask, places: Array, step: float, radius: float) -> None:
     """Mark the points of a grid from 0 on within a distance of places (M, 3) along each axis, and one more point on each side."""
     reach = int(np.ceil(radius / step)) + 1
     for place in np.unique(np.rint(places / step).astype(np.int64), axis=0):
@@ -95,7 +94,7 @@ def _mark_cells_around(where: NDArray[np.bool_], places: Points, step: float, ra
         where[tuple(map(slice, first, last))] = True
 
 
-def _leave_out_loose_pieces(values: NDArray[np.float64], anchors: NDArray[np.bool_]) -> None:
+def _leave_out_loose_pieces(values: Array, anchors: Mask) -> None:
     """Turn the negative regions positive, except the largest and those that contain an anchor."""
     region, count = ndimage.label(values < 0)  # 0 where values are positive
     size = np.bincount(region.ravel())
@@ -105,7 +104,7 @@ def _leave_out_loose_pieces(values: NDArray[np.float64], anchors: NDArray[np.boo
     values[~kept[region]] *= -1
 
 
-def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _double_resolution(values: Array) -> Array:
     """Interpolate between neighbours: (2 N - 1) values along each axis, of N."""
     for axis in range(3):
         along = np.moveaxis(values, axis, 0)
@@ -115,14 +114,14 @@ def _double_resolution(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
-def _crossed_cells(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _crossed_cells(values: Array) -> Mask:
     """Mark the cells that the surface goes through."""
     inside = values < 0
     corners = np.stack([inside[at] for at in AT_CORNERS])
     return np.asarray(corners.any(axis=0) & ~corners.all(axis=0))
 
 
-def _mark_corners(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _mark_corners(cells: Mask) -> Mask:
     """Mark the corners of cells."""
     marked = np.zeros(np.add(cells.shape, 1), bool)
     for at in AT_CORNERS:
@@ -130,7 +129,7 @@ def _mark_corners(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return marked
 
 
-def _marching_cubes(values: NDArray[np.float64], low: Points, step: float) -> tuple[Points, NDArray[np.int64]]:
+def _marching_cubes(values: Array, low: Array, step: float) -> tuple[Array, NDArray[np.int64]]:
     """Run marching cubes on the cells that the surface goes through."""
     cells = np.argwhere(_crossed_cells(values))  # (N, 3)
     if not len(cells):

@@ -6,23 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh import graph
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Integers
 
-Points = NDArray[np.float64]
-Faces = NDArray[np.int64]
-
-
-FARTHEST = 1e18
-"""Largest coordinate that kernels take, any unit: its square fits into float32 too."""
+FARTHEST = 1e18  # largest coordinate that kernels take, any unit: its square fits into float32 too
 SLIVER_FLATNESS = 3e-6
 """A flatter face is replaced by its longest edge, which is off by at most 3e-6 of its length. libigl's distance to it would err by more."""
-SMALLEST = 1e-100
-"""Coordinates that are all smaller, and not 0, are refused: their products vanish in float64."""
+SMALLEST = 1e-100  # coordinates that are all smaller, and not 0, are refused: their products vanish in float64
 
 
-def check_coordinates(points: NDArray[np.floating], name: str) -> None:
+def check_coordinates(points: Floats, name: str) -> None:
     """Refuse points that are NaN, infinite, farther than `FARTHEST` from the origin along an axis, or all nearer than `SMALLEST`.
 
     Parameters
@@ -50,12 +44,12 @@ def check_coordinates(points: NDArray[np.floating], name: str) -> None:
         )
 
 
-def directed_edges(faces: NDArray[np.integer]) -> NDArray[np.integer]:
+def directed_edges(faces: Integers) -> Integers:
     """List the edges of (F, 3) faces in the direction of each face: (3 F, 2) vertices."""
     return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def mesh_edges(faces: NDArray[np.integer]) -> tuple[Faces, Faces]:
+def mesh_edges(faces: Integers) -> tuple[Integers, Integers]:
     """List the edges of a mesh: (E, 2) their ends, and (F, 3) the edge after each corner of each face."""
     following = np.roll(faces, -1, axis=1)
     count = np.int64(faces.max()) + 1  # with which int32 faces do not overflow
@@ -63,9 +57,11 @@ def mesh_edges(faces: NDArray[np.integer]) -> tuple[Faces, Faces]:
     return np.stack(np.divmod(unique, count), axis=1), edge.reshape(-1, 3)
 
 
-def is_watertight(faces: NDArray[np.integer]) -> bool:
+def is_watertight(faces: Integers) -> bool:
     """Whether each edge of (F, 3) faces is shared by exactly two of them."""
-    return bool(graph.is_watertight(directed_edges(faces))[0])
+    edges = np.sort(directed_edges(faces).astype(np.int64), axis=1)
+    _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
+    return bool((counts == 2).all())
 
 
 @dataclass(frozen=True)
@@ -88,7 +84,7 @@ class Look:
         (V, 4) uint8, sRGB and opacity of every vertex, linear in between, which multiplies the base colour; None for white.
     """
 
-    uv: NDArray[np.float32]
+    uv: Array32
     face_material: NDArray[np.int32]
     base_color: NDArray[np.uint8]
     material_texture: NDArray[np.int32]
@@ -125,7 +121,7 @@ class Mesh:
     `unread` lists what its file holds or names and the mesh lacks, each with the reason, such as "red.png is missing …".
     """
 
-    vertices: NDArray[np.float64]
+    vertices: Array
     faces: NDArray[np.int32]
     look: Look
     unread: tuple[str, ...] = ()
@@ -140,12 +136,12 @@ class Mesh:
         )
 
     @property
-    def triangles(self) -> NDArray[np.float64]:
+    def triangles(self) -> Array:
         """(F, 3, 3) corner positions of every face, m."""
         return self.vertices[self.faces]
 
 
-def face_cross_products(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def face_cross_products(triangles: Array) -> Array:
     """Compute the cross product of two edges of every face.
 
     Parameters
@@ -161,7 +157,7 @@ def face_cross_products(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
-def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def flatness(triangles: Array) -> Array:
     """Compute the height of every face over its longest edge.
 
     Parameters
@@ -179,7 +175,7 @@ def flatness(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(np.cross(edges[:, 1], edges[:, 2]), axis=1))
 
 
-def without_slivers(vertices: Points, faces: Faces) -> Faces:
+def without_slivers(vertices: Array, faces: Integers) -> Integers:
     """Replace faces flatter than `SLIVER_FLATNESS` by their longest edges, for libigl's distances.
 
     Parameters
@@ -200,7 +196,7 @@ def without_slivers(vertices: Points, faces: Faces) -> Faces:
     return edges
 
 
-def sample_triangles(triangles: NDArray[np.float64], count: int, rng: np.random.Generator) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def sample_triangles(triangles: Array, count: int, rng: np.random.Generator) -> tuple[Array, Indices]:
     """Draw points area-uniformly from triangles.
 
     Parameters

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trimesh.grouping import unique_ordered
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
 
 MIN_FLATNESS = 1e-14
@@ -67,7 +68,7 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
     return _keep_faces(mesh, unique_faces), CleaningReport(int(degenerate.sum()), len(positions) - len(unique_faces), watertight)
 
 
-def number_positions(vertices: NDArray[np.float64]) -> NDArray[np.intp]:
+def number_positions(vertices: Array) -> Indices:
     """Assign a number to each distinct position of vertices.
 
     Parameters

@@ -3,15 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import Mesh, check_coordinates
 from pipeline.kernels.geometry.transforms import length
 
 POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5
 """Centre of an object's bounding box in the world, m; and its diagonal, of objects without a size of their own, and as networks see all."""
-
 _TO_Z_UP = {
     "z": np.eye(3),
     "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # a quarter turn about x: y becomes z
@@ -23,7 +22,7 @@ DIGITS = 4
 """Digits of a diagonal: more than any result depends on, and few enough that objects scaled to one size have exactly this size."""
 
 
-def bounding_diagonal(vertices: NDArray[np.floating]) -> float:
+def bounding_diagonal(vertices: Floats) -> float:
     """Compute the diagonal of the bounding box of vertices (V, 3), rounded to `DIGITS` digits, in their unit."""
     return float(f"{length(np.ptp(vertices, axis=0)):.{DIGITS}g}")
 
@@ -40,13 +39,13 @@ def normalise_mesh(
     It is centred before it is scaled, so an object far from the origin keeps the digits of its file.
     """
     upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
-    vertices: NDArray[np.float64] = (upright - centre) * scale + POSITION
+    vertices: Array = (upright - centre) * scale + POSITION
     return replace(mesh, vertices=vertices)
 
 
 def normalising_transform(
     mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None
-) -> NDArray[np.float64]:  # (4, 4) homogeneous points of the file to the world, m
+) -> Array:  # (4, 4) homogeneous points of the file to the world, m
     """Compute the transform that `normalise_mesh` with the same arguments applies: a rotation, one scale, a shift."""
     _, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     placement = np.eye(4)
@@ -55,7 +54,7 @@ def normalising_transform(
     return placement
 
 
-def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _upright(mesh: Mesh, up: str, diagonal: float, metres_per_unit: float | None) -> tuple[Array, Array, float]:
     """Turn the vertices upright; return them, the centre of their bounding box, and the scale."""
     if not len(mesh.vertices):
         raise InvalidInput("the mesh has no vertices, so it cannot be scaled to a size")

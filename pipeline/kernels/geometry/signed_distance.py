@@ -6,28 +6,27 @@ from numpy.typing import NDArray
 from trimesh import graph
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.mesh import Points, check_coordinates, directed_edges, face_cross_products, without_slivers
+from pipeline.kernels.arrays import Array, Integers, Mask
+from pipeline.kernels.geometry.mesh import check_coordinates, directed_edges, face_cross_products, without_slivers
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 
 INSIDE_WINDING = 0.5
 """Size of the winding number above which a point is inside: a closed mesh has 1 there, or -1, one with small holes nearly as much."""
-
 BALANCED = 1e-9
 """Share of the parts' volume below which their sum is rounding: as much is wound one way as the other, and the largest part decides."""
 
 
 def signed_distances(
-    points: Points,  # (N, 3) finite, m
-    vertices: Points,  # (V, 3) finite, m
-    faces: NDArray[np.integer],  # (F, 3), F at least 1, wound as for `is_inside`
-) -> Points:  # (N,) m
+    points: Array,  # (N, 3) finite, m
+    vertices: Array,  # (V, 3) finite, m
+    faces: Integers,  # (F, 3), F at least 1, wound as for `is_inside`
+) -> Array:  # (N,) m
     """Compute signed distances to a mesh: positive outside, negative inside.
 
     They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of
     the mesh overlap, a distance is that to the nearest face of any part: no more than that to the surface of the whole.
-
-    The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not be closed. Both
-    sides of an open sheet are outside.
+    The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not
+    be closed. Both sides of an open sheet are outside.
     """
     inside = is_inside(points, vertices, faces)
     distances = np.sqrt(_squared_distances(points, vertices, faces))
@@ -35,10 +34,10 @@ def signed_distances(
 
 
 def is_inside(
-    points: Points,  # (N, 3) finite, m
-    vertices: Points,  # (V, 3) finite, m
-    faces: NDArray[np.integer],  # (F, 3), F at least 1
-) -> NDArray[np.bool_]:  # (N,)
+    points: Array,  # (N, 3) finite, m
+    vertices: Array,  # (V, 3) finite, m
+    faces: Integers,  # (F, 3), F at least 1
+) -> Mask:  # (N,)
     """Find the points inside a surface, by the size of the generalised winding number.
 
     Neighbouring faces may be wound against each other: the smaller area of a part is turned over. Parts that are turned
@@ -53,7 +52,7 @@ def is_inside(
     return np.asarray(np.abs(winding) > INSIDE_WINDING)
 
 
-def _consistently_wound(vertices: Points, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+def _consistently_wound(vertices: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     """Turn faces over so that those on both sides of an edge agree; a part keeps the side that most of its area has."""
     positions = number_positions(vertices)[faces]
     if not graph.is_watertight(directed_edges(positions))[1]:
@@ -65,7 +64,7 @@ def _consistently_wound(vertices: Points, faces: NDArray[np.int64]) -> NDArray[n
     return _turn_inverted_parts(vertices, faces, positions)
 
 
-def _turn_inverted_parts(vertices: Points, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
+def _turn_inverted_parts(vertices: Array, faces: NDArray[np.int64], positions: NDArray[np.int64]) -> NDArray[np.int64]:
     """Turn over closed parts that are inside out where most of the volume is not, or the reverse, unless they are cavities.
 
     Where two parts overlap that are wound differently, their winding numbers would cancel.
@@ -86,16 +85,16 @@ def _turn_inverted_parts(vertices: Points, faces: NDArray[np.int64], positions: 
     return np.where((turned & ~cavity[part])[:, None], faces[:, ::-1], faces)
 
 
-def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _are_closed(faces: NDArray[np.int64], part: NDArray[np.int64]) -> Mask:
     """Check which parts have an even number of faces at each edge: (P,) bool, of faces (F, 3) and the part of each, (F,)."""
     edges, faces_of_edge = np.unique(np.sort(directed_edges(faces), axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
     return np.asarray(np.bincount(np.repeat(part, 3), faces_of_edge[edges.reshape(-1)] % 2) == 0)
 
 
 def rms_distance_to_surface(
-    points: Points,  # (n, 3) finite; n at least 1
-    vertices: Points,  # (V, 3) finite, in the points' unit
-    faces: NDArray[np.integer],  # (F, 3); F at least 1; they may be slivers, segments or points
+    points: Array,  # (n, 3) finite; n at least 1
+    vertices: Array,  # (V, 3) finite, in the points' unit
+    faces: Integers,  # (F, 3); F at least 1; they may be slivers, segments or points
 ) -> float:
     """Compute the root of the mean squared distance from points to a surface.
 
@@ -109,7 +108,7 @@ def rms_distance_to_surface(
     return float(np.sqrt(np.mean(_squared_distances(points, vertices, faces))))
 
 
-def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integer]) -> Points:  # (N,)
+def _squared_distances(points: Array, vertices: Array, faces: Integers) -> Array:  # (N,)
     """Compute squared distances to the nearest face; slivers count as their longest edges."""
     vertices = np.ascontiguousarray(vertices)
     triangles = without_slivers(vertices, np.ascontiguousarray(faces, np.int64))
@@ -117,14 +116,14 @@ def _squared_distances(points: Points, vertices: Points, faces: NDArray[np.integ
 
 
 def sample_around_surface(
-    surface: Points,  # (P, 3) m
+    surface: Array,  # (P, 3) m
     count: int,
     rng: np.random.Generator,
     *,
     near: float,  # share of the points near the surface
     spread: tuple[float, float],  # least and largest standard deviation, m
     reach: float,  # half the side of the cube around the middle of the surface's bounding box, m
-) -> Points:  # (count, 3) m
+) -> Array:  # (count, 3) m
     """Draw points in space: a share near a surface, the others throughout the cube around it.
 
     Points near the surface are points of it, moved along each axis by normal deviates of one standard deviation; each

@@ -5,11 +5,11 @@ Vertices are (V, 3) float64, finite; faces (F, 3) integers, F at least 1.
 
 import igl
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.geometry.mesh import Faces, Points, check_coordinates, face_cross_products, mesh_edges, without_slivers
+from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, mesh_edges, without_slivers
 from pipeline.kernels.geometry.signed_distance import is_inside
 from pipeline.kernels.geometry.transforms import unit_vectors
 
@@ -20,26 +20,25 @@ SHRINK, GROW = 0.5, 0.505
 
 
 def wrap_surface(
-    vertices: Points,
-    faces: Faces,
+    vertices: Array,
+    faces: Integers,
     spacing: float,  # approximate length of the mesh's edges; narrower features and tunnels are lost
-) -> tuple[Points, Faces]:
+) -> tuple[Array, Integers]:
     """Wrap any set of triangles in one closed mesh, normals outwards.
 
     Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half. Of the
-    result, the largest part is kept; parts inside it or apart from it are dropped.
-
-    The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
-    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets behind each
-    other, wound alike, enclose what is between them and as much before them.
+    result, the largest part is kept; parts inside it or apart from it are dropped. The level set of the distance at
+    `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however thin. Its
+    vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets
+    behind each other, wound alike, enclose what is between them and as much before them.
     """
     check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
     triangles = without_slivers(vertices, faces)
 
-    def distance(points: Points) -> Points:
+    def distance(points: Array) -> Array:
         """Compute the signed distance from the shell around the triangles, negative in the shell and inside it."""
-        distances: Points = np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles)[0]) - spacing
+        distances: Array = np.sqrt(igl.point_mesh_squared_distance(points, vertices, triangles)[0]) - spacing
         if (off_shell := distances > 0).any():
             distances[off_shell] = np.where(is_inside(points[off_shell], vertices, faces), -distances[off_shell], distances[off_shell])
         return distances
@@ -53,7 +52,7 @@ def wrap_surface(
     return shell, sides
 
 
-def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
+def largest_part(vertices: Array, faces: Integers) -> tuple[Array, Integers]:
     """Keep the part of a closed mesh with the greatest volume, and its vertices."""
     label = igl.facet_components(np.ascontiguousarray(faces))[1]
     volumes = np.bincount(label, weights=np.linalg.det(vertices[faces]))
@@ -62,10 +61,10 @@ def largest_part(vertices: Points, faces: Faces) -> tuple[Points, Faces]:
 
 
 def smooth_mesh(
-    vertices: Points,
-    faces: Faces,
+    vertices: Array,
+    faces: Integers,
     rounds: int,  # pairs of a shrinking and a growing step
-) -> Points:  # (V, 3)
+) -> Array:  # (V, 3)
     """Smooth a mesh by Taubin's filter."""
     neighbours = neighbour_means(faces, len(vertices))
     for _ in range(rounds):
@@ -74,7 +73,7 @@ def smooth_mesh(
     return vertices
 
 
-def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
+def neighbour_means(faces: Integers, count: int) -> sparse.csr_array:
     """Make the (V, V) matrix that replaces each vertex by the mean of its neighbours; a vertex without a face stays."""
     first, second = mesh_edges(faces)[0].T
     isolated = np.setdiff1d(np.arange(count), [first, second])
@@ -83,18 +82,18 @@ def neighbour_means(faces: Faces, count: int) -> sparse.csr_array:
     return sparse.csr_array((1 / degree[rows], (rows, columns)), shape=(count, count))
 
 
-def vertex_normals(vertices: Points, faces: Faces) -> Points:
+def vertex_normals(vertices: Array, faces: Integers) -> Array:
     """Compute the unit normal at each vertex, from its faces by their areas; 0 where they have none."""
     across = face_cross_products(vertices[faces])
-    total: Points = np.stack([np.bincount(faces.ravel(), np.repeat(axis, 3), minlength=len(vertices)) for axis in across.T], axis=1)
+    total: Array = np.stack([np.bincount(faces.ravel(), np.repeat(axis, 3), minlength=len(vertices)) for axis in across.T], axis=1)
     return unit_vectors(total)
 
 
 def split_edges(
-    vertices: Points,
-    faces: Faces,
-    chosen: NDArray[np.bool_],  # (E,) which edges to split, as `mesh_edges` numbers them
-) -> tuple[Points, Faces]:  # the middles are appended to the vertices
+    vertices: Array,
+    faces: Integers,
+    chosen: Mask,  # (E,) which edges to split, as `mesh_edges` numbers them
+) -> tuple[Array, Integers]:  # the middles are appended to the vertices
     """Split edges of a mesh in their middles, and the faces beside them: a closed mesh stays closed."""
     ends, edge = mesh_edges(faces)
     middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)

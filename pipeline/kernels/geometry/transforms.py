@@ -5,13 +5,15 @@ numpy and of the C library. Here products are added in a fixed order, and sines 
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from pipeline.kernels.arrays import Array
 
 
 def compose(
-    left: NDArray[np.float64],  # (..., N, K)
-    right: NDArray[np.float64],  # (..., K, M); leading dimensions broadcast
-) -> NDArray[np.float64]:  # (..., N, M)
+    left: Array,  # (..., N, K)
+    right: Array,  # (..., K, M); leading dimensions broadcast
+) -> Array:  # (..., N, M)
     """Multiply matrices, as `left @ right` does."""
     if left.shape[-1] != right.shape[-2]:
         raise ValueError(f"matrices of shapes {left.shape} and {right.shape} have no product")
@@ -22,15 +24,15 @@ def compose(
 
 
 def transform_points(
-    pose: NDArray[np.float64],  # (..., 4, 4), from the points' frame to the target frame
-    points: NDArray[np.float64],  # (..., P, 3) m; leading dimensions broadcast
-) -> NDArray[np.float64]:  # (..., P, 3) target frame, m
+    pose: Array,  # (..., 4, 4), from the points' frame to the target frame
+    points: Array,  # (..., P, 3) m; leading dimensions broadcast
+) -> Array:  # (..., P, 3) target frame, m
     """Transform points by poses."""
     turned = np.einsum("...ij,...pj->...pi", pose[..., :3, :3], points)  # einsum calls no BLAS unless it is asked to optimise
     return np.asarray(turned + pose[..., None, :3, 3])
 
 
-def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def invert_pose(pose: Array) -> Array:
     """Invert rigid transforms (..., 4, 4), whose axes are orthonormal."""
     inverse = pose.copy()
     inverse[..., :3, :3] = np.swapaxes(pose[..., :3, :3], -1, -2)
@@ -38,14 +40,14 @@ def invert_pose(pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
-def scaling_about(centre: ArrayLike, factor: float) -> NDArray[np.float64]:
+def scaling_about(centre: ArrayLike, factor: float) -> Array:
     """Make the scaling (4, 4) by a factor that leaves a point (3,) where it is."""
     scaling = np.diag([factor, factor, factor, 1.0])
     scaling[:3, 3] = (1 - factor) * np.asarray(centre, np.float64)
     return scaling
 
 
-def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
+def invert_similarity(similarity: Array) -> Array:
     """Invert a rigid transform with one scale (4, 4): its axes are orthogonal, and the scale is their length."""
     squared = float((similarity[:3, 0] ** 2).sum())
     inverse = invert_pose(similarity)
@@ -53,30 +55,30 @@ def invert_similarity(similarity: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
-def solve_3x3(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def solve_3x3(matrix: Array, target: Array) -> Array:
     """Solve `matrix` (3, 3) x = `target` (3,) by Cramer's rule, whose error grows with the matrix's condition."""
     columns = matrix.T
     crosses = np.cross(columns[[1, 2, 0]], columns[[2, 0, 1]])
     return np.asarray((crosses * target).sum(axis=1) / (crosses[0] * columns[0]).sum())
 
 
-def length(vectors: ArrayLike) -> NDArray[np.float64]:
+def length(vectors: ArrayLike) -> Array:
     """Compute the Euclidean lengths (...) of vectors (..., N); `np.linalg.norm` without an axis would call BLAS."""
     return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
-def unit_vectors(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit_vectors(vectors: Array) -> Array:
     """Scale vectors (..., N) to length 1; zero stays zero."""
     return np.asarray(vectors / np.maximum(length(vectors), np.finfo(np.float64).tiny)[..., None])
 
 
-def sin_cos(angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def sin_cos(angles: ArrayLike) -> tuple[Array, Array]:
     """Compute sines and cosines of angles (...), rad, rounded from extended precision."""
     extended = np.asarray(angles, np.longdouble)
     return np.sin(extended).astype(np.float64), np.cos(extended).astype(np.float64)
 
 
-def rotation_from_euler(angles: ArrayLike) -> NDArray[np.float64]:
+def rotation_from_euler(angles: ArrayLike) -> Array:
     """Compute the rotation (3, 3) by angles (3,), rad, about the fixed x axis first, then y, then z: R = Rz Ry Rx."""
     (sx, sy, sz), (cx, cy, cz) = sin_cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])

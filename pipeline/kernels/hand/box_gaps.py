@@ -1,11 +1,9 @@
 """Gaps between boxes: compiled loops, which share a file because numba's cache notices changes of a function's own file only."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
-
-Float64Array = NDArray[np.float64]
 
 PARALLEL_SINE2 = 1e-6
 """Squared sine below which two edges count as parallel: their cross product is no axis, and the axes of the faces are enough."""
@@ -13,10 +11,10 @@ PARALLEL_SINE2 = 1e-6
 
 @compiled
 def box_gap(
-    frame_a: Float64Array,  # (4, 4) pose of the box's centre, m
-    half_a: Float64Array,  # (3,) half extents, m
-    frame_b: Float64Array,
-    half_b: Float64Array,
+    frame_a: Array,  # (4, 4) pose of the box's centre, m
+    half_a: Array,  # (3,) half extents, m
+    frame_b: Array,
+    half_b: Array,
     enough: float = np.inf,  # m, a gap as good as any larger one: the search ends there
 ) -> float:  # m
     """Compute the largest gap between two boxes along any of the 15 candidate axes.
@@ -53,7 +51,7 @@ def box_gap(
 
 
 @compiled
-def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> float:
+def least_gap(world: Array, half: Array, first: Indices, second: Indices) -> float:
     """Compute the least gap, m, of pairs of boxes (C, 4, 4) with half extents (C, 3); inf without pairs."""
     gap = np.inf
     for a, b in zip(first, second):  # noqa: B905 - numba knows no `strict`
@@ -62,7 +60,7 @@ def least_gap(world: Float64Array, half: Float64Array, first: NDArray[np.intp], 
 
 
 @compiled
-def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], second: NDArray[np.intp], gap: float) -> NDArray[np.bool_]:
+def are_near(world: Array, half: Array, first: Indices, second: Indices, gap: float) -> Mask:
     """Find the pairs of boxes (N, C, 4, 4) that are nearer than `gap`, (N, pairs)."""
     near = np.empty((len(world), len(first)), np.bool_)
     for n in range(len(world)):
@@ -74,14 +72,14 @@ def are_near(world: Float64Array, half: Float64Array, first: NDArray[np.intp], s
 
 @compiled
 def conflicts(
-    world: Float64Array,  # (O, C, 4, 4) frames of boxes
-    half: Float64Array,  # (C, 3) half extents
-    first: NDArray[np.intp],  # (pairs,) of boxes that may not touch
-    second: NDArray[np.intp],
-    owner: NDArray[np.intp],  # (C,) finger of each box, -1 for none
+    world: Array,  # (O, C, 4, 4) frames of boxes
+    half: Array,  # (C, 3) half extents
+    first: Indices,  # (pairs,) of boxes that may not touch
+    second: Indices,
+    owner: Indices,  # (C,) finger of each box, -1 for none
     fingers: int,
     gap: float,
-) -> NDArray[np.bool_]:  # (F, F, O, O)
+) -> Mask:  # (F, F, O, O)
     """Find where finger a in option i is too near finger b in option j; filled for a < b."""
     options = len(world)
     conflicts = np.zeros((fingers, fingers, options, options), np.bool_)

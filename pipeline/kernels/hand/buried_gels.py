@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand, Link
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
-ROUNDED = 5e-4
-"""m, that a sensor plane may lie below its link's surface: origins are rounded, and meshes have facets."""
-MEETING = 1e-6
-"""m between shapes that count as one."""
+ROUNDED = 5e-4  # m, that a sensor plane may lie below its link's surface: origins are rounded, and meshes have facets
+MEETING = 1e-6  # m between shapes that count as one
 
 
 def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:
@@ -40,7 +38,7 @@ def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, s
             yield True, f"the gel of {mount.name} lies inside its link {link.name}, which objects meet first; {remedy}"
 
 
-def depth_in_link(link: Link, point: NDArray[np.float64], direction: NDArray[np.float64], *, ahead: float) -> float:
+def depth_in_link(link: Link, point: Array, direction: Array, *, ahead: float) -> float:
     """Compute how far a point lies below a link's surface along a direction.
 
     Parameters
@@ -74,5 +72,5 @@ def depth_in_link(link: Link, point: NDArray[np.float64], direction: NDArray[np.
     return depth
 
 
-def _listed(vector: NDArray[np.float64]) -> str:
+def _listed(vector: Array) -> str:
     return f"[{', '.join(f'{number + 0.0:.4g}' for number in np.round(vector, 5))}]"

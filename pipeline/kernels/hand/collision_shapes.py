@@ -10,15 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, invert_pose, transform_points
 from pipeline.kernels.hand.grid_loops import Spheres
 from pipeline.kernels.hand.model import Hand
 
-BLOCK = 4_000_000
-"""Points times faces whose distances are held in memory at once: 32 MB."""
-MAX_LATTICE = 2_000_000
-"""Points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand."""
+BLOCK = 4_000_000  # points times faces whose distances are held in memory at once: 32 MB
+MAX_LATTICE = 2_000_000  # points of the lattice in a shape: at 3 mm a cube of 0.38 m, larger than any link of a hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,9 +28,9 @@ class CollisionSpheres:
     That finds parts of the object inside a link as well as points of the link inside the object.
     """
 
-    centres: NDArray[np.float64]  # (B, 3) in the frame of the link, m
-    radii: NDArray[np.float64]  # (B,) m; 0 for points on the surface
-    link: NDArray[np.intp]  # (B,) number of the link, ascending
+    centres: Array  # (B, 3) in the frame of the link, m
+    radii: Array  # (B,) m; 0 for points on the surface
+    link: Indices  # (B,) number of the link, ascending
 
     def of_links(self, links: ArrayLike) -> "CollisionSpheres":
         """Select the spheres of the given links."""
@@ -54,9 +53,9 @@ class CollisionSpheres:
 class CollisionBoxes:
     """Oriented boxes around the collision shapes."""
 
-    frames: NDArray[np.float64]  # (C, 4, 4) in the frame of the link, m
-    half: NDArray[np.float64]  # (C, 3) half extents, m
-    link: NDArray[np.intp]  # (C,) number of the link
+    frames: Array  # (C, 4, 4) in the frame of the link, m
+    half: Array  # (C, 3) half extents, m
+    link: Indices  # (C,) number of the link
 
 
 def collision_spheres(
@@ -108,7 +107,7 @@ def collision_boxes(hand: Hand) -> CollisionBoxes:
 
 
 @compiled
-def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: NDArray[np.intp], points: NDArray[Any]) -> None:
+def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: Indices, points: NDArray[Any]) -> None:
     """Fill `points` (3, N, B) with centres (B, 3) carried by the frames (N, L, 4, 4) of their links (B,)."""
     for axis in range(3):
         for n in range(len(frames)):
@@ -117,7 +116,7 @@ def _transform_centres(frames: NDArray[Any], centres: NDArray[Any], link: NDArra
                 points[axis, n, b] = (row[0] * x + row[1] * y) + (row[2] * z + row[3])
 
 
-def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _fill(hull: ConvexHull, spacing: float) -> tuple[Array, Array]:
     """Make points (N, 3) in and on a convex hull, and their depth (N,) below its surface."""
     normals, offsets = hull.equations[:, :3], hull.equations[:, 3]
     low, high = hull.points.min(axis=0), hull.points.max(axis=0)
@@ -132,7 +131,7 @@ def _fill(hull: ConvexHull, spacing: float) -> tuple[NDArray[np.float64], NDArra
     return np.concatenate([lattice[depth > 0], surface]), np.concatenate([depth[depth > 0], np.zeros(len(surface))])
 
 
-def _prune(points: NDArray[np.float64], depth: NDArray[np.float64], tolerance: float) -> NDArray[np.intp]:
+def _prune(points: Array, depth: Array, tolerance: float) -> Indices:
     """Keep a sphere, largest first, unless a kept one contains it to within `tolerance`."""
     kept = np.empty(0, np.intp)
     for i in np.argsort(-depth, kind="stable"):

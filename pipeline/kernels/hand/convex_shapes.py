@@ -14,19 +14,16 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, mesh_edges, without_slivers
 from pipeline.kernels.hand.model import Link, Shape
 
-MAX_FACES = 1000
-"""Most faces of a collision shape. A mesh with no more is used as it is."""
+MAX_FACES = 1000  # Most faces of a collision shape. A mesh with no more is used as it is.
 TOLERANCE = 1e-4
 """m, that a hull of more than `MAX_FACES` faces may lose: a tenth of the clearance that grasps keep. It is doubled until the rest fits."""
-SAMPLE_SPACING = 2e-3
-"""m, between points on convex shapes at which their distance from the mesh is measured."""
-BLOCK = 4_000_000
-"""Points times planes that are compared at once: 32 MB."""
-ON_SURFACE = 1e-6
-"""m, within which a point counts as on a convex shape's surface."""
+SAMPLE_SPACING = 2e-3  # m, between points on convex shapes at which their distance from the mesh is measured
+BLOCK = 4_000_000  # points times planes that are compared at once: 32 MB
+ON_SURFACE = 1e-6  # m, within which a point counts as on a convex shape's surface
 
 
 @dataclass(frozen=True)
@@ -56,7 +53,7 @@ def with_convex_shapes(link: Link, slabs: int | None = None) -> Link:
     return replace(link, collisions=tuple(shapes))
 
 
-def _slab_points(mesh: Mesh, count: int) -> list[NDArray[np.float64]]:
+def _slab_points(mesh: Mesh, count: int) -> list[Array]:
     """List the points (N, 3) that span each slab: the vertices in it, and where edges cross its ends."""
     vertices = mesh.vertices[np.unique(mesh.faces)]
     if count == 1:
@@ -73,17 +70,17 @@ def _slab_points(mesh: Mesh, count: int) -> list[NDArray[np.float64]]:
     ]
 
 
-def _crossings(edges: NDArray[np.float64], axis: int, place: float) -> NDArray[np.float64]:
+def _crossings(edges: Array, axis: int, place: float) -> Array:
     """Compute where edges (E, 2, 3) cross a plane across an axis."""
     above = edges[:, :, axis] > place
     first, second = np.moveaxis(edges[above[:, 0] != above[:, 1]], 1, 0)
     share = (place - first[:, axis]) / (second[:, axis] - first[:, axis])
-    points: NDArray[np.float64] = first + share[:, None] * (second - first)
+    points: Array = first + share[:, None] * (second - first)
     points[:, axis] = place
     return points
 
 
-def _hull(points: NDArray[np.float64]) -> Mesh | None:
+def _hull(points: Array) -> Mesh | None:
     """Compute a convex hull of at most `MAX_FACES` faces; None where the points are flat."""
     try:
         hull = _exact_hull(points)
@@ -96,7 +93,7 @@ def _hull(points: NDArray[np.float64]) -> Mesh | None:
     return hull
 
 
-def _hull_within(corners: NDArray[np.float64], tolerance: float) -> Mesh:
+def _hull_within(corners: Array, tolerance: float) -> Mesh:
     """Compute the hull of some corners (N, 3) of a convex body, outside of which no other corner is farther than `tolerance`."""
     kept = np.zeros(len(corners), bool)
     kept[ConvexHull(corners, qhull_options=f"Qt W{tolerance:.17g}").vertices] = True  # W: what is nearer to a facet's plane is left out
@@ -110,12 +107,12 @@ def _hull_within(corners: NDArray[np.float64], tolerance: float) -> Mesh:
         kept[farthest[np.unique(facets[farthest], return_index=True)[1]]] = True  # one for each facet
 
 
-def _exact_hull(points: NDArray[np.float64]) -> Mesh:
+def _exact_hull(points: Array) -> Mesh:
     hull = ConvexHull(points)
     return Mesh.bare(points[hull.vertices], np.searchsorted(hull.vertices, hull.simplices))
 
 
-def _nearest(points: NDArray[np.float64], mesh: Mesh) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _nearest(points: Array, mesh: Mesh) -> tuple[Array, NDArray[np.int64]]:
     """Compute the distances (N,) of points (N, 3) from a mesh, m, and the nearest faces (N,)."""
     squared, face, _ = igl.point_mesh_squared_distance(points, mesh.vertices, without_slivers(mesh.vertices, mesh.faces.astype(np.int64)))
     return np.sqrt(squared), face
@@ -142,7 +139,7 @@ def convex_error(link: Link, convex: Link) -> ConvexError:
     return ConvexError(sum(len(mesh.faces) for mesh in meshes), sum(len(mesh.faces) for mesh in convex_meshes), float(lost), filled)
 
 
-def _outside(points: NDArray[np.float64], hull: ConvexHull) -> NDArray[np.float64]:
+def _outside(points: Array, hull: ConvexHull) -> Array:
     """Compute the distances (N,) of points (N, 3) from a convex body, 0 inside, m."""
     distance = np.zeros(len(points))
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) * len(hull.equations) // BLOCK)

@@ -9,22 +9,18 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Array32, Integers, Mask
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products, without_slivers
 from pipeline.kernels.geometry.transforms import unit_vectors
 from pipeline.kernels.hand.grid_loops import Grid, look_up
 
-Float32Array = NDArray[np.float32]
-
-BLOCK = 4
-"""Cells along the side of a block; one exact distance tells whether a block is near the surface."""
-MAX_CELLS = 6_000_000
-"""Cells of the largest grid (16 bytes each); a larger object gets larger cells."""
+BLOCK = 4  # cells along the side of a block; one exact distance tells whether a block is near the surface
+MAX_CELLS = 6_000_000  # cells of the largest grid (16 bytes each); a larger object gets larger cells
 LOOKUP_ERROR_CELLS = 2
 """Largest error of a look-up within the grid's band, in cells; as many cells beyond the band are part of the grid."""
 SIDE_PROBE_CELLS = 1.5
 """Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
-ON_SURFACE_CELLS = 1e-6
-"""Cells from the surface below which rounding may decide on which side of it a point lies."""
+ON_SURFACE_CELLS = 1e-6  # cells from the surface below which rounding may decide on which side of it a point lies
 MAX_STEPS = 4
 """Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
 
@@ -37,12 +33,12 @@ class DistanceField:
     and both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
     """
 
-    vertices: NDArray[np.float64]  # (V, 3) m
-    faces: NDArray[np.int64]  # (F, 3); slivers are edges that are run through twice
+    vertices: Array  # (V, 3) m
+    faces: Integers  # (F, 3); slivers are edges that are run through twice
     tree: igl.AABB
-    origin: NDArray[np.float64]  # (3,) centre of the first cell, m
+    origin: Array  # (3,) centre of the first cell, m
     cell: float  # m, side of a cell
-    records: Float32Array  # (X, Y, Z, 4) signed distance of every cell's centre, m, and its gradient
+    records: Array32  # (X, Y, Z, 4) signed distance of every cell's centre, m, and its gradient
     inside: NDArray[np.int8]  # (X, Y, Z) 1 if a cell's centre is inside, else 0; -1 if the surface may cross the cell
 
     @property
@@ -50,7 +46,7 @@ class DistanceField:
         """The grid as compiled loops take it."""
         return Grid(self.origin.astype(np.float32), np.float32(1 / self.cell), np.float32(self.cell), self.records)
 
-    def lookup(self, points: Float32Array) -> Float32Array:
+    def lookup(self, points: Array32) -> Array32:
         """Look up the distances (...) of finite points (3, ...), world, m, to first order in the nearest cell.
 
         Within the grid's band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond the
@@ -60,7 +56,7 @@ class DistanceField:
         """
         return look_up(self.grid, np.ascontiguousarray(points).reshape(3, -1)).reshape(points.shape[1:])
 
-    def exact(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def exact(self, points: Array) -> Array:
         """Compute the exact distances (N,) of finite points (N, 3), world, m.
 
         The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of a
@@ -72,16 +68,16 @@ class DistanceField:
         if not np.isfinite(points).all():
             raise ValueError(f"{np.count_nonzero(~np.isfinite(points))} coordinates of points are NaN or infinite; pass finite points")
         squared, _, closest = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))
-        distance: NDArray[np.float64] = np.sqrt(squared)
+        distance: Array = np.sqrt(squared)
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
 
     def _is_inside(
         self,
-        closest: NDArray[np.float64],  # (N, 3) closest points of the surface
-        direction: NDArray[np.float64],  # (N, 3) unit vectors from there to the points
-        distance: NDArray[np.float64],  # (N,) from there
-    ) -> NDArray[np.bool_]:  # (N,)
+        closest: Array,  # (N, 3) closest points of the surface
+        direction: Array,  # (N, 3) unit vectors from there to the points
+        distance: Array,  # (N,) from there
+    ) -> Mask:  # (N,)
         """Decide which points are inside: walk away from the surface until the grid knows the side."""
         inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
         undecided = np.arange(len(closest))
@@ -99,7 +95,7 @@ class DistanceField:
 
 
 def build_distance_field(
-    vertices: NDArray[np.float64],  # (V, 3) m
+    vertices: Array,  # (V, 3) m
     faces: np.ndarray,  # (F, 3) integers
     *,
     cell: float,  # m, side of a cell; enlarged where the grid would pass `MAX_CELLS`
@@ -141,7 +137,7 @@ def build_distance_field(
     return field
 
 
-def _grid_layout(extent: NDArray[np.float64], cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
+def _grid_layout(extent: Array, cell: float, band: float) -> tuple[float, float, NDArray[np.int64]]:
     """Compute the side of a cell and the grid's margin around an object of an extent (3,), all in m, and the blocks along each axis."""
     while True:
         margin = band + LOOKUP_ERROR_CELLS * cell  # at least two cells without a surface: the corner is known to be outside

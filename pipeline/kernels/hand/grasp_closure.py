@@ -3,29 +3,24 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, solve_3x3
-from pipeline.kernels.touch.contact import pressed_pixels
-from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.gel_surface import gel_surface
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
+from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
-CONE_EDGES = 8
-"""Edges of the pyramid that approximates a friction cone."""
-
-MARGIN_DECIMALS = 3
-"""Decimals of a margin: further ones are the linear program's rounding."""
+CONE_EDGES = 8  # edges of the pyramid that approximates a friction cone
+MARGIN_DECIMALS = 3  # decimals of a margin: further ones are the linear program's rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
     """A gel on an object."""
 
-    point: NDArray[np.float64]  # (3,) middle of the contact, world, m
-    normal: NDArray[np.float64]  # (3,) unit normal of the object's surface there, into the object
+    point: Array  # (3,) middle of the contact, world, m
+    normal: Array  # (3,) unit normal of the object's surface there, into the object
     area: float  # m², of the sensor plane over which the surface presses into the gel
     volume: float = 0.0  # m³, that the surface displaces
     nearest: float = 0.0  # m, least distance of the surface from the sensor plane
@@ -33,7 +28,7 @@ class Contact:
 
 def contact_from_depth(
     depth: np.ndarray,  # (rows, cols) D, m; +inf where nothing is met
-    pose: NDArray[np.float64],  # (4, 4) sensor frame to world, m
+    pose: Array,  # (4, 4) sensor frame to world, m
     sensor: Sensor,
 ) -> Contact | None:
     """Find the contact of a sensor with an object; None where nothing presses into the gel.
@@ -65,7 +60,7 @@ def contact_from_depth(
     )
 
 
-def measure_contact(faces: BoxedFaces, pose: NDArray[np.float64], sensor: Sensor) -> Contact | None:
+def measure_contact(faces: BoxedFaces, pose: Array, sensor: Sensor) -> Contact | None:
     """Find the contact of a sensor at a pose (4, 4) with an object's faces; None where nothing presses into the gel."""
     return contact_from_depth(ray_depth(faces, pose, sensor), pose, sensor)
 
@@ -87,11 +82,10 @@ def closure_margin(
 
     Contacts are soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about
     its normal. The margin is the share of an even distribution that every edge of every friction cone carries at least.
-    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure.
-
-    Of m edges with wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m.
-    Positive t and wrenches that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment
-    about a normal is 2/3 μ times the radius of a disc of the contact's area, as of a constant pressure.
+    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure. Of m edges with
+    wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m. Positive t and wrenches
+    that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment about a normal is 2/3 μ
+    times the radius of a disc of the contact's area, as of a constant pressure.
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0
@@ -108,7 +102,7 @@ def closure_margin(
     return round(float(np.clip(solution.x[-1], 0, 1)), MARGIN_DECIMALS) if solution.success else 0.0
 
 
-def _contact_wrenches(contact: Contact, origin: NDArray[np.float64], friction: float, size: float) -> NDArray[np.float64]:
+def _contact_wrenches(contact: Contact, origin: Array, friction: float, size: float) -> Array:
     """Compute wrenches (CONE_EDGES + 2, 6) with normal force 1: the cone's edges, and the moments about the normal."""
     across = np.cross(np.eye(3)[np.argmin(np.abs(contact.normal))], contact.normal)
     across /= length(across)

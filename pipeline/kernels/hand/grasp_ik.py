@@ -1,11 +1,10 @@
 """Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid link out of it.
 
-Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object allow it". Where
-they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled once per hand. The samples are
-ranked on the object's distance grid, the best are refined by random steps that shrink, and one posture per finger is chosen so that
-fingers do not collide.
-
-A posture's value is that of its gel's contact, less what its rigid links lack in clearance.
+Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object
+allow it". Where they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled
+once per hand. The samples are ranked on the object's distance grid, the best are refined by random steps that shrink,
+and one posture per finger is chosen so that fingers do not collide. A posture's value is that of its gel's contact,
+less what its rigid links lack in clearance.
 """
 
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, CollisionSpheres, collision_boxes
 from pipeline.kernels.hand.distance_field import DistanceField
@@ -27,23 +27,16 @@ from pipeline.kernels.hand.posture_samples import blocked_fingers, even_rows, li
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
 from pipeline.kernels.touch.sensor import Sensor
 
-Float64Array = NDArray[np.float64]
-Float32Array = NDArray[np.float32]
-
 NEAR_CONTACT = 0.0025
 """m outside or inside the object up to which a sampled posture is a candidate: refinement can correct as much."""
-MAX_CANDIDATES = 320
-"""Sampled postures per finger whose clearance is measured, those with most contact first."""
-REFINED_POSTURES = 12
-"""Postures per finger that are refined side by side, each replaced by its best neighbour."""
-STEPS_PER_POSTURE = 24
-"""New postures around each of them, per round."""
+MAX_CANDIDATES = 320  # sampled postures per finger whose clearance is measured, those with most contact first
+REFINED_POSTURES = 12  # postures per finger that are refined side by side, each replaced by its best neighbour
+STEPS_PER_POSTURE = 24  # new postures around each of them, per round
 STEP, STEP_SHARE = 0.16, 0.1
 """rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before. Of
 a prismatic joint this share of its range."""
 SHRINK = 0.4
-UNTOUCHING_POSTURES = 4
-"""Postures without contact per finger, among which the joint choice may take one."""
+UNTOUCHING_POSTURES = 4  # postures without contact per finger, among which the joint choice may take one
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +48,10 @@ class GraspIk:
     boxes: CollisionBoxes
     clearance: float  # m, gap that a good posture keeps between rigid links and the object
     finger_gap: float  # m, gap that it keeps between fingers
-    joint_angles: Float64Array  # (K, J) rad, samples spread evenly between the limits
-    frames: Float64Array  # (K, L, 4, 4) their link frames in the root link's
-    probes: NDArray[np.float32]  # (3, K, S, P) their gels' probes in the root link's frame, m
-    free: NDArray[np.bool_]  # (K, F) whether each finger stays clear of the palm
+    joint_angles: Array  # (K, J) rad, samples spread evenly between the limits
+    frames: Array  # (K, L, 4, 4) their link frames in the root link's
+    probes: Array32  # (3, K, S, P) their gels' probes in the root link's frame, m
+    free: Mask  # (K, F) whether each finger stays clear of the palm
 
 
 def prepare_grasp_ik(
@@ -83,7 +76,7 @@ def prepare_grasp_ik(
 def fingers_fit(
     ik: GraspIk,
     field: DistanceField,
-    hand_pose: Float64Array,  # (4, 4) of the root link, world, m
+    hand_pose: Array,  # (4, 4) of the root link, world, m
 ) -> bool:
     """Decide whether every finger has a posture, among a few samples, that is clear of object and palm."""
     rows = even_rows(len(ik.frames))
@@ -96,11 +89,11 @@ class GraspChoices:
     """Choices of one posture per finger that keep the fingers apart, best first; there may be none."""
 
     hand: Hand
-    options: Float64Array  # (O, J) rad, joint angles in each of which every finger has a posture
-    frames: Float64Array  # (O, L, 4, 4) their link frames, world
-    picks: NDArray[np.intp]  # (N, F) option that each finger takes
+    options: Array  # (O, J) rad, joint angles in each of which every finger has a posture
+    frames: Array  # (O, L, 4, 4) their link frames, world
+    picks: Indices  # (N, F) option that each finger takes
 
-    def joint_angles(self, number: int) -> Float64Array:
+    def joint_angles(self, number: int) -> Array:
         """Combine the fingers' postures of a choice, (J,), rad."""
         return np.asarray(_combine_fingers(self.hand, self.options, self.picks[number][None])[0])
 
@@ -108,11 +101,11 @@ class GraspChoices:
 def grasp_ik(
     ik: GraspIk,
     field: DistanceField,
-    hand_pose: Float64Array,  # (4, 4) of the root link, world, m
+    hand_pose: Array,  # (4, 4) of the root link, world, m
     *,
     rounds: int,  # of refinement
     rng: np.random.Generator,
-    start: Float64Array | None = None,  # (J,) rad, a posture to refine beside the best samples
+    start: Array | None = None,  # (J,) rad, a posture to refine beside the best samples
 ) -> GraspChoices:
     """Find joint angles, within the limits, with which the sensors touch an object.
 
@@ -136,7 +129,7 @@ def grasp_ik(
     return GraspChoices(ik.hand, options, frames, choose_postures(ik.hand, ik.boxes, frames=frames, values=values, gap=ik.finger_gap))
 
 
-def _contact_values(ik: GraspIk, field: DistanceField, frames: Float64Array) -> Float32Array:
+def _contact_values(ik: GraspIk, field: DistanceField, frames: Array) -> Array32:
     """Compute the values (N, F), more than 1 per touch, of postures with clearance, from frames (N, L, 4, 4)."""
     contact, coverage = gel_contact(field, gel_probes(ik.hand, ik.fingers, frames))
     miss = np.maximum(contact, 0) / MILLIMETRE
@@ -144,8 +137,8 @@ def _contact_values(ik: GraspIk, field: DistanceField, frames: Float64Array) -> 
 
 
 def _measure_best(
-    ik: GraspIk, field: DistanceField, frames: Float64Array, contact: Float32Array, *, groups: int = 1, best: int = 0, clear: int = 0
-) -> tuple[Float32Array, NDArray[np.bool_]]:
+    ik: GraspIk, field: DistanceField, frames: Array, contact: Array32, *, groups: int = 1, best: int = 0, clear: int = 0
+) -> tuple[Array32, Mask]:
     """Compute the values (N, F) of the best postures of each group, and find clear ones (N, F): see `measure_best`."""
     by_finger = np.ascontiguousarray(contact.T)
     ranks = np.argsort(-by_finger.reshape(len(by_finger), groups, -1), axis=-1, kind="stable")
@@ -163,7 +156,7 @@ def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
     return np.stack([gains[:, list(finger.sensors)].sum(axis=1) for finger in hand.fingers], axis=1)
 
 
-def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> tuple[Float64Array, Float64Array]:
+def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Array) -> tuple[Array, Array]:
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
     frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves has the same in all
@@ -177,7 +170,7 @@ def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) ->
     return _combine_fingers(ik.hand, angles, best), _combine_fingers(ik.hand, angles, clearest)
 
 
-def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> NDArray[np.intp]:
+def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Array) -> Indices:
     """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: by contact, and an even spread."""
     contact, coverage = gel_contact(field, ik.probes, hand_pose)  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
@@ -187,7 +180,7 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Float64Array) -> N
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
 
 
-def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -> Float64Array:
+def _combine_fingers(hand: Hand, angles: Array, rows: Indices) -> Array:
     """Combine joint angles (N, J), in which finger s takes row `rows[:, s]` of `angles`."""
     finger_of_joint = np.empty(len(hand.joint_names), np.intp)
     for number, finger in enumerate(hand.fingers):
@@ -198,11 +191,11 @@ def _combine_fingers(hand: Hand, angles: Float64Array, rows: NDArray[np.intp]) -
 def _refine(
     ik: GraspIk,
     field: DistanceField,
-    hand_pose: Float64Array,
+    hand_pose: Array,
     *,
-    postures: Float64Array,  # (P, J)
-    steps: Float64Array,  # (P, STEPS_PER_POSTURE + 1, J)
-) -> Float64Array:  # (P, J)
+    postures: Array,  # (P, J)
+    steps: Array,  # (P, STEPS_PER_POSTURE + 1, J)
+) -> Array:  # (P, J)
     """Replace each posture, finger by finger, by the best of itself and its neighbours at `steps`."""
     children = postures[:, None] + steps
     children[:, 0] = postures

@@ -6,15 +6,12 @@ All arithmetic on distances is float32, in a fixed order. The loops share a file
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Array32, Indices, Mask
 from pipeline.kernels.compiled import compiled
 
-Float32Array = NDArray[np.float32]
-
 MILLIMETRE = np.float32(1e-3)
-LACK_WEIGHT = np.float32(2)
-"""Value that a posture loses per millimetre of missing clearance."""
+LACK_WEIGHT = np.float32(2)  # value that a posture loses per millimetre of missing clearance
 FLOOR_SLACK = np.float32(1e-6)
 """m below the least gap with which a posture could win, at which its measurement stops: well above the rounding of values."""
 
@@ -22,18 +19,18 @@ FLOOR_SLACK = np.float32(1e-6)
 class Grid(NamedTuple):
     """A distance grid."""
 
-    origin: Float32Array  # (3,) centre of the first cell, m
+    origin: Array32  # (3,) centre of the first cell, m
     scale: np.float32  # cells per metre
     cell: np.float32  # m, side of a cell
-    records: Float32Array  # (X, Y, Z, 4) distance, m, and its gradient
+    records: Array32  # (X, Y, Z, 4) distance, m, and its gradient
 
 
 class Spheres(NamedTuple):
     """Spheres in the frames of links."""
 
-    centres: Float32Array  # (B, 3) m
-    radii: Float32Array  # (B,) m
-    link: NDArray[np.intp]  # (B,)
+    centres: Array32  # (B, 3) m
+    radii: Array32  # (B,) m
+    link: Indices  # (B,)
 
 
 @compiled
@@ -57,7 +54,7 @@ def _distance(grid: Grid, px: np.float32, py: np.float32, pz: np.float32) -> np.
 
 
 @compiled
-def look_up(grid: Grid, points: Float32Array) -> Float32Array:
+def look_up(grid: Grid, points: Array32) -> Array32:
     """Look up the distances (N,) of points (3, N)."""
     distance = np.empty(points.shape[1], np.float32)
     for n in range(len(distance)):
@@ -68,9 +65,9 @@ def look_up(grid: Grid, points: Float32Array) -> Float32Array:
 @compiled
 def least_distances(
     grid: Grid,
-    pose: Float32Array,  # (4, 4) of the points' frame
-    points: Float32Array,  # (3, N, P) m
-) -> tuple[Float32Array, Float32Array]:  # (N,) m, (N,)
+    pose: Array32,  # (4, 4) of the points' frame
+    points: Array32,  # (3, N, P) m
+) -> tuple[Array32, Array32]:  # (N,) m, (N,)
     """Compute the least distance of each group of points, and the share of its points inside."""
     count, size = points.shape[1:]
     distances, share = np.full(count, np.float32(np.inf)), np.empty(count, np.float32)
@@ -89,7 +86,7 @@ def least_distances(
 
 
 @compiled
-def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> np.float32:
+def _gap(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> np.float32:
     """Compute the least gap of spheres on link frames (L, 4, 4); if it is below `floor`, any value below `floor`."""
     gap, link, pose = np.float32(np.inf), -1, np.empty((3, 4), np.float32)
     for b in range(len(spheres.link) - 1, -1, -1):  # the fingertip, which comes last, is most often in the way
@@ -107,7 +104,7 @@ def _gap(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
 
 
 @compiled
-def gaps(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.float32) -> Float32Array:
+def gaps(grid: Grid, frames: Array, spheres: Spheres, floor: np.float32) -> Array32:
     """Compute the least gaps (N,) of spheres on frames (N, L, 4, 4); for one below `floor`, any value below `floor`."""
     return np.array([_gap(grid, frames[n], spheres, floor) for n in range(len(frames))], np.float32)
 
@@ -115,14 +112,14 @@ def gaps(grid: Grid, frames: NDArray[np.float64], spheres: Spheres, floor: np.fl
 @compiled
 def measure_best(
     grid: Grid,
-    frames: NDArray[np.float64],  # (N, L, 4, 4)
+    frames: Array,  # (N, L, 4, 4)
     spheres: Spheres,  # of one finger
-    contact: Float32Array,  # (N,) values of the postures if nothing is in their way; -inf for unavailable ones
-    order: NDArray[np.intp],  # (G, 1 + M) postures of each group: a likely best one, then all by falling `contact`
+    contact: Array32,  # (N,) values of the postures if nothing is in their way; -inf for unavailable ones
+    order: Indices,  # (G, 1 + M) postures of each group: a likely best one, then all by falling `contact`
     best: int,  # postures of greatest value that are requested of each group
     clear: int,  # clear postures that are requested of each group: the first in that order
     clearance: np.float32,  # m; a posture's value falls by what it lacks
-) -> tuple[Float32Array, NDArray[np.bool_]]:  # (N,), (N,)
+) -> tuple[Array32, Mask]:  # (N,), (N,)
     """Measure the clearance of postures where it can decide which have most value, and which are clear.
 
     Values are exact for the best of each group, and smaller or -inf for the others. Postures that were not measured do

@@ -4,20 +4,18 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import compose, sin_cos
 from pipeline.kernels.hand.model import Hand
 
-Float64Array = NDArray[np.float64]
-
 
 def forward_kinematics(
     hand: Hand,
-    hand_pose: NDArray[np.float64],  # (..., 4, 4) frame of the root link in the world, m
-    joint_angles: NDArray[np.float64],  # (..., J) rad (m for a prismatic joint), in the order of `hand.joint_names`
-) -> NDArray[np.float64]:  # (..., L, 4, 4) world, m, in the order of `hand.links`
+    hand_pose: Array,  # (..., 4, 4) frame of the root link in the world, m
+    joint_angles: Array,  # (..., J) rad (m for a prismatic joint), in the order of `hand.joint_names`
+) -> Array:  # (..., L, 4, 4) world, m, in the order of `hand.links`
     """Compute the URDF frames of all links; leading dimensions broadcast."""
     if np.shape(joint_angles)[-1:] != (len(hand.joint_names),):
         shape, expected = np.shape(joint_angles), len(hand.joint_names)
@@ -39,15 +37,15 @@ def forward_kinematics(
 class _JointTree(NamedTuple):
     """A hand's tree as the compiled loop takes it: all joints, parents first, and the M that move."""
 
-    parent: NDArray[np.intp]
-    child: NDArray[np.intp]
-    origin: NDArray[np.float64]
-    axis: NDArray[np.float64]
-    slides: NDArray[np.bool_]
-    moving: NDArray[np.intp]  # number of each joint among those that move, -1 where it is fixed
-    entry: NDArray[np.intp]  # (M,) entry of the joint vector that each follows
-    multiplier: NDArray[np.float64]  # (M,)
-    offset: NDArray[np.float64]  # (M,)
+    parent: Indices
+    child: Indices
+    origin: Array
+    axis: Array
+    slides: Mask
+    moving: Indices  # number of each joint among those that move, -1 where it is fixed
+    entry: Indices  # (M,) entry of the joint vector that each follows
+    multiplier: Array  # (M,)
+    offset: Array  # (M,)
 
 
 @lru_cache(maxsize=16)
@@ -68,7 +66,7 @@ def _joint_tree(hand: Hand) -> _JointTree:
 
 
 @compiled
-def _follow_joints(frames: Float64Array, tree: _JointTree, values: Float64Array, sin: Float64Array, cos: Float64Array) -> None:
+def _follow_joints(frames: Array, tree: _JointTree, values: Array, sin: Array, cos: Array) -> None:
     """Fill the link frames (N, L, 4, 4), except the root's, from the values (N, M) of the moving joints."""
     resting_frame, motion = np.empty((4, 4)), np.empty((4, 4))
     for n in range(len(frames)):
@@ -83,7 +81,7 @@ def _follow_joints(frames: Float64Array, tree: _JointTree, values: Float64Array,
 
 
 @compiled
-def _multiply(left: Float64Array, right: Float64Array, product: Float64Array) -> None:
+def _multiply(left: Array, right: Array, product: Array) -> None:
     """Multiply matrices (4, 4), with the bits of `compose`."""
     for row in range(4):
         for col in range(4):
@@ -93,7 +91,7 @@ def _multiply(left: Float64Array, right: Float64Array, product: Float64Array) ->
 
 
 @compiled
-def _set_motion(motion: Float64Array, slides: bool, axis: Float64Array, value: float, sin: float, cos: float) -> None:
+def _set_motion(motion: Array, slides: bool, axis: Array, value: float, sin: float, cos: float) -> None:
     """Fill `motion` (4, 4) with the displacement of a joint: Rodrigues' formula, or a slide along the axis."""
     x, y, z = axis
     motion[:] = 0
@@ -107,24 +105,24 @@ def _set_motion(motion: Float64Array, slides: bool, axis: Float64Array, value: f
     motion[2, 0], motion[2, 1], motion[2, 2] = sin * -y + rest * (x * z), sin * x + rest * (y * z), 1 + rest * (-y * y - x * x)
 
 
-def sensor_poses(hand: Hand, hand_pose: NDArray[np.float64], joint_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def sensor_poses(hand: Hand, hand_pose: Array, joint_angles: Array) -> Array:
     """Compute the sensor frames of postures, (..., S, 4, 4), from what `forward_kinematics` takes."""
     return sensor_poses_from_links(hand, forward_kinematics(hand, hand_pose, joint_angles))
 
 
 def sensor_poses_from_links(
     hand: Hand,
-    link_frames: NDArray[np.float64],  # (..., L, 4, 4) world, m
-) -> NDArray[np.float64]:  # (..., S, 4, 4) sensor frame to world, m
+    link_frames: Array,  # (..., L, 4, 4) world, m
+) -> Array:  # (..., S, 4, 4) sensor frame to world, m
     """Compute the sensor frames of a hand from its link frames, in the order of `hand.sensors`."""
     return np.stack([compose(link_frames[..., mount.link, :, :], mount.pose) for mount in hand.sensors], axis=-3)
 
 
 def joint_motion(
     kind: str,  # "prismatic", or a kind that turns
-    axis: NDArray[np.float64],  # (3,) unit vector
+    axis: Array,  # (3,) unit vector
     value: float,  # rad, of a prismatic joint m
-) -> NDArray[np.float64]:  # (4, 4)
+) -> Array:  # (4, 4)
     """Compute the displacement of a joint."""
     motion = np.empty((4, 4))
     _set_motion(motion, kind == "prismatic", np.asarray(axis, np.float64), float(value), *map(float, sin_cos(value)))

@@ -3,28 +3,19 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
 
-Float64Array = NDArray[np.float64]
-
-EDGES = 6
-"""Edges of the pyramid that approximates a friction cone."""
-MAX_FORCE = 10.0
-"""Largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg."""
-LEVER = 0.05
-"""m, by which moments are divided so that they count like forces: half the size of a held object."""
-CONTACT_RADIUS = 0.004
-"""m, radius of a gel's contact, which resists turning about its normal."""
-STEPS = 200
-"""Most steps of a solution: in 1.8 million of random and degenerate grasps the most were 112, the mean 4.5."""
+EDGES = 6  # edges of the pyramid that approximates a friction cone
+MAX_FORCE = 10.0  # largest force of an edge, in weights of the object: 20 N for an object of 0.2 kg
+LEVER = 0.05  # m, by which moments are divided so that they count like forces: half the size of a held object
+CONTACT_RADIUS = 0.004  # m, radius of a gel's contact, which resists turning about its normal
+STEPS = 200  # most steps of a solution: in 1.8 million of random and degenerate grasps the most were 112, the mean 4.5
 PERPENDICULAR = 1e-7
 """Cosine between a wrench and the remaining load below which they count as perpendicular: its force cannot reduce the load."""
-SMALL = 1e-4
-"""Share of the weight below which a residual counts as 0."""
-RESIDUAL_STEP = 0.02
-"""Share of the weight within which residuals count as equal, and the number of touches decides."""
+SMALL = 1e-4  # share of the weight below which a residual counts as 0
+RESIDUAL_STEP = 0.02  # share of the weight within which residuals count as equal, and the number of touches decides
 
 
 class Load(NamedTuple):
@@ -34,15 +25,14 @@ class Load(NamedTuple):
     touches: int  # its number of contacts
 
 
-NO_LOAD = Load(1000, -1)
-"""Worse than any grasp's."""
+NO_LOAD = Load(1000, -1)  # worse than any grasp's
 
 
 @compiled
 def load_residual(
-    points: Float64Array,  # (C, 3) of C contacts, from the centre of mass, m
-    normals: Float64Array,  # (C, 3) unit, into the object
-    touching: NDArray[np.bool_],  # (C,) which contacts exist
+    points: Array,  # (C, 3) of C contacts, from the centre of mass, m
+    normals: Array,  # (C, 3) unit, into the object
+    touching: Mask,  # (C,) which contacts exist
     friction: float,  # coefficient of every contact
 ) -> float:  # 0: held in all directions; 1: not held at all
     """Compute the part of an object's weight that a grasp cannot carry, along ± x, ± y and ± z.
@@ -63,9 +53,9 @@ def load_residual(
 
 @compiled
 def lightest_grasp(
-    points: Float64Array,  # (N, C, 3) of N grasps, each as for `load_residual`
-    normals: Float64Array,  # (N, C, 3)
-    touching: NDArray[np.bool_],  # (N, C)
+    points: Array,  # (N, C, 3) of N grasps, each as for `load_residual`
+    normals: Array,  # (N, C, 3)
+    touching: Mask,  # (N, C)
     friction: float,
     best: Load,  # the load to surpass; any grasp surpasses `NO_LOAD`
 ) -> tuple[int, Load]:
@@ -85,7 +75,7 @@ def lightest_grasp(
 
 
 @compiled
-def _columns(points: Float64Array, normals: Float64Array, touching: NDArray[np.bool_], friction: float) -> Float64Array:
+def _columns(points: Array, normals: Array, touching: Mask, friction: float) -> Array:
     """Compute the wrenches (M, 6) of all existing contacts."""
     columns = np.empty((len(points) * (EDGES + 2), 6))
     count = 0
@@ -97,7 +87,7 @@ def _columns(points: Float64Array, normals: Float64Array, touching: NDArray[np.b
 
 
 @compiled
-def _cone(point: Float64Array, normal: Float64Array, friction: float, columns: Float64Array) -> None:
+def _cone(point: Array, normal: Array, friction: float, columns: Array) -> None:
     """Fill the wrenches (EDGES + 2, 6) of a contact with normal force 1: forces on its cone, and moments about its normal."""
     thin = 0
     for k in range(1, 3):
@@ -123,12 +113,12 @@ def _cone(point: Float64Array, normal: Float64Array, friction: float, columns: F
 
 
 @compiled
-def _cross(a: Float64Array, b: Float64Array) -> Float64Array:
+def _cross(a: Array, b: Array) -> Array:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 @compiled
-def _least_squared(columns: Float64Array, load: Float64Array) -> float:
+def _least_squared(columns: Array, load: Array) -> float:
     """Compute the least squared length of a load (6,) plus wrenches (M, 6), each scaled by 0 to `MAX_FORCE`.
 
     An active-set method (Stark and Parker 1995, "Bounded-variable least squares"): one force after the other leaves its bound, the steepest
@@ -169,9 +159,7 @@ def _least_squared(columns: Float64Array, load: Float64Array) -> float:
 
 
 @compiled
-def _steepest(
-    columns: Float64Array, lengths: Float64Array, force: Float64Array, is_free: NDArray[np.bool_], remainder: Float64Array
-) -> int:
+def _steepest(columns: Array, lengths: Array, force: Array, is_free: Mask, remainder: Array) -> int:
     """Find the force at a bound whose change reduces the remainder (6,) most steeply.
 
     It is -1 where none reduces it, or it counts as 0.
@@ -188,7 +176,7 @@ def _steepest(
 
 
 @compiled
-def _unbounded_change(columns: Float64Array, free: NDArray[np.intp], remainder: Float64Array) -> Float64Array:
+def _unbounded_change(columns: Array, free: Indices, remainder: Array) -> Array:
     """Solve for the changes (K,) of the free forces that minimise the remainder (6,), by modified Gram-Schmidt."""
     count = len(free)
     basis, upper, change, left = np.empty((count, 6)), np.empty((count, count)), np.empty(count), remainder.copy()
@@ -213,7 +201,7 @@ def _unbounded_change(columns: Float64Array, free: NDArray[np.intp], remainder: 
 
 
 @compiled
-def _dot(a: Float64Array, b: Float64Array) -> float:
+def _dot(a: Array, b: Array) -> float:
     total = 0.0
     for k in range(6):
         total += a[k] * b[k]

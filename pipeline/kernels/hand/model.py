@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.mesh import Mesh
 
 
@@ -16,19 +16,31 @@ class Shape:
 
     kind: str  # "box", "sphere", "cylinder", "capsule" or "mesh"
     size: tuple[float, ...]  # (x, y, z), (radius,), (radius, length along z; a capsule's without ends), m; scale of a mesh file
-    origin: NDArray[np.float64]  # (4, 4) frame of the shape in its link's frame
+    origin: Array  # (4, 4) frame of the shape in its link's frame
     mesh: Mesh  # the shape in its link's frame, m, with its colour
     path: Path | None = None  # mesh file, None for other kinds
     beside: tuple[Path, ...] = ()  # files that it names: materials and textures
+    rpy: tuple[float, ...] | None = None  # rad, the turn of `origin` as the URDF states it: physics engines make their own matrix of it
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """The mass of a link and its moments of inertia."""
+
+    mass: float  # kg
+    centre: Array  # (3,) in the link's frame, m
+    rpy: tuple[float, ...]  # rad, turn of the frame of the moments
+    moments: tuple[float, ...] | None  # xx, xy, xz, yy, yz, zz, kg m²; None where the URDF does not state them
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid part of a hand: its name and shapes."""
+    """A rigid part of a hand: its name, shapes and mass."""
 
     name: str
     visuals: tuple[Shape, ...]
     collisions: tuple[Shape, ...]
+    inertial: Inertial | None = None  # None where the URDF states no mass
 
 
 @dataclass(frozen=True)
@@ -48,11 +60,19 @@ class Joint:
     kind: str
     parent: int  # number of the link
     child: int
-    origin: NDArray[np.float64]  # (4, 4) the child's frame in the parent's at rest
-    axis: NDArray[np.float64]  # (3,) unit vector in the child's frame
-    lower: float  # rad, of a prismatic joint m
+    origin: Array  # (4, 4) the child's frame in the parent's at rest
+    axis: Array  # (3,) unit vector in the child's frame
+    lower: float  # rad, of a prismatic joint m; as the URDF states it, also of a continuous joint
     upper: float
     mimic: Mimic | None = None  # names the joint that it follows
+    rpy: tuple[float, ...] | None = None  # rad, as of a `Shape`; None where the joint is frozen
+    damping: float = 0.0  # N m s/rad, of a prismatic joint N s/m
+    friction: float = 0.0  # N m, of a prismatic joint N
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Its range, rad (m): a full turn of a continuous joint."""
+        return (-np.pi, np.pi) if self.kind == "continuous" else (self.lower, self.upper)
 
 
 @dataclass(frozen=True)
@@ -75,7 +95,7 @@ class Mount:
 
     name: str  # as the hand file calls it: by default, as the finger that it is on
     link: int  # number of the link that carries it
-    pose: NDArray[np.float64]  # (4, 4) sensor frame in the link's frame
+    pose: Array  # (4, 4) sensor frame in the link's frame
     sensor: str  # name of a shipped sensor, or absolute path of a sensor file
 
 
@@ -105,12 +125,12 @@ class Hand:
     joints: tuple[Joint, ...]
     joint_links: tuple[int, ...]  # (J,) link that each entry of the joint vector moves, by `joints[link - 1]`
     joint_names: tuple[str, ...]  # (J,)
-    lower: NDArray[np.float64]  # (J,) limits, rad (m for a prismatic joint)
-    upper: NDArray[np.float64]  # (J,)
+    lower: Array  # (J,) limits, rad (m for a prismatic joint)
+    upper: Array  # (J,)
     fingers: tuple[Finger, ...]
     sensors: tuple[Mount, ...]
-    palm_facing: NDArray[np.float64]  # (3,) unit outward normal of the palm, in the root link's frame
-    palm_centre: NDArray[np.float64]  # (3,) point of its face that is set over the object, in the root link's frame, m
+    palm_facing: Array  # (3,) unit outward normal of the palm, in the root link's frame
+    palm_centre: Array  # (3,) point of its face that is set over the object, in the root link's frame, m
     followers: tuple[Follower, ...] = ()  # links whose joints mimic another one and have no entry in the joint vector
     frozen: Mapping[str, float] = field(default_factory=dict)  # rad (m), of joints that no finger uses: fixed ones
     allowed_contacts: frozenset[tuple[int, int]] = frozenset()  # links that may overlap, the lower number first
@@ -118,7 +138,7 @@ class Hand:
     friction: float = 0.5  # coefficient of the links' surfaces
 
     @property
-    def link_fingers(self) -> NDArray[np.intp]:
+    def link_fingers(self) -> Indices:
         """(L,) number of the finger that moves each link, -1 for none."""
         fingers = np.full(len(self.links), -1)
         for number, finger in enumerate(self.fingers):
@@ -126,7 +146,7 @@ class Hand:
         return fingers
 
     @property
-    def sensor_fingers(self) -> NDArray[np.intp]:
+    def sensor_fingers(self) -> Indices:
         """(S,) number of the finger that carries each sensor, -1 for the palm."""
         return self.link_fingers[[mount.link for mount in self.sensors]]
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Array32, Indices
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres
@@ -17,8 +17,7 @@ from pipeline.kernels.touch.sensor import Sensor
 
 PROBE_DEPTH = 0.6
 """Height above the sensor plane, in gel thicknesses, that a surface should reach: a firm touch, far from the rigid face."""
-PROBES = 4
-"""Probe points along a side of the gel: 4 mm apart on a 16 mm gel."""
+PROBES = 4  # probe points along a side of the gel: 4 mm apart on a 16 mm gel
 IDENTITY = np.eye(4)
 
 
@@ -27,7 +26,7 @@ class FingerGeometry:
     """The collision spheres of every finger's links, and points in every sensor's gel."""
 
     spheres: tuple[CollisionSpheres, ...]  # of the links that each of F fingers moves
-    probes: NDArray[np.float64]  # (S, PROBES², 3) in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m
+    probes: Array  # (S, PROBES², 3) in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m
 
 
 def finger_geometry(
@@ -44,7 +43,7 @@ def finger_geometry(
     return FingerGeometry(by_finger, np.stack(probes))
 
 
-def _probes(sensor: Sensor) -> NDArray[np.float64]:
+def _probes(sensor: Sensor) -> Array:
     steps = (np.arange(PROBES) + 0.5) / PROBES - 0.5
     x, y = (axis.ravel() for axis in np.meshgrid(steps * sensor.width, steps * sensor.height))
     return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
@@ -53,8 +52,8 @@ def _probes(sensor: Sensor) -> NDArray[np.float64]:
 def gel_probes(
     hand: Hand,
     fingers: FingerGeometry,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames of N postures, m
-) -> NDArray[np.float32]:  # (3, N, S, PROBES²) m
+    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
+) -> Array32:  # (3, N, S, PROBES²) m
     """Compute the positions of the gels' probe points in postures, in the frame that the link frames are given in."""
     points = np.empty((3, len(frames), *fingers.probes.shape[:2]), np.float32)
     _transform_probes(frames, np.array([mount.link for mount in hand.sensors], np.intp), fingers.probes, points)
@@ -62,9 +61,7 @@ def gel_probes(
 
 
 @compiled
-def _transform_probes(
-    frames: NDArray[np.float64], link: NDArray[np.intp], probes: NDArray[np.float64], points: NDArray[np.float32]
-) -> None:
+def _transform_probes(frames: Array, link: Indices, probes: Array, points: Array32) -> None:
     """Fill `points` (3, N, S, P) with probes (S, P, 3) carried by the frames (N, L, 4, 4) of their links (S,)."""
     for axis in range(3):
         for n in range(len(frames)):
@@ -77,9 +74,9 @@ def _transform_probes(
 
 def gel_contact(
     field: DistanceField,
-    probes: NDArray[np.float32],  # (3, N, S, P) m, from `gel_probes`
-    pose: NDArray[np.float64] = IDENTITY,  # (4, 4) of their frame, world
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:  # (N, S) m, (N, S)
+    probes: Array32,  # (3, N, S, P) m, from `gel_probes`
+    pose: Array = IDENTITY,  # (4, 4) of their frame, world
+) -> tuple[Array32, Array32]:  # (N, S) m, (N, S)
     """Measure how gels meet an object.
 
     Return the least distance of each gel's probes from the object, negative inside, and the share that are inside.
@@ -92,9 +89,9 @@ def gel_contact(
 def finger_clearance(
     field: DistanceField,
     fingers: FingerGeometry,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, world, m
+    frames: Array,  # (N, L, 4, 4) link frames, world, m
     floor: float = -np.inf,  # m; where the distance is smaller, any value below the floor is returned
-) -> NDArray[np.float32]:  # (N, F) m, negative inside the object
+) -> Array32:  # (N, F) m, negative inside the object
     """Measure the distance of every finger's rigid links from an object."""
     return np.stack([gaps(field.grid, frames, finger_spheres.single, np.float32(floor)) for finger_spheres in fingers.spheres], axis=1)
 
@@ -102,7 +99,7 @@ def finger_clearance(
 def penetration_depth(
     field: DistanceField,
     spheres: CollisionSpheres,  # of all rigid links; their spacing is the error
-    frames: NDArray[np.float64],  # (L, 4, 4) link frames, world, m
+    frames: Array,  # (L, 4, 4) link frames, world, m
 ) -> float:  # m; 0 when hand and object are apart
     """Compute the depth of the deepest rigid point in the object, or of the object's deepest point in a rigid link."""
     gaps_below = near_gaps(field, spheres, frames, 0.0)
@@ -112,9 +109,9 @@ def penetration_depth(
 def near_gaps(
     field: DistanceField,
     spheres: CollisionSpheres,
-    frames: NDArray[np.float64],  # (L, 4, 4) link frames, world, m
+    frames: Array,  # (L, 4, 4) link frames, world, m
     limit: float,  # m
-) -> NDArray[np.float64]:  # (K,) m, in the order of the spheres
+) -> Array:  # (K,) m, in the order of the spheres
     """Measure the exact gaps between the object and those spheres that may be nearer than a limit, as far as the grid can tell.
 
     All gaps below the limit are among them, and some others.

@@ -4,28 +4,26 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import finger_conflicts, fingers_clear_of_palm
+from pipeline.kernels.hand.self_collision import LinkOverlap, finger_conflicts, fingers_clear_of_palm, frequent_overlaps, remedy
 
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
 """rad kept from the joint limits, so that a motor's residual error does not cross them; at most this share of the joint's range."""
-EVEN_SAMPLES = 48
-"""Samples measured at every pose, regardless of contact: they decide whether a finger has room there."""
+EVEN_SAMPLES = 48  # samples measured at every pose, regardless of contact: they decide whether a finger has room there
 
 
 @dataclass(frozen=True, eq=False)
 class PostureSamples:
     """Postures spread evenly between the joint limits."""
 
-    joint_angles: NDArray[np.float64]  # (K, J) rad (m)
-    frames: NDArray[np.float64]  # (K, L, 4, 4) their link frames in the root link's, m
-    free: NDArray[np.bool_]  # (K, F) whether each finger stays clear of the palm and of its own links
+    joint_angles: Array  # (K, J) rad (m)
+    frames: Array  # (K, L, 4, 4) their link frames in the root link's, m
+    free: Mask  # (K, F) whether each finger stays clear of the palm and of its own links
 
 
 def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: float) -> PostureSamples:
@@ -41,12 +39,12 @@ def sample_postures(hand: Hand, boxes: CollisionBoxes, *, samples: int, gap: flo
     return PostureSamples(angles, frames, fingers_clear_of_palm(hand, boxes, frames, gap))
 
 
-def limit_margin(hand: Hand) -> NDArray[np.float64]:
+def limit_margin(hand: Hand) -> Array:
     """Compute the distance kept from the joint limits, (J,), rad (m)."""
     return np.minimum(LIMIT_MARGIN, LIMIT_SHARE * (hand.upper - hand.lower))
 
 
-def even_rows(samples: int) -> NDArray[np.intp]:
+def even_rows(samples: int) -> Indices:
     """Choose `EVEN_SAMPLES` rows spread evenly over all samples."""
     return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
 

@@ -3,32 +3,31 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import compose, invert_pose, length, sin_cos, solve_3x3
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
 
-DIFFERENCE_STEP = 1e-5
-"""rad, step of the finite differences."""
+DIFFERENCE_STEP = 1e-5  # rad, step of the finite differences
 DAMPING = 1e-3
 """m, of the damped least squares (Wampler 1986): below it the finger counts as unable to move in a direction."""
 LIMIT_DAMPING = 1e-2
 """m, the same where joints meet their limits: what the others can do alone is mostly sideways, and takes angles that are not small."""
-MAX_PIVOTS = 10_000
-"""Exchanges of joints at their limits; fingers of seven joints took 169 at most."""
+MAX_PIVOTS = 10_000  # exchanges of joints at their limits; fingers of seven joints took 169 at most
 ROUNDED = 1e-6
 """rad, by which a step may pass a joint's limit: without it, rounding would decide whether a joint at its limit meets it."""
 
 
 def tangent_palm_pose(
     hand: Hand,
-    point: NDArray[np.float64],  # (3,) of the surface, world, m
-    normal: NDArray[np.float64],  # (3,) outward there, of any length but 0
+    point: Array,  # (3,) of the surface, world, m
+    normal: Array,  # (3,) outward there, of any length but 0
     *,
     distance: float,  # m, from the point to the palm's centre along the normal
     angle: float,  # rad, about the normal; 0 is an arbitrary direction that depends on the normal alone
-) -> NDArray[np.float64]:  # (4, 4) root link to world, m
+) -> Array:  # (4, 4) root link to world, m
     """Compute the pose of a hand whose palm faces a surface point."""
     longest = np.abs(normal).max()
     if not (np.isfinite(point).all() and 0 < longest < np.inf):
@@ -39,10 +38,10 @@ def tangent_palm_pose(
 
 
 def frame_along(
-    z: NDArray[np.float64],  # (..., 3) axis, of any length but 0
+    z: Array,  # (..., 3) axis, of any length but 0
     angle: ArrayLike,  # (...) rad, about the axis; 0 is an arbitrary direction that depends on the axis alone
-    origin: NDArray[np.float64],  # (..., 3) m
-) -> NDArray[np.float64]:  # (..., 4, 4)
+    origin: Array,  # (..., 3) m
+) -> Array:  # (..., 4, 4)
     """Make right-handed frames with a given third axis."""
     z = z / length(z)[..., None]
     x = np.cross(np.eye(3)[np.abs(z).argmin(axis=-1)], z)
@@ -57,9 +56,9 @@ def frame_along(
 
 def pregrasp_angles(
     hand: Hand,
-    joint_angles: NDArray[np.float64],  # (J,) at the end of the closing motion, rad
+    joint_angles: Array,  # (J,) at the end of the closing motion, rad
     distances: Sequence[float],  # (N,) m
-) -> NDArray[np.float64]:  # (N, J) rad, within the limits
+) -> Array:  # (N, J) rad, within the limits
     """Compute joint angles from which closing moves every sensor a given distance along its normal.
 
     One damped least-squares step with the Jacobian of the sensors' positions, within the limits: right to first order
@@ -82,11 +81,11 @@ def pregrasp_angles(
 
 
 def _bounded_step(
-    jacobian: NDArray[np.float64],  # (3, J)
-    target: NDArray[np.float64],  # (3,)
-    least: NDArray[np.float64],  # (J,)
-    most: NDArray[np.float64],  # (J,)
-) -> NDArray[np.float64]:  # (J,)
+    jacobian: Array,  # (3, J)
+    target: Array,  # (3,)
+    least: Array,  # (J,)
+    most: Array,  # (J,)
+) -> Array:  # (J,)
     """Find the step between two bounds that minimises |jacobian step - target|² + damping² |step|².
 
     The damping is `DAMPING`, or `LIMIT_DAMPING` if that step would pass a bound. Murty's principal pivoting: joints are held at a bound,

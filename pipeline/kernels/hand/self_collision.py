@@ -1,24 +1,27 @@
 """Collisions of a hand with itself: gaps between its links, and postures that keep them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.geometry.transforms import compose
 from pipeline.kernels.hand.box_gaps import are_near, conflicts, least_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
+from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 
-Float64Array = NDArray[np.float64]
-Pairs = tuple[NDArray[np.intp], NDArray[np.intp]]
+Pairs = tuple[Indices, Indices]
 
-BEAM_WIDTH = 256
-"""Partial choices that are kept from finger to finger."""
+BEAM_WIDTH = 256  # partial choices that are kept from finger to finger
+MAX_NEIGHBOUR_JOINTS = 2
+"""Most moving joints between a link and its descendant that still count as neighbours: a knuckle has two."""
+FREQUENT_SHARE = 0.5  # share of the postures in which a pair must overlap to be reported
 
 
-def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> float:
+def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
     """Compute the least gap, m, between links that can meet and are not allowed to, from their frames (L, 4, 4).
 
     It is that of `box_gap`: negative where links overlap; +inf where no two can meet.
@@ -29,9 +32,9 @@ def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64]) -> 
 def fingers_clear_of_palm(
     hand: Hand,
     boxes: CollisionBoxes,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    frames: Array,  # (N, L, 4, 4) link frames, m
     gap: float,  # m
-) -> NDArray[np.bool_]:  # (N, F)
+) -> Mask:  # (N, F)
     """Find the fingers that keep a gap from their own links and from those that no finger moves."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
@@ -45,10 +48,10 @@ def fingers_clear_of_palm(
 def fingers_apart(
     hand: Hand,
     boxes: CollisionBoxes,
-    frames: NDArray[np.float64],  # (N, L, 4, 4) link frames, m
+    frames: Array,  # (N, L, 4, 4) link frames, m
     fingers: Sequence[int],
     gap: float,  # m
-) -> NDArray[np.bool_]:  # (N,)
+) -> Mask:  # (N,)
     """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
@@ -62,10 +65,10 @@ def choose_postures(
     hand: Hand,
     boxes: CollisionBoxes,
     *,
-    frames: NDArray[np.float64],  # (O, L, 4, 4) link frames of O options, in each of which every finger has one posture
-    values: NDArray[np.float64],  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
+    frames: Array,  # (O, L, 4, 4) link frames of O options, in each of which every finger has one posture
+    values: Array,  # (O, F) of every finger's posture in every option; -inf for one that may not be taken
     gap: float,  # m, least gap between boxes of different fingers
-) -> NDArray[np.intp]:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
+) -> Indices:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
     Options of different fingers mix freely. A beam search over fingers in their order, `BEAM_WIDTH` partial choices
@@ -87,13 +90,13 @@ def choose_postures(
     return picks
 
 
-def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: NDArray[np.float64], gap: float) -> NDArray[np.bool_]:
+def finger_conflicts(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:
     """Find where finger a in option i is too near finger b in option j, (F, F, O, O); filled for a < b."""
     owner = hand.link_fingers[boxes.link]
     return conflicts(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes), owner, len(hand.fingers), gap)
 
 
-def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
+def rigid_bodies(hand: Hand) -> Indices:
     """Compute the body of each link, (L,), numbered by the body's first link: fixed joints connect links to one body."""
     moving = {*hand.joint_links, *(follower.link for follower in hand.followers)}
     bodies = np.arange(len(hand.links))
@@ -103,7 +106,7 @@ def rigid_bodies(hand: Hand) -> NDArray[np.intp]:
     return bodies
 
 
-def meeting_links(hand: Hand) -> NDArray[np.bool_]:
+def meeting_links(hand: Hand) -> Mask:
     """Mark the pairs of links that can meet, (L, L), the one nearer the root first.
 
     Links joined by a joint touch by construction, and physics does not collide them either; links that no finger moves, or that are one
@@ -125,6 +128,84 @@ def _pairs(hand: Hand, boxes: CollisionBoxes) -> Pairs:
     return first, second
 
 
-def world_boxes(boxes: CollisionBoxes, frames: Float64Array) -> Float64Array:
+def world_boxes(boxes: CollisionBoxes, frames: Array) -> Array:
     """Compute the frames of boxes, (..., C, 4, 4), from link frames (..., L, 4, 4)."""
     return compose(frames[..., boxes.link, :, :], boxes.frames)
+
+
+@dataclass(frozen=True)
+class LinkOverlap:
+    """Two links whose boxes overlap in many postures."""
+
+    first: int
+    second: int
+    share: float  # of the postures
+    depth: float  # m, median; a negative depth is a gap
+
+
+def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple[int, int]]:
+    """Find neighbours, lower number first, that overlap at rest: every joint at 0, or at its limit nearest to 0."""
+    return frozenset(pair for pair, gap in _resting_gaps(hand, boxes) if gap < 0 and _are_neighbours(hand, *pair))
+
+
+def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[int, int], float]:
+    """Find links that lie close side by side at rest, as those of two fingers may.
+
+    Each pair that is nearer than `within` and not allowed to touch has its gap, m; the link nearer the root comes
+    first.
+    """
+    return {pair: gap for pair, gap in _resting_gaps(hand, boxes) if gap < within and pair not in hand.allowed_contacts}
+
+
+def frequent_overlaps(
+    hand: Hand,
+    boxes: CollisionBoxes,
+    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
+    gap: float = 0.0,  # m, links nearer than this count as overlapping
+) -> list[LinkOverlap]:
+    """List the pairs of links that overlap in many postures and are not allowed to, worst first."""
+    overlaps = []
+    for pair, gaps in _link_gaps(hand, boxes, frames):
+        share = float((gaps < gap).mean())
+        if share >= FREQUENT_SHARE and pair not in hand.allowed_contacts:
+            overlaps.append(LinkOverlap(*pair, share, float(-np.median(gaps[gaps < gap]))))
+    return sorted(overlaps, key=lambda overlap: (-overlap.share, overlap.first, overlap.second))
+
+
+def remedy(hand: Hand, overlap: LinkOverlap) -> str:
+    """Name the entry of the hand file that ends an overlap.
+
+    It is `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none,
+    `allowed_contacts`.
+    """
+    links = [hand.links[overlap.first], hand.links[overlap.second]]
+    entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]
+    return f"`convex_parts: {{{', '.join(entries)}}}`" if entries else f"`allowed_contacts: [[{links[0].name}, {links[1].name}]]`"
+
+
+def _resting_gaps(hand: Hand, boxes: CollisionBoxes) -> Iterator[tuple[tuple[int, int], float]]:
+    """Yield the pairs of links that can meet, each with its gap at rest, m."""
+    resting_frames = forward_kinematics(hand, np.eye(4), np.clip(0.0, hand.lower, hand.upper))[None]
+    return ((pair, float(gap[0])) for pair, gap in _link_gaps(hand, boxes, resting_frames))
+
+
+def _link_gaps(hand: Hand, boxes: CollisionBoxes, frames: Array) -> Iterator[tuple[tuple[int, int], Array]]:
+    """Yield the pairs of links that can meet, each with its least gap (N,), m."""
+    world = world_boxes(boxes, frames)
+    for first, second in np.argwhere(meeting_links(hand)).tolist():
+        a, b = (rows.ravel() for rows in np.meshgrid(np.flatnonzero(boxes.link == first), np.flatnonzero(boxes.link == second)))
+        if len(a):
+            yield (first, second), np.array([least_gap(posture, boxes.half, a, b) for posture in world])
+
+
+def _are_neighbours(hand: Hand, first: int, second: int) -> bool:
+    """Check whether at most `MAX_NEIGHBOUR_JOINTS` moving joints lead from the first link down to the second."""
+    bodies = rigid_bodies(hand)
+    body = bodies[second]
+    for _ in range(MAX_NEIGHBOUR_JOINTS):
+        if body == 0:
+            return False
+        body = bodies[hand.joints[body - 1].parent]  # joint i moves link i + 1
+        if body == bodies[first]:
+            return True
+    return False

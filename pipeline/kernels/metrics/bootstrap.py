@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pipeline.kernels.arrays import Array
 
 RESAMPLES = 10_000
 """Means drawn for an interval: its ends then vary by about a hundredth of its length from seed to seed."""
-LEVEL = 0.95
-"""Share of the resampled means that an interval holds."""
-BATCH = 1000
-"""Resamples held in memory at a time."""
+LEVEL = 0.95  # share of the resampled means that an interval holds
+BATCH = 1000  # resamples held in memory at a time
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Interval:
 
 
 def mean_interval(
-    values: NDArray[np.float64],  # (N,) one per object, or (S, N) for each of S trainings, which differ by their seeds
+    values: Array,  # (N,) one per object, or (S, N) for each of S trainings, which differ by their seeds
     rng: np.random.Generator,
 ) -> Interval:
     """Compute a mean over objects, and over trainings if several, with its 95 % percentile bootstrap interval.
@@ -38,8 +37,8 @@ def mean_interval(
 
 
 def difference_interval(
-    first: NDArray[np.float64],  # (N,) or (S, N) as for `mean_interval`
-    second: NDArray[np.float64],  # the same objects in the same order
+    first: Array,  # (N,) or (S, N) as for `mean_interval`
+    second: Array,  # the same objects in the same order
     rng: np.random.Generator,
     *,
     same_trainings: bool = False,
@@ -60,7 +59,7 @@ def difference_interval(
     return _interval(float(first.mean() - second.mean()), first.shape[1], parts, rng)
 
 
-def _checked(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _checked(values: Array) -> Array:
     """Check values, and return them as (S, N)."""
     checked = np.asarray(values, np.float64)
     if checked.ndim not in (1, 2) or not checked.size or not np.isfinite(checked).all():
@@ -68,7 +67,7 @@ def _checked(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.atleast_2d(checked)
 
 
-def _interval(mean: float, count: int, parts: tuple[NDArray[np.float64], ...], rng: np.random.Generator) -> Interval:
+def _interval(mean: float, count: int, parts: tuple[Array, ...], rng: np.random.Generator) -> Interval:
     """Compute the interval of the sum of the parts' means, (S, N) each with its own S."""
     if count == 1:
         return Interval(mean, -np.inf, np.inf, count)
@@ -77,12 +76,12 @@ def _interval(mean: float, count: int, parts: tuple[NDArray[np.float64], ...], r
     return Interval(mean, float(low), float(high), count)
 
 
-def _resampled(parts: tuple[NDArray[np.float64], ...], rng: np.random.Generator) -> NDArray[np.float64]:
+def _resampled(parts: tuple[Array, ...], rng: np.random.Generator) -> Array:
     """Draw `BATCH` means."""
     objects = _shares(parts[0].shape[1], rng)
     return np.asarray(sum(((_shares(len(part), rng) @ part) * objects).sum(axis=1) for part in parts))
 
 
-def _shares(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def _shares(count: int, rng: np.random.Generator) -> Array:
     """Draw how often each of `count` items occurs in `count` draws with replacement, as shares: (`BATCH`, count)."""
     return rng.multinomial(count, np.full(count, 1 / count), size=BATCH) / count

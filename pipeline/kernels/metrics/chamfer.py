@@ -12,8 +12,7 @@ from torch import Tensor
 from pipeline.errors import InvalidInput
 from pipeline.kernels.tensor_checks import check_full_precision
 
-PAIRS_PER_BLOCK = 1 << 25
-"""Distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed."""
+PAIRS_PER_BLOCK = 1 << 25  # distances a GPU holds at a time: 128 MiB of float32, as much again while they are summed
 
 
 class SearchCloud:

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import check_coordinates
 
 TABLE_3_FACTOR = 9000.0
 """Table 3's values are consistent with this multiple of the Chamfer distance in m² (anything from 5,000 to 12,000 would be)."""
-MAX_NEIGHBOURS = 16
-"""Nearest points among which a point on the same side of a surface is searched."""
+MAX_NEIGHBOURS = 16  # nearest points among which a point on the same side of a surface is searched
 
 
-def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
+def nearest_squared(query: Floats, points: Floats) -> Array:
     """Compute the squared distance, (N,) m², from each query point (N, 3) to the nearest of `points` (M, 3)."""
     query, points = checked_cloud("query", query), checked_cloud("points", points)
     nearest = cKDTree(points).query(query)[1]
@@ -29,8 +29,8 @@ def nearest_squared(query: NDArray[np.floating], points: NDArray[np.floating]) -
 class CloudDistances:
     """Squared nearest distances between a predicted cloud and the true one, m²."""
 
-    predicted: NDArray[np.float64]  # (P,) from each predicted point to the truth
-    truth: NDArray[np.float64]  # (T,) from each true point to the prediction
+    predicted: Array  # (P,) from each predicted point to the truth
+    truth: Array  # (T,) from each true point to the prediction
 
     @property
     def chamfer(self) -> float:
@@ -59,7 +59,7 @@ class CloudDistances:
         return 2 * precision * recall / (precision + recall) if precision + recall else 0.0
 
 
-def cloud_distances(predicted: NDArray[np.floating], truth: NDArray[np.floating]) -> CloudDistances:
+def cloud_distances(predicted: Floats, truth: Floats) -> CloudDistances:
     """Compute the squared nearest distances between two clouds, (P, 3) and (T, 3), both ways."""
     return CloudDistances(nearest_squared(predicted, truth), nearest_squared(truth, predicted))
 
@@ -98,8 +98,8 @@ def sampling_share(area: float, count: int, distance: float) -> float:
 
 
 def sampled_area(
-    points: NDArray[np.floating],  # (N, 3) m; N at least 2
-    normals: NDArray[np.floating] | None = None,  # (N, 3) unit
+    points: Floats,  # (N, 3) m; N at least 2
+    normals: Floats | None = None,  # (N, 3) unit
 ) -> float:  # m²
     """Estimate the area of the surface from which `points` were drawn area-uniformly.
 
@@ -121,12 +121,57 @@ def sampled_area(
     return float(np.pi * (len(points) - 1) * np.square(nearest).mean())
 
 
-def checked_cloud(name: str, points: NDArray[np.floating]) -> NDArray[np.float64]:
+def checked_cloud(name: str, points: Floats) -> Array:
     """Convert a cloud (N, 3), N at least 1, to float64, and check it; `name` it in messages."""
-    cloud: NDArray[np.float64] = np.asarray(points, np.float64)
+    cloud: Array = np.asarray(points, np.float64)
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name} has shape {cloud.shape}; a cloud is (number, 3)")
     if not len(cloud):
         raise InvalidInput(f"{name} is an empty cloud and holds no nearest point; check the surface it was drawn from")
     check_coordinates(cloud, f"points of {name}")
     return cloud
+
+
+def ring_indices(
+    points: Floats,  # (N, 3) world, m
+    pose: Array,  # (4, 4) sensor frame to world, m
+    width: float,  # m, side of the sensor
+    rings: int = 5,
+) -> NDArray[np.int64]:  # (N,) 0 for the ring ×1, -1 for a point in none
+    """Find the ring around a sensor in which each surface point lies.
+
+    Ring k of 1, 2, … holds the points with |x|, |y| ≤ k · width / 2 in the sensor's frame that are not in ring k - 1, and with
+    |z| ≤ width, or else the far side of the object would count.
+    """
+    if points.ndim != 2 or points.shape[1] != 3 or pose.shape != (4, 4):
+        raise ValueError(f"points {points.shape} and pose {pose.shape}: they must be (number, 3) and (4, 4)")
+    if not 0 < width < np.inf or rings < 1:
+        raise ValueError(f"{rings} rings of a sensor {width} m wide: both must be above 0 and finite")
+    if not (np.isfinite(points).all() and np.isfinite(pose).all()):
+        raise InvalidInput("points or pose hold NaN or infinity: that lies in no ring, but is not outside either")
+    local = (np.asarray(points, np.float64) - pose[:3, 3]) @ pose[:3, :3]  # (N, 3) sensor frame
+    across = np.abs(local[:, :2]).max(axis=1)
+    multiple = np.searchsorted(np.arange(1, rings + 1) * (width / 2), across, side="left")  # an edge belongs to the inner ring
+    outside = (multiple == rings) | (np.abs(local[:, 2]) > width)
+    return np.where(outside, -1, multiple)
+
+
+def ring_means(
+    squared: Array,  # (N,) of each surface point, m²
+    ring: NDArray[np.int64],  # (N,) from `ring_indices`
+    rings: int = 5,
+) -> tuple[Array, NDArray[np.int64]]:  # (rings,) m², and (rings,)
+    """Compute the mean squared distance per ring, and the number of its points.
+
+    A ring without points has count 0 and mean 0, which is no value.
+    """
+    if squared.shape != ring.shape or squared.ndim != 1:
+        raise ValueError(f"squared distances {squared.shape} and rings {ring.shape}: they must be (number,) and the same")
+    if len(ring) and not (ring.min() >= -1 and ring.max() < rings):
+        raise ValueError(f"rings reach from {ring.min()} to {ring.max()}: there are rings 0 to {rings - 1}, and -1 for none")
+    inside = ring >= 0
+    if not np.isfinite(squared[inside]).all():
+        raise InvalidInput(f"squared distances hold NaN or infinity in {np.count_nonzero(~np.isfinite(squared[inside]))} points of a ring")
+    count = np.bincount(ring[inside], minlength=rings)
+    total = np.bincount(ring[inside], weights=squared[inside], minlength=rings)
+    return total / np.maximum(count, 1), count

@@ -5,16 +5,15 @@ from functools import cached_property
 from heapq import heappop, heappush
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-COARSE = (32, 256)
-"""Numbers of points by which clouds are compared, level by level, before all points are."""
-ROUNDING = 1 - 1e-9
-"""Factor that keeps a bound below its distance despite rounding."""
+from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Mask
+
+COARSE = (32, 256)  # numbers of points by which clouds are compared, level by level, before all points are
+ROUNDING = 1 - 1e-9  # factor that keeps a bound below its distance despite rounding
 
 
-def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
+def mean_squared_distance(tree: cKDTree, points: Floats) -> float:
     """Compute the mean squared distance from points (N, 3) to the nearest of a tree's, in the square of their unit."""
     return float(np.square(tree.query(points)[0]).mean())
 
@@ -22,7 +21,7 @@ def mean_squared_distance(tree: cKDTree, points: NDArray[np.floating]) -> float:
 class RetrievalCloud:
     """A cloud (N, 3) that is compared with many others, by all of its points or by bounds from few of them."""
 
-    def __init__(self, points: NDArray[np.floating]) -> None:
+    def __init__(self, points: Floats) -> None:
         self.points = points
 
     @cached_property
@@ -31,7 +30,7 @@ class RetrievalCloud:
         return cKDTree(self.points)
 
     @cached_property
-    def coarse(self) -> tuple[tuple[NDArray[np.floating], NDArray[np.intp], NDArray[np.float64]], ...]:
+    def coarse(self) -> tuple[tuple[Floats, Indices, Array], ...]:
         """Per level: a subset of the points, (K, 3), the number of its nearest point to each point, (N,), and their distance, (N,)."""
         levels = []
         for count in COARSE:
@@ -79,7 +78,7 @@ def nearest_cloud(
 def chamfer_matrix(
     clouds: Sequence[RetrievalCloud],  # A clouds, one frame
     advance: Callable[[], None] = lambda: None,  # called after each row
-) -> NDArray[np.float64]:  # (A, A) the square of the clouds' unit
+) -> Array:  # (A, A) the square of the clouds' unit
     """Compute the Chamfer distance of each pair of clouds: mean squared nearest distances, both directions summed."""
     matrix = np.zeros((len(clouds), len(clouds)))
     for row, cloud in enumerate(clouds):
@@ -91,9 +90,9 @@ def chamfer_matrix(
 
 
 def silhouette_overlap(
-    masks: NDArray[np.bool_],  # (A, P) whether each of P pixels is covered
-    others: NDArray[np.bool_],  # (B, P)
-) -> NDArray[np.float32]:  # (A, B)
+    masks: Mask,  # (A, P) whether each of P pixels is covered
+    others: Mask,  # (B, P)
+) -> Array32:  # (A, B)
     """Compute the intersection over union of each of `masks` with each of `others`; 0 where both are empty."""
     first, second = masks.astype(np.float32), others.astype(np.float32)
     intersection = first @ second.T

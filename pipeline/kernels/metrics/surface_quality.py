@@ -5,24 +5,22 @@ Vertices are (V, 3) float64, finite, m; faces (F, 3) integers, F at least 1.
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array, Integers, Mask
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.geometry.mesh import Points, check_coordinates, face_cross_products
+from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.signed_distance import is_inside
 
-Faces = NDArray[np.integer]
 
-
-def surface_area(vertices: Points, faces: Faces) -> float:
+def surface_area(vertices: Array, faces: Integers) -> float:
     """Compute the area of a surface, m²; overlapping parts all count."""
     check_coordinates(vertices, "vertices")
     return float(np.linalg.norm(face_cross_products(vertices[faces]), axis=1).sum() / 2)
 
 
-def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
+def dihedral_angles(vertices: Array, faces: Integers) -> Array:
     """Compute the angles between the normals of neighbouring faces: 0 on a plane, 180 where a surface folds back onto itself.
 
     There is one per edge that two faces share, (E,) degrees; faces without area have no normal, and their edges no
@@ -35,9 +33,9 @@ def dihedral_angles(vertices: Points, faces: Faces) -> NDArray[np.float64]:
 
 
 def seam_gaps(
-    vertices: Points,  # (V, 3) m
-    position: NDArray[np.integer],  # (V,) vertices with the same number were one point
-) -> NDArray[np.float64]:  # (S,) m
+    vertices: Array,  # (V, 3) m
+    position: Integers,  # (V,) vertices with the same number were one point
+) -> Array:  # (S,) m
     """Compute the distances between vertices that were one point of the surface before it was deformed.
 
     For each point that several vertices share, it is the largest distance between two of them.
@@ -49,10 +47,10 @@ def seam_gaps(
 
 
 def normal_consistency(
-    points: Points,  # (N, 3) drawn from a surface, m
-    normals: Points,  # (N, 3) unit normals there, of either sign
-    other_points: Points,  # (M, 3)
-    other_normals: Points,  # (M, 3)
+    points: Array,  # (N, 3) drawn from a surface, m
+    normals: Array,  # (N, 3) unit normals there, of either sign
+    other_points: Array,  # (M, 3)
+    other_normals: Array,  # (M, 3)
 ) -> float:
     """Compute how well the normals of two surfaces agree: 1 where they are parallel everywhere, 0.5 by chance.
 
@@ -62,16 +60,16 @@ def normal_consistency(
     return (_agreement(points, normals, other_points, other_normals) + _agreement(other_points, other_normals, points, normals)) / 2
 
 
-def _agreement(points: Points, normals: Points, others: Points, other_normals: Points) -> float:
+def _agreement(points: Array, normals: Array, others: Array, other_normals: Array) -> float:
     nearest = cKDTree(others).query(points)[1]
     return float(np.abs((normals * other_normals[nearest]).sum(axis=1)).mean())
 
 
 def crossing_faces(
-    vertices: Points,
-    faces: Faces,
-    position: NDArray[np.integer] | None = None,  # (V,) vertices with the same number were one point; None: all differ
-) -> NDArray[np.bool_]:  # (F,)
+    vertices: Array,
+    faces: Integers,
+    position: Integers | None = None,  # (V,) vertices with the same number were one point; None: all differ
+) -> Mask:  # (F,)
     """Find the faces that cross another one; neighbours, which share a vertex or a position, are skipped.
 
     Faces that only touch, or that overlap in one plane, may be found or not.
@@ -86,7 +84,7 @@ def crossing_faces(
 
 
 @compiled
-def _mark_crossing(corners: Points, low: Points, high: Points, ids: NDArray[np.integer], axis: int, crossing: NDArray[np.bool_]) -> None:
+def _mark_crossing(corners: Array, low: Array, high: Array, ids: Integers, axis: int, crossing: Mask) -> None:
     """Mark the triangles (F, 3, 3) that cross another one and share no vertex number with it; `low` and `high` (F, 3) bound each.
 
     They are sorted by `low` along an axis: a triangle that begins behind another one's end cannot meet it.
@@ -109,7 +107,7 @@ def _mark_crossing(corners: Points, low: Points, high: Points, ids: NDArray[np.i
 
 
 @compiled
-def _pierces(triangle: Points, other: Points) -> bool:
+def _pierces(triangle: Array, other: Array) -> bool:
     """Find whether a side of a triangle, (3, 3), goes through the inside of another one; one in its plane does not."""
     for number in range(3):
         start, end = triangle[number], triangle[(number + 1) % 3]
@@ -123,7 +121,7 @@ def _pierces(triangle: Points, other: Points) -> bool:
 
 
 @compiled
-def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
+def _volume(a: Array, b: Array, c: Array, d: Array) -> float:
     """Compute six times the volume of a tetrahedron; its sign gives the side of the plane abc on which the corner d is."""
     p, q, r = a[0] - d[0], a[1] - d[1], a[2] - d[2]
     s, t, u = b[0] - d[0], b[1] - d[1], b[2] - d[2]
@@ -133,9 +131,9 @@ def _volume(a: Points, b: Points, c: Points, d: Points) -> float:
 
 
 def intersection_over_union(
-    first: tuple[Points, Faces],
-    second: tuple[Points, Faces],
-    points: Points,  # (N, 3) spread evenly over a box around both surfaces, m
+    first: tuple[Array, Integers],
+    second: tuple[Array, Integers],
+    points: Array,  # (N, 3) spread evenly over a box around both surfaces, m
 ) -> float:
     """Compute the intersection over union of two closed surfaces: the share of the points in either that are in both.
 

@@ -13,10 +13,8 @@ NEAREST_POINT_FEATURES = 9
 """Features of the nearest point: offset and normal, the height above its tangent plane, and how close it is, at two scales."""
 TOUCH_FEATURES = 2 * NEAREST_POINT_FEATURES
 """Features per query: of the nearest point that was touched, and of the nearest one that is known to be outside."""
-POINT_FEATURES = 7
-"""Numbers per point: position, normal, and whether it was touched."""
-SCALES = (0.04, 0.2)
-"""Radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)."""
+POINT_FEATURES = 7  # numbers per point: position, normal, and whether it was touched
+SCALES = (0.04, 0.2)  # radii of an object, 1 and 5 cm: closeness is exp(-distance / scale)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 Valid range: photographs of which a press covers less than half. One that covers all of the gel may hide an alteration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -13,35 +11,26 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-GRID = 32
-"""Cells per side in which photographs are averaged before they are compared: noise and single pixels do not count."""
-SAMPLES = 4
-"""Pixels per side of a cell that are enough."""
-ALIKE = 2.0
-"""Levels: photographs that differ by no more are not searched for an alteration."""
-EXPLAINED = 0.6
-"""An alteration is found if it leaves less than this share of the difference, and no more than `UNLIKE`."""
-UNLIKE = 8.0
-"""Levels: an untouched gel that differs by more is another one. Another unit of the same sensor differs by 4."""
-SIMPLER = 1.0
-"""Levels: the likeliest of the alterations counts that leave at most this much more than the least: symmetric gels have several."""
-DARK, BRIGHT = 8, 250
-"""Levels between which ratios of brightness are measured."""
-PRESSED = 8.0
-"""Levels by which a cell of a contact differs."""
-HUES = np.exp(2j * np.pi * np.arange(3) / 3)
-"""Directions of red, green and blue on the colour circle: their sum with a colour is 0 if it is grey."""
-ROUNDS = 10
-"""Rounds of weighted least squares."""
-LUMA = np.array([0.299, 0.587, 0.114])
-"""Shares of red, green and blue in a grey level."""
+from pipeline.kernels.arrays import Array
+
+GRID = 32  # cells per side in which photographs are averaged before they are compared: noise does not count
+SAMPLES = 4  # pixels per side of a cell that are enough
+ALIKE = 2.0  # levels: photographs that differ by no more are not searched for an alteration
+EXPLAINED = 0.6  # an alteration leaves less than this share of the difference, and no more than `UNLIKE`
+UNLIKE = 8.0  # levels: a gel that differs by more is another one; another unit of the same sensor differs by 4
+SIMPLER = 1.0  # levels more than the least that the likeliest alteration may leave: symmetric gels have several
+DARK, BRIGHT = 8, 250  # levels between which ratios of brightness are measured
+PRESSED = 8.0  # levels by which a cell of a contact differs
+HUES = np.exp(2j * np.pi * np.arange(3) / 3)  # red, green and blue on the colour circle: their sum with a grey is 0
+ROUNDS = 10  # of weighted least squares
+LUMA = np.array([0.299, 0.587, 0.114])  # shares of red, green and blue in a grey level
 
 Orientation = Literal[
     "upright", "turned by 180°", "mirrored left to right", "mirrored top to bottom", "turned by 90°", "turned by 270°", "transposed",
     "turned by 180° and transposed",
 ]  # fmt: skip
 ORIENTATIONS: tuple[Orientation, ...] = get_args(Orientation)
-_TURNED: dict[Orientation, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+_TURNED: dict[Orientation, Callable[[Array], Array]] = {
     "upright": lambda cells: cells,
     "turned by 180°": lambda cells: cells[::-1, ::-1],
     "mirrored left to right": lambda cells: cells[:, ::-1],
@@ -57,35 +46,17 @@ COLOURS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB
 
 @dataclass(frozen=True)
 class Alteration:
-    """How a photograph is made from its reference.
+    """How a photograph is made from its reference. Differences are medians over cells, in levels."""
 
-    Attributes
-    ----------
-    colours, orientation
-        One of `COLOURS`, and how the reference is turned.
-    gain
-        Brightness over the reference's.
-    gains
-        The same of red, green and blue.
-    unscaled, difference, balanced
-        Median differences of the cells' colours from those of the altered reference, levels: as it is, as bright as the photograph, and
-        with the brightness of each colour.
-    chroma
-        Complex factor of the cells' chromas over those of the altered reference, as bright as the photograph: its size is that of contrast
-        and saturation, its angle that of hue.
-    chroma_left
-        Share of the median difference of chromas that this factor leaves.
-    """
-
-    colours: str
-    orientation: Orientation
-    gain: float
-    gains: tuple[float, float, float]
-    unscaled: float
-    difference: float
-    balanced: float
-    chroma: complex
-    chroma_left: float
+    colours: str  # one of `COLOURS`
+    orientation: Orientation  # how the reference is turned
+    gain: float  # brightness over the reference's
+    gains: tuple[float, float, float]  # the same of red, green and blue
+    unscaled: float  # difference from the altered reference as it is,
+    difference: float  # from it made as bright as the photograph,
+    balanced: float  # and from it with the brightness of each colour
+    chroma: complex  # factor of chromas over the reference's: size of contrast and saturation, angle of hue
+    chroma_left: float  # share of the median difference of chromas that this factor leaves
 
     @property
     def is_none(self) -> bool:
@@ -94,16 +65,9 @@ class Alteration:
 
 
 def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8]) -> Alteration:
-    """Find what turns a reference into a photograph: of the same gel, perhaps pressed.
+    """Find what turns a reference into a photograph (rows, cols, 3) of the same gel, perhaps pressed; sizes may differ.
 
-    Parameters
-    ----------
-    photograph, reference
-        (rows, cols, 3) uint8 with any numbers of pixels. Quarter turns are tried if their sides fit.
-
-    Returns
-    -------
-    The alteration, and what it leaves; none if no alteration explains the difference clearly better.
+    Quarter turns are tried if the sides fit. It is none if no alteration explains the difference clearly better.
     """
     cells, reference_cells = cell_means(photograph), cell_means(reference)
     aspects = [image.shape[1] / image.shape[0] for image in (photograph, reference)]
@@ -128,14 +92,8 @@ def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8])
 def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], background: NDArray[np.uint8]) -> float:
     """Compute the share of the cells that differ most between two photographs in which the untouched one is the pressed one.
 
-    Parameters
-    ----------
-    untouched, photograph, background
-        (rows, cols, 3) uint8, with any numbers of pixels; the latter shows the sensor's gel with nothing on it.
-
-    Returns
-    -------
-    0 if the untouched photograph has no contact, 1 if it has the only one, else between; 0 if nothing is pressed.
+    All are (rows, cols, 3) of any size; `background` shows the gel with nothing on it. 0: the untouched photograph has no contact, or
+    nothing is pressed; 1: it has the only one.
     """
     first, second, rest = (cell_means(image) for image in (untouched, photograph, background))
     first, second = (cells / np.maximum(_gain(cells, rest), 0.1) for cells in (first, second))
@@ -152,7 +110,7 @@ def rim_change(photograph: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> f
     return float((np.concatenate([change[[0, -1]].ravel(), change[1:-1, [0, -1]].ravel()]) > PRESSED).mean())
 
 
-def cell_means(image: NDArray[np.uint8]) -> NDArray[np.float64]:
+def cell_means(image: NDArray[np.uint8]) -> Array:
     """Average an image in a grid, (rows, cols, 3) to (GRID, GRID, 3) levels: some pixels of a large one; those of a small one repeat."""
     rows, cols = (((np.arange(SAMPLES * GRID) + 0.5) * side / (SAMPLES * GRID)).astype(int) for side in image.shape[:2])
     sums = np.zeros((GRID, GRID, 3))
@@ -167,14 +125,14 @@ def _rank(kind: tuple[str, Orientation]) -> tuple[int, int]:
     return min(colours, 1) + (colours > 2) + (orientation % 4 > 0), colours + orientation
 
 
-def _altered(reference: NDArray[np.float64], colours: str, orientation: Orientation) -> NDArray[np.float64]:
+def _altered(reference: Array, colours: str, orientation: Orientation) -> Array:
     turned = _TURNED[orientation](reference)
     if colours == "grey":
         return np.repeat((turned @ LUMA)[..., None], 3, axis=2)
     return turned[..., ["RGB".index(colour) for colour in colours]]
 
 
-def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours: str, orientation: Orientation) -> Alteration:
+def _compare(cells: Array, reference: Array, colours: str, orientation: Orientation) -> Alteration:
     altered = _altered(reference, colours, orientation)
     gain, gains = _gain(cells, altered), _gains(cells, altered)
     unscaled, difference, balanced = (_difference(cells, altered, scale) for scale in (np.ones(1), gain, gains))
@@ -183,22 +141,22 @@ def _compare(cells: NDArray[np.float64], reference: NDArray[np.float64], colours
     return Alteration(colours, orientation, float(gain), (red, green, blue), unscaled, difference, balanced, *chroma)
 
 
-def _difference(cells: NDArray[np.float64], reference: NDArray[np.float64], scale: NDArray[np.float64]) -> float:
+def _difference(cells: Array, reference: Array, scale: Array) -> float:
     """Compute the median difference from a reference that is `scale` times as bright, levels of the reference."""
     return float(np.median((np.abs(cells - scale * reference) / np.maximum(scale, 0.1)).mean(axis=2)))
 
 
-def _gain(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gain(cells: Array, reference: Array) -> Array:
     """Compute how many times as bright cells are as their reference: the median where neither is too dark or too bright."""
     usable = (reference > DARK) & (cells < BRIGHT)
     return np.asarray(np.median(cells[usable] / reference[usable]) if usable.any() else cells.mean() / max(reference.mean(), 1.0))
 
 
-def _gains(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def _gains(cells: Array, reference: Array) -> Array:
     return np.array([_gain(cells[..., colour], reference[..., colour]) for colour in range(3)])
 
 
-def _fit_chroma(cells: NDArray[np.float64], reference: NDArray[np.float64]) -> tuple[complex, float]:
+def _fit_chroma(cells: Array, reference: Array) -> tuple[complex, float]:
     """Fit the factor between chromas by least absolute differences, and compute the share that it leaves."""
     chroma, reference_chroma = (image @ HUES for image in (cells, reference))
     factor = 1 + 0j

@@ -1,25 +1,16 @@
-"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5).
-
-Valid range: that of `ray_depth`.
-"""
+"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5). Valid range: that of `ray_depth`."""
 
 import igl
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 from pipeline.kernels.geometry.transforms import unit_vectors
-from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
-from pipeline.kernels.touch.ray_depth import local_depth
-from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
+from pipeline.kernels.touch.ray_depth import PLANE_TOLERANCE, BoxedFaces, cull_faces, local_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
-TOLERANCE = 1e-7
-"""m: greatest distance before the surface at which a ray may stop. A tenth of the stated accuracy, for a fifth more time."""
-
-MAX_STEPS = 100
-"""Rays that are still under way then (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls."""
-
+TOLERANCE = 1e-7  # m before the surface at which a ray may stop: a tenth of the stated accuracy, for a fifth more time
+MAX_STEPS = 100  # rays still under way (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls
 SLIVER = 1e-3
 """Flatter faces are intersected exactly. libigl's distance to a face has an error of some 1e-16 / flatness² of its length: more than
 `TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
@@ -31,11 +22,11 @@ def sphere_traced_depth(
     sensor: Sensor,
     *,
     tolerance: float = TOLERANCE,  # m, > 0: a ray ends at most this far before the surface, measured along the ray
-) -> NDArray[np.float64]:  # (rows, cols) m from the sensor plane; +inf where nothing is met within the sensor's range
+) -> Array:  # (rows, cols) m from the sensor plane; +inf where nothing is met within the sensor's range
     """Compute the depth map of a sensor by sphere tracing; the result is that of `ray_depth` to within `tolerance`.
 
-    The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than the free length of
-    the ray. Rays that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
+    The distance is that to the faces the sensor can see: no less than that to the mesh, no more than the free length of the ray. Rays
+    that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
     """
     local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
@@ -45,16 +36,16 @@ def sphere_traced_depth(
 
 
 def trace_spheres(
-    local: NDArray[np.float64],  # (3 axes, 3 corners, N) from `cull_faces`, sensor frame, m, none flatter than `SLIVER`
+    local: Array,  # (3 axes, 3 corners, N) from `cull_faces`, sensor frame, m, none flatter than `SLIVER`
     sensor: Sensor,
     *,
     tolerance: float,  # as in `sphere_traced_depth`
     max_steps: int = MAX_STEPS,  # after which a ray counts as unsettled
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:  # depth (rows, cols) m, +inf for a miss; settled (rows, cols)
+) -> tuple[Array, Mask]:  # depth (rows, cols) m, +inf for a miss; settled (rows, cols)
     """Trace spheres along every ray, without exact intersection of unsettled rays.
 
-    A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when
-    the ray has passed every face or the range.
+    A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when the ray has passed
+    every face or the range.
     """
     if not tolerance > 0 or max_steps < 1:
         raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")
@@ -92,12 +83,12 @@ def trace_spheres(
     return depth.reshape(sensor.shape), settled.reshape(sensor.shape)
 
 
-def _gap_along_ray(corners: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:  # (n,) m
+def _gap_along_ray(corners: Array, points: Array) -> Array:  # (n,) m
     """Compute the distance along +z from each point to its face (n, 3, 3); NaN where the ray does not pass through."""
     edge = corners - points[:, None]  # the point as the origin
     weight = np.cross(np.roll(edge, -1, 1), np.roll(edge, -2, 1))[:, :, 2]  # (n, 3)
     area = weight.sum(axis=1)
     through = ((weight >= 0).all(axis=1) | (weight <= 0).all(axis=1)) & (area != 0)
     height = (weight * edge[:, :, 2]).sum(axis=1)
-    gap: NDArray[np.float64] = np.divide(height, area, out=np.full_like(area, np.nan), where=through)
+    gap: Array = np.divide(height, area, out=np.full_like(area, np.nan), where=through)
     return gap

@@ -6,24 +6,22 @@ Valid range: meshes from 1 µm to 1 km large, within 100 m of the origin; the er
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_products
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.geometry.transforms import unit_vectors
 
 CREASE = np.deg2rad(40.0)
 """Faces that meet at a greater angle, rad, show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
-
 MAX_NEIGHBOURS = 64
 """A vertex where more faces meet is the hub of a fan (a cap, a cone's tip): its faces keep their own normals."""
-
-PAIRS_PER_CHUNK = 1_000_000
-"""Pairs of neighbouring corners processed together; they take about 100 MB."""
+PAIRS_PER_CHUNK = 1_000_000  # pairs of neighbouring corners processed together; they take about 100 MB
 
 
 def corner_normals(
-    vertices: NDArray[np.float64],  # (V, 3); vertices at equal positions count as one
+    vertices: Array,  # (V, 3); vertices at equal positions count as one
     faces: NDArray[np.int32],  # (F, 3)
-) -> NDArray[np.float64]:  # (F, 3, 3) unit (face, corner, xyz), on the side to which the face is wound
+) -> Array:  # (F, 3, 3) unit (face, corner, xyz), on the side to which the face is wound
     """Compute a shading normal for every corner of every face.
 
     A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
@@ -56,7 +54,7 @@ def corner_normals(
     return smooth.reshape(-1, 3, 3)
 
 
-def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _corner_angles(triangles: Array) -> Array:
     """Compute the angle at every corner, (F, 3) rad."""
     ahead = np.roll(triangles, -1, axis=1) - triangles
     behind = np.roll(triangles, 1, axis=1) - triangles
@@ -64,7 +62,7 @@ def _corner_angles(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.arctan2(cross, np.einsum("fci,fci->fc", ahead, behind)))
 
 
-def _chunks(corners: NDArray[np.intp], pairs: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+def _chunks(corners: Indices, pairs: Indices) -> list[Indices]:
     """Cut `corners` into runs of about `PAIRS_PER_CHUNK` pairs each."""
     cuts = np.flatnonzero(np.diff(np.cumsum(pairs) // PAIRS_PER_CHUNK)) + 1
     return [run for run in np.split(corners, cuts) if len(run)]

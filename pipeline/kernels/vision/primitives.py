@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from trimesh.visual.color import srgb_to_linear
 
+from pipeline.kernels.arrays import Array, Array32, Indices
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.corner_normals import corner_normals
 
 NORMAL_STEPS = 1023
 """Corners of one vertex whose normals agree to 1 / `NORMAL_STEPS` share one entry: 0.06 degrees, no visible difference."""
-
 MAX_TEXTURE_SIDE = 2048
 """Pixels per side: every graphics card takes that, and it is eight times the side of an image of the default size."""
 
@@ -28,13 +28,13 @@ class Primitive:
     both sides.
     """
 
-    positions: NDArray[np.float32]  # (V, 3)
-    normals: NDArray[np.float32]  # (V, 3)
-    uv: NDArray[np.float32]  # (V, 2)
+    positions: Array32  # (V, 3)
+    normals: Array32  # (V, 3)
+    uv: Array32  # (V, 2)
     indices: NDArray[np.uint32]  # (2F, 3)
-    color: NDArray[np.float64]  # (3,) linear RGB
+    color: Array  # (3,) linear RGB
     texture: NDArray[np.uint8] | None  # (height, width, 4) opaque, first row at the top
-    vertex_color: NDArray[np.float32] | None = None  # (V, 4) sRGB in 0..1, opaque: multiplies colour and texture
+    vertex_color: Array32 | None = None  # (V, 4) sRGB in 0..1, opaque: multiplies colour and texture
 
 
 def mesh_primitives(mesh: Mesh) -> list[Primitive]:
@@ -49,7 +49,7 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
     ]
 
 
-def faces_by_material(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
+def faces_by_material(look: Look) -> list[tuple[list[int], Indices]]:
     """Group faces by appearance: [red, green, blue, texture index or -1], and the numbers of the faces that have it.
 
     Materials of equal colour and texture are one group.
@@ -62,9 +62,7 @@ def faces_by_material(look: Look) -> list[tuple[list[int], NDArray[np.intp]]]:
     return [(material, faces) for material, faces in groups if len(faces)]
 
 
-def _primitive(
-    mesh: Mesh, normals: NDArray[np.float64], faces: NDArray[np.intp], color: list[int], texture: NDArray[np.uint8] | None
-) -> Primitive:
+def _primitive(mesh: Mesh, normals: Array, faces: Indices, color: list[int], texture: NDArray[np.uint8] | None) -> Primitive:
     """Merge the faces' corners that share a vertex and, to `NORMAL_STEPS`, a normal."""
     vertex = mesh.faces[faces].reshape(-1)  # (3F,)
     normal = normals[faces].reshape(-1, 3)
@@ -83,7 +81,7 @@ def _primitive(
     )
 
 
-def _opaque(colors: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _opaque(colors: NDArray[np.uint8]) -> Array32:
     """Return the colours (V, 4) in 0..1 without their opacity: every surface is rendered opaque."""
     opaque = (colors / 255).astype(np.float32)
     opaque[:, 3] = 1

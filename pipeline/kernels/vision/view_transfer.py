@@ -1,9 +1,4 @@
-"""Images as another camera would have taken them from the same position, and the training camera moved to that position.
-
-Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
-
-Valid range: cameras within 1 km of the origin, at least 1 mm from the point they look at.
-"""
+"""Find the background of an image: it has the colour of most of the border."""
 
 from typing import Any, NamedTuple
 
@@ -12,12 +7,29 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
-UNCHANGED = 1e-3
-"""Largest shift, pixels, at which an image is not resampled."""
+ALIKE = 6  # levels of 255 in each colour by which a pixel of the background differs at most from the image's border
+UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
+
+
+def foreground(image: NDArray[np.uint8]) -> Mask:
+    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def background_color(image: NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Compute the colour of most of the border of an image, (rows, cols, 3): sRGB."""
+    red, green, blue = (int(level) for level in np.median(border(image), axis=0))
+    return red, green, blue
+
+
+def border(image: NDArray[Any]) -> NDArray[Any]:
+    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
 
 
 class Direction(NamedTuple):
@@ -28,14 +40,14 @@ class Direction(NamedTuple):
     distance: float  # m
 
 
-def optical_centre(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def optical_centre(matrix: Array) -> Array:
     """Compute the optical centre (3,), world, m, of a projection matrix (3, 4)."""
     return -solve_3x3(matrix[:, :3], matrix[:, 3])
 
 
 def split_projection(
-    matrix: NDArray[np.float64],  # (3, 4), whose third row measures depth in m
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # (3, 3), (3, 3)
+    matrix: Array,  # (3, 4), whose third row measures depth in m
+) -> tuple[Array, Array]:  # (3, 3), (3, 3)
     """Split a projection matrix without skew into intrinsic matrix and rotation from world to camera.
 
     The camera's axes are x right, y down, z forward.
@@ -48,7 +60,7 @@ def split_projection(
     return intrinsic, np.vstack([across / focal[:, None], forward])
 
 
-def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> Direction:
+def camera_direction(matrix: Array, target: Array) -> Direction:
     """Compute where the camera of a projection matrix (3, 4) is, seen from a point (3,), world, m.
 
     The azimuth of a camera straight above or below is that of a camera nearby whose image has the same top.
@@ -62,24 +74,22 @@ def camera_direction(matrix: NDArray[np.float64], target: NDArray[np.float64]) -
     return Direction(float(np.arctan2(offset[1], offset[0])), elevation, distance)
 
 
-def moved_projection(projection: NDArray[np.float64], motion: NDArray[np.float64]) -> NDArray[np.float64]:
+def moved_projection(projection: Array, motion: Array) -> Array:
     """Compute the projection matrix of a camera that moved with its frame, which may be scaled; depth stays in m."""
     moved = compose(projection, invert_similarity(motion))
     return np.asarray(moved / np.linalg.norm(moved[2, :3]))
 
 
 def carried_camera(
-    training: NDArray[np.float64],  # (3, 4) projection matrix
-    real: NDArray[np.float64],  # (3, 4) projection matrix
-    target: NDArray[np.float64],  # (3,) middle of the object, world, m
-) -> NDArray[np.float64]:  # (3, 4) projection matrix
+    training: Array,  # (3, 4) projection matrix
+    real: Array,  # (3, 4) projection matrix
+    target: Array,  # (3,) middle of the object, world, m
+) -> Array:  # (3, 4) projection matrix
     """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
-    world's up has the same direction.
-
-    R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
-    the ratio of the distances about the target's pixel.
+    world's up has the same direction. R = R_training Lᵀ(training) L(real), where L are the axes of a camera without
+    roll that looks at the target. The focal lengths grow by the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
     training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
@@ -91,7 +101,7 @@ def carried_camera(
     return np.column_stack([turned_matrix, -turned_matrix @ optical_centre(real)])
 
 
-def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+def _level_axes(matrix: Array, target: Array) -> Array:
     """Compute right, down and forward (3, 3), world, of a camera without roll that looks at a target from a camera's position."""
     azimuth = camera_direction(matrix, target).azimuth
     forward = unit_vectors(target - optical_centre(matrix))
@@ -102,16 +112,15 @@ def _level_axes(matrix: NDArray[np.float64], target: NDArray[np.float64]) -> NDA
 
 def transfer_view(
     image: NDArray[np.uint8],  # (rows, cols, 3) sRGB
-    real: NDArray[np.float64],  # (3, 4) projection matrix of its camera
-    other: NDArray[np.float64],  # (3, 4) projection matrix of the other camera
+    real: Array,  # (3, 4) projection matrix of its camera
+    other: Array,  # (3, 4) projection matrix of the other camera
     shape: tuple[int, int],  # rows and columns of the other camera's image
     fill: tuple[int, int, int],  # sRGB of pixels that the image does not show
 ) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
     """Resample an image as another camera with the same optical centre would have taken it.
 
-    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first.
-
-    The homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
+    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first. The
+    homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T
@@ -125,7 +134,7 @@ def transfer_view(
     return _warp(image, to_image, shape, fill), float(shown.mean() / 255)
 
 
-def _warp(image: NDArray[np.uint8], to_image: NDArray[np.float64], shape: tuple[int, int], fill: Any) -> NDArray[np.uint8]:
+def _warp(image: NDArray[np.uint8], to_image: Array, shape: tuple[int, int], fill: Any) -> NDArray[np.uint8]:
     """Sample an image at `to_image` (3, 3) of each pixel, bilinearly, with fractions of a level cut off; `fill` is beside it."""
     coefficients = (to_image / to_image[2, 2]).ravel()[:8]
     size = shape[1], shape[0]
@@ -133,7 +142,7 @@ def _warp(image: NDArray[np.uint8], to_image: NDArray[np.float64], shape: tuple[
     return np.asarray(moved)  # four times as fast as with scikit-image
 
 
-def _scale(homography: NDArray[np.float64], pixel: tuple[float, float]) -> float:
+def _scale(homography: Array, pixel: tuple[float, float]) -> float:
     """Compute how many pixels of its target a pixel of a homography's source covers along a side."""
     u, v, w = homography @ np.array([*pixel, 1.0])
     numerators = np.array([u, v])

@@ -1,10 +1,8 @@
 """Find the background of an image by the colour of its border."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 
 
 def test_the_foreground_differs_from_most_of_the_border():

@@ -12,11 +12,11 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
-from pipeline.kernels.touch.gel_surface import impression
+from pipeline.kernels.touch.depth_maps import impression
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
-from pipeline.kernels.touch.tactile_image import image_of_gel
+from pipeline.kernels.touch.tactile_image import render_gel
 from stages.registry import resolve
-from stages.simulate_presses.stage import SimulatePresses, pressed_sensor
+from stages.simulate_presses import SimulatePresses, pressed_sensor
 from tests.stages.tiny_dataset import manifest, run_stage
 
 ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]
@@ -62,7 +62,7 @@ def test_rows_follow_from_the_stored_depth(surfaces, tmp_path):
             gel = press_gel(depth[one], sensor)
             assert (gel.contact == contact[one]).all()
             np.testing.assert_array_equal(gel.indentation.astype(np.float32), indentation[one])
-            assert (image_of_gel(gel.indentation, sensor) == image[one]).all()
+            assert (render_gel(gel.indentation, sensor) == image[one]).all()
             assert 1e-4 - 1e-8 <= impression(depth[one], sensor).max() <= 1.2e-3 + 1e-8
             assert (rows.read("press_image", name, one) == image[one]).all()
     assert not np.array_equal(*drawn)
@@ -132,7 +132,7 @@ def test_key_covers_the_sensor(tmp_path):
 
 
 def test_factor_of_a_gel_without_membrane_is_refused(surfaces):
-    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; leave gel out"):
+    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; unset gel"):
         run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")
 
 

@@ -1,0 +1,146 @@
+"""Exports read back by the libraries they are for are equal; `make test-exports` runs this file.
+
+The file's name keeps it from being collected by `make test`: LeRobot, `datasets` and WebDataset are installed for this alone.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import types
+from pathlib import Path
+
+import datasets
+import mlcroissant
+import numpy as np
+import pytest
+import torch
+import webdataset
+
+from pipeline.dataset.object_rows import ObjectRows
+from tests.contrib.exports.test_exports import FINGERS, data, vt  # noqa: F401
+from tests.test_pipeline import made, manifest  # noqa: F401
+
+
+class ToTensor:
+    """Stand-in for torchvision's class, which does not load with this torch: (H, W, C) uint8 to (C, H, W) float32, 0 to 1."""
+
+    def __call__(self, image):
+        return torch.from_numpy(np.asarray(image).copy()).permute(2, 0, 1).float() / 255
+
+
+@pytest.fixture
+def lerobot(monkeypatch):
+    """Return LeRobot's dataset class."""
+    stand_in = types.ModuleType("torchvision")
+    stand_in.transforms = types.SimpleNamespace(ToTensor=ToTensor, v2=types.SimpleNamespace(Transform=object))
+    for name, module in (("torchvision", stand_in), ("torchvision.transforms", stand_in.transforms)):
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setitem(sys.modules, "torchvision.transforms.v2", stand_in.transforms.v2)
+    from lerobot.datasets.lerobot_dataset import LeRobotDataset
+
+    return LeRobotDataset
+
+
+@pytest.fixture
+def stored(data) -> ObjectRows:  # noqa: F811
+    arrays = ["tactile_image", "depth", "touch_success", "joint_angles", "hand_pose", "sensor_pose"]
+    return ObjectRows(data, arrays, split=None)
+
+
+def check(stored: ObjectRows, object_id: str, grasp: int, arrays: dict[str, object], *, single: bool = False) -> None:
+    """Compare the arrays of a frame with the stored ones; `single` converts float64 to float32 first, as LeRobot does."""
+    for name, value in arrays.items():
+        array, _, finger = name.partition(".")
+        expected = stored.read(array, object_id, grasp)
+        expected = expected[FINGERS.index(finger)] if finger else expected
+        if single and expected.dtype == np.float64:
+            expected = expected.astype(np.float32)
+        np.testing.assert_array_equal(np.asarray(value, expected.dtype), expected, err_msg=name)
+
+
+def test_lerobot_reads_frames_equal_to_the_stored_ones(lerobot, data, stored, tmp_path):  # noqa: F811
+    vt("export", data, tmp_path / "out", "--to", "lerobot")
+    dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
+    assert (dataset.num_episodes, dataset.num_frames, dataset.fps) == (2, 10, 1)
+    assert dataset.meta.info["splits"] == {"test": "0:2"}
+    assert set(dataset.meta.stats) >= {"observation.state", f"observation.images.tactile_{FINGERS[0]}"}
+    for number in (0, 4, 9):
+        item = dataset[number]
+        image = item[f"observation.images.tactile_{FINGERS[1]}"]
+        arrays = {
+            "touch_success": item["observation.touch_success"],
+            "joint_angles": item["observation.state"],
+            "hand_pose": item["observation.hand_pose"],
+            "sensor_pose": item["observation.sensor_pose"],
+            f"depth.{FINGERS[1]}": item[f"observation.depth_{FINGERS[1]}"],
+            f"tactile_image.{FINGERS[1]}": (255 * image).round().permute(1, 2, 0),
+        }
+        check(stored, item["object_id"], int(item["grasp"]), arrays, single=True)
+        assert item["task"] == f"grasp {'an' if item['category'] == 'object' else 'a'} {item['category']}"
+
+
+def test_lerobot_statistics_have_the_names_shapes_and_values_of_its_own(lerobot, data, tmp_path):  # noqa: F811
+    from lerobot.datasets.compute_stats import get_feature_stats
+
+    vt("export", data, tmp_path / "out", "--to", "lerobot")
+    dataset = lerobot("vt/balls", root=tmp_path / "out", video_backend="pyav")
+    items = [dataset[number] for number in range(dataset.num_frames)]
+    for name, axes, gap in ((f"observation.images.tactile_{FINGERS[0]}", (0, 2, 3), 1 / 255), ("grasp", 0, 1)):
+        own = get_feature_stats(np.stack([item[name].numpy() for item in items]).astype(np.float64), axes, keepdims=True)
+        own = {key: value[0] if value.ndim > 1 else value for key, value in own.items()}
+        ours = dataset.meta.stats[name]
+        assert {key: value.shape for key, value in ours.items()} == {key: value.shape for key, value in own.items()}
+        for key, value in own.items():  # its quantiles are those of a histogram: between the same two values as ours
+            np.testing.assert_allclose(ours[key], value, rtol=0, atol=1.001 * gap if key.startswith("q") else 1e-6, err_msg=key)
+
+
+@pytest.fixture
+def exported(data, tmp_path) -> Path:  # noqa: F811
+    about = {"creators": ["A. Person"], "url": "https://example.org", "licence": "https://spdx.org/licenses/CC0-1.0"}
+    (tmp_path / "about.yaml").write_text(json.dumps(about | {"published": "2026-11-26"}))
+    vt("export", data, tmp_path / "out", "--to", "parquet", "--about", tmp_path / "about.yaml")
+    return tmp_path / "out"
+
+
+@pytest.mark.filterwarnings("ignore")  # warnings of its libraries
+def test_croissant_is_valid_and_reads_rows_equal_to_the_stored_ones(exported, stored):
+    dataset = mlcroissant.Dataset(exported / "croissant.json")
+    issues = dataset.metadata.ctx.issues
+    assert (issues.errors, issues.warnings) == (set(), set())
+    records = list(dataset.records("test"))
+    assert len(records) == 10
+    for record in records:
+        row = {name.partition("/")[2]: value for name, value in record.items()}
+        arrays = {name: value for name, value in row.items() if name in stored.arrays or "." in name}
+        check(stored, row["object_id"].decode(), row["grasp"], arrays)
+
+
+def test_hugging_face_reads_rows_equal_to_the_stored_ones(exported, stored, tmp_path):
+    read = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))
+    assert {split: len(rows) for split, rows in read.items()} == {"test": 10}
+    for row in read["test"]:
+        check(stored, row["object_id"], row["grasp"], {name: value for name, value in row.items() if name in stored.arrays or "." in name})
+
+
+def test_hugging_face_rounds_in_its_formats_as_the_card_says(exported, stored, tmp_path):
+    rows = datasets.load_dataset(str(exported), cache_dir=str(tmp_path / "cache"))["test"]
+    pose = stored.read("hand_pose", rows[0]["object_id"], rows[0]["grasp"])
+    for form in ("numpy", "torch"):
+        rounded = np.asarray(rows.with_format(form)[0]["hand_pose"])
+        assert rounded.dtype == np.float32
+        np.testing.assert_array_equal(rounded, pose.astype(np.float32))
+    np.testing.assert_array_equal(rows.with_format("numpy", dtype=np.float64)[0]["hand_pose"], pose)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # it does not close its files
+def test_webdataset_reads_samples_equal_to_the_stored_ones(data, stored, tmp_path):  # noqa: F811
+    vt("export", data, tmp_path / "out", "--to", "webdataset")
+    samples = list(webdataset.WebDataset(str(tmp_path / "out" / "test-000000.tar"), shardshuffle=False).decode("rgb8"))
+    assert len(samples) == 10
+    for sample in samples:
+        facts = sample["json"]
+        arrays = {name: sample[f"{name}.npy"] for name in ("touch_success", "joint_angles", "hand_pose", "sensor_pose")}
+        arrays |= {f"depth.{finger}": sample[f"depth_{finger}.npy"] for finger in FINGERS}
+        arrays |= {f"tactile_image.{finger}": sample[f"tactile_image_{finger}.png"] for finger in FINGERS}
+        check(stored, facts["object_id"], facts["grasp"], arrays)

@@ -1,1 +1,0 @@
-"""Other systems, Pythons and installations, made from nothing; `make test-systems` runs this project on them."""
