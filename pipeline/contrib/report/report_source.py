@@ -10,7 +10,7 @@ import trimesh
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import is_surface
 from pipeline.dataset.touch_statistics import Tally, tally
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.drawing.views import painted_mesh
