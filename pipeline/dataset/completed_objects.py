@@ -17,8 +17,8 @@ from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
+from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
 
 

@@ -18,8 +18,8 @@ from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location, as_location, on_disk
+from pipeline.store.validate import check_origins
 from schemas.base import INDEXED_DIMS, Artifact
 from schemas.catalogue import artifact_of
 from schemas.charts import FITTED

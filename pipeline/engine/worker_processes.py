@@ -19,7 +19,7 @@ from pipeline.engine.session import Work, record_crash
 from pipeline.engine.unit import Unit
 from pipeline.engine.worker import TRIES, close_session, crash_reason, opening_error, pack, process_unit
 from pipeline.errors import StageError
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 from pipeline.store.temporary import temporary_folder
 
 CLOSE_SECONDS = 10.0

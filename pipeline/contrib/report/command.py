@@ -7,8 +7,8 @@ import typer
 from pipeline.cli.request import DataArgument
 from pipeline.console import console, print_line, show_tables
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
 from schemas.grasps import GRASPS
 
 SINGLE = "evaluation-single-image"

@@ -17,8 +17,8 @@ from pipeline.drawing.views import painted_mesh
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
-from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
+from pipeline.store.validate import check_origins
 from pipeline.tables.training_seeds import scores
 from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import (
