@@ -63,7 +63,7 @@ def shipped(data, tmp_path, monkeypatch) -> Path:
     for old in ("implicit/old.json", "unet.json", "sensors/gelsight.card.yaml"):
         (weights / old).parent.mkdir(parents=True, exist_ok=True)
         (weights / old).write_text("old")
-    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "tools.ship_weights"):
+    for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict", "stages.evaluate.shipped", "benchmarks.ship_weights"):
         monkeypatch.setattr(f"{module}.SHIPPED", weights)
     ship_weights.ship(data)
     return weights
