@@ -11,6 +11,7 @@ import trimesh
 import yaml
 from typer.testing import CliRunner
 
+from benchmarks import ship_sensor_weights, ship_weights
 from pipeline.cli import app
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.sensor_file import load_sensor
@@ -33,7 +34,6 @@ from pipeline.reconstruct.predict import chosen_models
 from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
-from tools import ship_sensor_weights, ship_weights
 
 NETWORK = "implicit-any"
 OBJECTS = spheres.objects(3, ("train", "test"))
