@@ -90,12 +90,12 @@ def predict(
     ],
     configuration: Annotated[
         str | None,
-        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of shipped ones implicit-any."),
+        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of pretrained ones implicit-any."),
     ] = None,
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[
         str | None,
-        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, or shipped where there are none."),
+        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, else the pretrained ones."),
     ] = None,
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
@@ -119,24 +119,20 @@ def predict(
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
-    if data is None and (grasps or view):
-        fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
-    directory = as_location(data) if data else None
-    folder, network = prediction.chosen_models(models_place(models) if models else None, directory, configuration, training_seed)
-    result = prediction.predict(
-        out,
-        folder,
-        network,
-        data=directory,
-        object_id=object_id,
-        grasps=grasps,
-        view=view,
-        observation=observation,
-        surface=cast(prediction.Surface, surface),
-        resolution=resolution,
-        training_seed=training_seed,
-        seed=seed,
+    source: prediction.Source = observation
+    if data is not None:
+        if observation is not None:
+            fail("give a data directory and an object, or an observation, not both")
+        if object_id is None:
+            fail(f"data directory {data} needs an object; name one of its objects with --object")
+        source = prediction.StoredGrasps(as_location(data), object_id, grasps, view)
+    elif object_id is not None or grasps or view:
+        option = "--object" if object_id is not None else "--grasp" if grasps else "--view"
+        fail(f"{option} is of a data directory: name --data and --object, or omit it")
+    options = prediction.PredictOptions(
+        models_place(models) if models else None, configuration, training_seed, seed=seed, resolution=resolution
     )
+    result = prediction.predict(out, source, options, cast(prediction.Surface, surface))
     for line in result.remarks:
         print_line(line)
     if (mesh := result.closed) is not None:

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.console import Meter, errors, pluralise
+from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.dataset.completed_objects import CompletedObjects
-from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
+from pipeline.dataset.grasps import grasping_hand, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
 from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.physics.convex_parts import convex_parts
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.store.storage import Location
 
 
@@ -32,7 +32,7 @@ class GraspedObject:
 
     name: str
     mesh: Mesh
-    grasps: list[StoredGrasp]
+    grasps: list[Grasp]
     placement: NDArray[np.float64]  # (4, 4) points of the object's file to the world, m
     held: np.ndarray | None  # (grasp,) which ones hold; None if they were not tested
 
@@ -65,8 +65,7 @@ class GraspedObjects(CompletedObjects):
         self._surfaces, self._grasps = self.collections["surfaces"], self.collections["grasps"]
         if not self._surfaces.first.has("placement"):
             raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")
-        attributes = {"grasps": self._grasps.first.attributes}
-        self.grasping, self._sensors = grasping_hand(attributes), grasping_sensors(attributes)
+        self.grasping = grasping_hand({"grasps": self._grasps.first.attributes})
 
     @property
     def summary(self) -> str:
@@ -78,7 +77,7 @@ class GraspedObjects(CompletedObjects):
             for name in self.object_ids:
                 surface, row = self._surfaces.view(name), self._grasps.view(name)
                 held = row["held"] if "held" in set(row) else None
-                yield GraspedObject(name, read_mesh(surface), read_grasps(row, surface, self._sensors), surface["placement"], held)
+                yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], held)
                 meter.advance()
 
 
@@ -94,9 +93,9 @@ def export_grasps(data: Location, folder: Path) -> str:
                     points[g, s], normals[g, s] = grasped.to_object_frame(contact.point), grasped.directions_to_object_frame(contact.normal)
         arrays = {
             "hand_pose": np.stack([grasped.pose_to_object_frame(grasp.hand_pose) for grasp in grasps]),
-            "pregrasp": np.stack([grasp.pregrasp for grasp in grasps]),
+            "pregrasp": np.stack([grasp.pregrasp_angles for grasp in grasps]),
             "grasp": np.stack([grasp.joint_angles for grasp in grasps]),
-            "squeeze": np.stack([grasp.squeeze for grasp in grasps]),
+            "squeeze": np.stack([grasp.squeeze_angles for grasp in grasps]),
             "contact_points": points,
             "contact_normals": normals,
             "metres_per_unit": np.array(grasped.scale),
@@ -127,9 +126,9 @@ def export_dexgraspbench(data: Location, folder: Path) -> str:
                 "obj_path": str(assets),
                 "obj_scale": grasped.scale,
                 "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-                "pregrasp_qpos": np.array([*placed, *grasp.pregrasp]),
+                "pregrasp_qpos": np.array([*placed, *grasp.pregrasp_angles]),
                 "grasp_qpos": np.array([*placed, *grasp.joint_angles]),
-                "squeeze_qpos": np.array([*placed, *grasp.squeeze]),
+                "squeeze_qpos": np.array([*placed, *grasp.squeeze_angles]),
             }
             np.save(scene / f"{number}.npy", np.array(content, dtype=object), allow_pickle=True)
     return objects.summary
