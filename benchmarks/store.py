@@ -1,7 +1,5 @@
 """A shard of touches beside .npy files and HDF5."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext

@@ -47,7 +47,7 @@ def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
                 yield name, str(error)
             else:
                 outdated = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
-                yield name, "another network ships now; measure it with `report --shipped`" if outdated else None
+                yield name, "the pretrained network is another now; measure it with `report --shipped`" if outdated else None
 
 
 def read_values(folders: Sequence[Path]) -> Values:

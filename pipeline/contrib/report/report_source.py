@@ -174,9 +174,9 @@ def best(predictions: Iterable[Prediction]) -> Prediction:
 
 def errors_table(predictions: Sequence[Prediction]) -> Table:
     """Make the table of the accuracy of an object's reconstructions."""
-    rows = []
-    for prediction in predictions:
-        cells = [factor * prediction.figures[metric] for metric, factor in SHOWN_METRICS.items()]
-        rows.append(Row([prediction.network, prediction.grasps if prediction.felt else 0, *cells]))
+    rows = [
+        Row([shown.network, shown.grasps * shown.felt, *(factor * shown.figures[metric] for metric, factor in SHOWN_METRICS.items())])
+        for shown in predictions
+    ]
     columns = ["network", "grasps given", *ACCURACY, f"Chamfer distance × {TABLE_3_FACTOR:.0f}, m²"]
     return Table("", columns, rows, ["", "", ".2f", ".1f", ".1f", ".3f"])

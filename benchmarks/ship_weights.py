@@ -1,6 +1,4 @@
-"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m tools.ship_weights DATA`."""
-
-from __future__ import annotations
+"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m benchmarks.ship_weights DATA`."""
 
 import shlex
 import shutil
