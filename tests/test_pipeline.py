@@ -1,7 +1,5 @@
 """Every stage, run from the command line on four objects: made, skipped, killed, changed."""
 
-from __future__ import annotations
-
 import base64
 import gzip
 import io
