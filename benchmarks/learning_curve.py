@@ -20,7 +20,8 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
-from pipeline.kernels.networks.implicit_network import ImplicitConfig, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.families import inputs_of, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
@@ -31,8 +32,8 @@ from pipeline.training.items import Items
 from pipeline.training.loop import train
 from stages.evaluate.measure import sample_reconstruction
 from stages.registry import resolve
-from stages.train_implicit.settings import ImplicitSettings
-from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from stages.train_implicit.learner import ImplicitLearner
+from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
 
 ANY = "implicit-any"
 POINTS = 10_000
@@ -73,7 +74,7 @@ class Experiment:
                 split,
                 settings.named,
                 items,
-                learned=ImplicitLearner.arrays,
+                learned=TrainImplicit.arrays,
                 cache_megabytes=settings.cache_megabytes,
             )
             for split, items in (("train", settings.samples_per_object), ("valid", settings.validation_items))
@@ -85,7 +86,7 @@ class Experiment:
         network = ImplicitNetwork(config, torch_generator(seed, name, "weights"))
         folder.mkdir(parents=True, exist_ok=True)
         train(ImplicitLearner(network, learning, validation, settings, seed), settings, folder=folder, seed=seed, name=name)
-        save_model(folder, network, learning.description(settings.configuration, network.config))
+        save_model(folder, network, learning.trained(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
         """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""

@@ -37,13 +37,15 @@ def stages() -> None:
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
+    from pipeline.cluster.slurm import jobs_account
     from pipeline.tables import status as report
 
-    account = report.read_account(as_location(data))
+    directory = as_location(data)
+    account = report.read_account(directory, lambda: jobs_account(directory))
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.jobs):
-        print_line(f"{as_location(data).resolve()}: nothing has been made here")
+        print_line(f"{directory.resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
@@ -81,7 +83,7 @@ def validate(
     Exits with status 1 if a check fails.
     """
     from pipeline.cli.recipe import print_comparison
-    from pipeline.contrib.report.report_pages import report_problems
+    from pipeline.drawing.written_files import report_problems
     from pipeline.recipes.recipe import read_recipe
     from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below

@@ -104,8 +104,8 @@ def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
 
 def _show(trade: MeasuredTrade, data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
-    from pipeline.contrib.report.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.measured import FOLDER
+    from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
 
     show_tables(console, [trade_table(trade)])
     if trade.points:

@@ -11,7 +11,6 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
 from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
-from pipeline.engine.keys import shard_key
 from pipeline.engine.plan import Made, Plan, Request, description_errors
 from pipeline.engine.session import Work, check_assets
 from pipeline.engine.unit import Unit
@@ -62,7 +61,7 @@ class ShardPlan(Plan[ShardOutput]):
         self.units = [self._unit(item) for item in items]
         rows = ((unit.key, unit.split) for unit in self.units)
         labels = self._labels() if items else None
-        self.key = shard_key(rows, self.number, self.output.shards, self.request.manifest, self.missing, labels)
+        self.key = keys.shard_key(rows, self.number, self.output.shards, self.request.manifest, self.missing, labels)
 
     def _refuse_other_manifest(self) -> None:
         """Refuse to overwrite objects that the manifest lacks: it may be forgotten."""
@@ -309,11 +308,6 @@ class ShardPlan(Plan[ShardOutput]):
         )
         chunks = [result.shapes for result in results]
         output.commit(record, chunks, lambda number: output.rows.chunks(results[number]), constants, attributes)
-        try:  # if the data were resharded meanwhile, nobody finds this shard; its rows are kept for the next run
-            self.directory.check_shard_count(output.shards)
-        except StoreError:
-            withdraw(output.record_path)
-            raise
         output.rows.discard_all({unit.name: unit.key for unit in self.units})
 
     def _labels(self) -> Row:

@@ -56,9 +56,8 @@ def save_touch_model(
 ) -> None:
     """Write a trained network with its sensor and untouched image."""
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
-    description = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
-    kind = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
-    save_model(folder, network, description | kind)
+    kind: Literal["unet", "local"] = "local" if isinstance(network, LocalNetwork) else "unet"
+    save_model(folder, network, _Description(network=kind, width=network.width, mask_threshold=mask_threshold, sensor=sensor))
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":

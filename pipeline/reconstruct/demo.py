@@ -16,7 +16,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.drawing.second_view import fitted_camera
+from pipeline.drawing.views import fitted_camera
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
 from pipeline.errors import StageError
@@ -26,7 +26,7 @@ from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
 from pipeline.kernels.vision.scene import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
-from pipeline.reconstruct.predict import Prediction, predict
+from pipeline.reconstruct.predict import Prediction, PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import DATASET, load_stage, resolve
@@ -82,7 +82,7 @@ def demo(folder: Path, console: Console) -> Demo:
     simulate(item, data, console)
     mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
-    prediction = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    prediction = predict(mesh, StoredGrasps(data, OBJECT), PredictOptions(models, DEFAULT), "closed")
     seconds = time.perf_counter() - began
     rows = ObjectRows(data, ["occluded", "points"], None)
     Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)

@@ -91,6 +91,12 @@ class MakeNoise(_TinyStage):
         def process(unit: Unit, inputs: Inputs) -> Row:
             if (trouble := str(unit.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
                 raise InvalidInput("not yet")
+            if trouble.startswith("crash once ") and not Path(trouble[11:]).exists():
+                Path(trouble[11:]).touch()
+                os.kill(os.getpid(), signal.SIGSEGV)
+            if trouble.startswith("sleep "):
+                Path(trouble[6:]).touch()
+                ctypes.PyDLL(None).sleep(5)
             match unit.source.get("trouble"):
                 case "bad":
                     raise InvalidInput("it is bad; make it good")
@@ -194,7 +200,10 @@ class Average(DatasetStage):
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Make objects a, b, c …, some of them with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, kind, {"trouble": troubles.get(name), "name": name}, split) for name in names]
+    return [
+        Object(name, kind, {"kind": "procedural", "category": "bottle", "trouble": troubles.get(name), "name": name}, split)
+        for name in names
+    ]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:

@@ -21,13 +21,14 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitNetwork
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, IMPLICIT_CONFIGURATIONS
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
+from pipeline.models.reconstruction import Trained
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -122,11 +123,15 @@ def touched(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
 
 
 def grasps(unit: Unit) -> Row:
+    outward, felt = each_sensor(direction_to, unit), each_sensor(touched, unit)
     return {
         "hand_pose": np.tile(np.eye(4), (GRASPS_AN_OBJECT, 1, 1)),
-        "joint_angles": np.zeros((GRASPS_AN_OBJECT, 16)),
+        **{f"{posture}_angles": np.zeros((GRASPS_AN_OBJECT, 16)) for posture in ("pregrasp", "joint", "squeeze")},
         "sensor_pose": each_sensor(pose_of, unit),
-        "touch_success": each_sensor(touched, unit),
+        "touch_success": felt,
+        "contact_point": np.where(felt[..., None], CENTRE + radius_of(unit) * outward, 0.0),
+        "contact_normal": np.where(felt[..., None], -outward, 0.0),
+        "contact_area": np.where(felt, 1e-5, 0.0).astype(np.float32),
         "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
         "attempts": np.array(5, np.int32),
         "attempt_success": np.full(SENSORS, 0.75, np.float32),
@@ -226,7 +231,10 @@ def stages() -> list[Given]:
 def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
     """Balls named a, b, …, bottles and knives in turn, in these splits in turn."""
     turns = [(("bottle", "knife")[number % 2], splits[number % len(splits)]) for number in range(count)]
-    return [Object(chr(ord("a") + number), kind, {"number": number}, split) for number, (kind, split) in enumerate(turns)]
+    return [
+        Object(chr(ord("a") + number), kind, {"kind": "procedural", "category": "bottle", "number": number}, split)
+        for number, (kind, split) in enumerate(turns)
+    ]
 
 
 def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "", shards: int = 1) -> None:
@@ -267,8 +275,8 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
-    description = {"configuration": name, "network": config.model_dump(mode="json"), "camera": camera}
-    save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
+    charts = {"side": config.side} if config.touch else None
+    save_model(folder, network, Trained(configuration=name, network=config, camera=camera, resolution=resolution, charts=charts))
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {
         "parameters": 1000,

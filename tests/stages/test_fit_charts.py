@@ -21,8 +21,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
-from stages.fit_charts.settings import ChartSettings
-from stages.fit_charts.stage import NETWORKS, FitCharts
+from stages.fit_charts import NETWORKS, ChartSettings, FitCharts
 
 STAGE = FitCharts()
 SENSOR = load_sensor("gel_16mm")

@@ -20,7 +20,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.reconstruct.score import files_digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.results import results_tables
@@ -67,7 +67,7 @@ def predictions(data, tmp_path_factory) -> Path:
         for object_id in TESTED:
             grasps = [(first + step) % 5 for step in range(given)]
             suffix = ".glb" if object_id == TESTED[0] else ".ply"
-            predict(place / f"{object_id}{suffix}", data / "models", NETWORK, data=data, object_id=object_id, grasps=grasps)
+            predict(place / f"{object_id}{suffix}", StoredGrasps(data, object_id, grasps), PredictOptions(data / "models", NETWORK))
     return folder
 
 
@@ -337,4 +337,4 @@ def test_report_leaves_out_scores_of_changed_inputs(data, folder, tmp_path):
     vt("score", folder, copy, "--name", "old")
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
     assert "scores/old" not in scores(DataDirectory(copy))
-    assert "scores/old is left out" in vt("report", copy, "--no-pages")
+    assert "scores/old is outdated" in vt("report", copy, "--no-pages")

@@ -24,8 +24,8 @@ from pipeline.training.items import Items
 from pipeline.training.loop import read_metrics
 from pipeline.training.reconstruction import Batch
 from stages.registry import resolve
-from stages.train_gcn.settings import GcnSettings
-from stages.train_gcn.stage import GcnLearner, TrainGcn
+from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.stage import GcnSettings, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")
@@ -205,8 +205,7 @@ def test_fewer_items_than_grasps_begin_with_each_grasp_eventually(data):
 def test_observation_without_a_required_input_is_an_error(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
-    reconstructor = load_reconstructor("none", folder)
-    reconstructor.config = CONFIGURATIONS["occluded"]
+    reconstructor = load_reconstructor("none", folder).restricted_to(CONFIGURATIONS["occluded"])
     with pytest.raises(InvalidInput, match="some are missing or differ"):
         reconstructor.reconstruct([Observation(None)])
 

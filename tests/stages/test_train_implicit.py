@@ -11,23 +11,22 @@ import torch
 import trimesh
 from rich.console import Console
 
-from pipeline.contrib.report.reconstruction_gallery import predicted_mesh
+from pipeline.contrib.report.report_source import predicted_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput, StageError
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
-from pipeline.training.reconstruction import setting_remarks
+from pipeline.training.training_stage import setting_remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
 from stages.registry import load_stage, resolve
-from stages.train_implicit.settings import ImplicitSettings
-from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-touch"
@@ -161,15 +160,15 @@ def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)
     assert (len(drawn.vertices), len(drawn.faces)) == (table["vertex_count"][0, 1], table["face_count"][0, 1])
-    done = predict(tmp_path / "out.glb", data / "models", NAME, data=data, object_id="d", grasps=[0, 1])
+    done = predict(tmp_path / "out.glb", StoredGrasps(data, "d", [0, 1]), PredictOptions(data / "models", NAME))
     for path in done.files:
         scene = trimesh.load(path)
         (mesh,) = scene.geometry.values()
         assert mesh.is_watertight
-    predict(tmp_path / "closed.ply", data / "models", NAME, data=data, object_id="d", surface="closed", resolution=64)
+    predict(tmp_path / "closed.ply", StoredGrasps(data, "d"), PredictOptions(data / "models", NAME, resolution=64), "closed")
     assert trimesh.load(tmp_path / "closed.ply").is_watertight
     with pytest.raises(StageError, match=r"no model touch: its models are implicit-touch; choose one of these, or train it with"):
-        predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
+        predict(tmp_path / "out.glb", StoredGrasps(data, "d"), PredictOptions(data / "models", "touch"))
 
 
 def test_settings_without_effect_and_missing_grasps_are_named(data):
@@ -179,7 +178,7 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
-            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays))
+            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=TrainImplicit.arrays))
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"

@@ -19,7 +19,7 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.settings import Settings
 from pipeline.config.sources import identity
 from pipeline.console import Table
-from pipeline.contrib.report.reconstruction_gallery import nearest_middle_farthest
+from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
@@ -100,7 +100,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     assert "grasp" not in shown["shipped-unoccluded-1"].label
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
-    assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
+    assert len(evaluation.surface("b", shown["shipped-unoccluded-1"])[0])
     errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in evaluation.object_ids}
     assert evaluation.ranked(evaluation.configurations) == sorted(errors, key=errors.get)
 
@@ -115,7 +115,7 @@ def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, 
     copy = shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
     assert (copy / "scores" / "shipped.json").exists()
     printed = vt("report", copy, "--shipped", "--no-pages")
-    assert "the network that ships is left out: touch: fit-charts has not been run" in printed
+    assert "the pretrained network is not measured: touch: fit-charts has not been run" in printed
     assert "unoccluded: render-vision has not made it" in printed
     assert "no network has been evaluated" in printed
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
@@ -150,7 +150,7 @@ def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_pa
     spheres.make_data(tmp_path, 2, ("train",))
     ship(monkeypatch, tmp_path)
     printed = vt("report", tmp_path, "--shipped", "--no-pages")
-    assert "the network that ships is left out: the dataset has no test objects (`splits` of its manifest)" in printed
+    assert "the pretrained network is not measured: the dataset has no test objects (`splits` of its manifest)" in printed
 
 
 def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):
