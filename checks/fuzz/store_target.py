@@ -1,7 +1,5 @@
 """A data directory with a shard of each of several artifacts, a failed object and a folder."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import zlib
