@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.timing import Table, three_digits
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule
 from pipeline.kernels.touch.sensor import pixel_centres
 
 SENSOR = load_sensor("gel_16mm")

@@ -18,7 +18,7 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.surface_quality import intersection_over_union
 from pipeline.models.reconstruction import close_reconstruction
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 
@@ -48,7 +48,9 @@ def measure(data: Path, configuration: str, name: str, resolution: int, truth: M
     """Close one reconstruction, and compare what other programs read of it with its touch charts and the object."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "closed.glb"
-        prediction = predict(path, data / "models", configuration, data=data, object_id=name, surface="closed", resolution=resolution)
+        prediction = predict(
+            path, StoredGrasps(data, name), PredictOptions(data / "models", configuration, resolution=resolution), "closed"
+        )
         mesh = trimesh.load_scene(path).to_mesh()  # equal vertices become one
     began = time.process_time()
     close_reconstruction(prediction.reconstruction, resolution)

@@ -85,7 +85,7 @@ class Experiment:
         network = ImplicitNetwork(config, torch_generator(seed, name, "weights"))
         folder.mkdir(parents=True, exist_ok=True)
         train(ImplicitLearner(network, learning, validation, settings, seed), settings, folder=folder, seed=seed, name=name)
-        save_model(folder, network, learning.description(settings.configuration, network.config))
+        save_model(folder, network, learning.trained(settings.configuration, network.config))
 
     def spread(self, rows: ObjectRows, count: int | None = None) -> list[str]:
         """Choose a number of objects, or all, from each class in turn, in a fixed random order: smaller sets are part of larger ones."""

@@ -14,7 +14,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
 from pipeline.physics.hold_test import HoldTest, gel_spring
 from pipeline.store.temporary import temporary_folder

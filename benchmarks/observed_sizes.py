@@ -20,10 +20,8 @@ from pipeline.kernels.geometry.mesh import sample_triangles
 from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
-from pipeline.models.shipped_weights import DEFAULT, shipped_models
-from pipeline.reconstruct.object_box import find_object
-from pipeline.reconstruct.observation_file import load_observation
-from pipeline.reconstruct.predict import model_reader, reconstruct
+from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.predict import PredictOptions, reconstruct
 from tools.robot_grasp import BASE, write_grasp
 
 POINTS = 10_000
@@ -45,18 +43,17 @@ def observations(folder: Path) -> dict[str, Path]:
 def measure(data: Path) -> Table:
     """Reconstruct each object of a dataset from its first grasp; give the errors by what was given."""
     rows, errors = ObjectRows(data, ["points"], None), defaultdict[str, list[float]](list)
-    rng, model = np.random.default_rng(0), model_reader(shipped_models(), DEFAULT).inputs
+    rng, target = np.random.default_rng(0), PredictOptions().reader().target
     with tempfile.TemporaryDirectory() as folder:
         for object_id in rows.object_ids:
             points = rows.read("points", object_id).astype(np.float64)
             scale, truth = DIAGONAL / bounding_diagonal(points), transform_points(BASE, points)
             write_grasp(data, object_id, 0, Path(folder))
-            box = find_object(load_observation(Path(folder) / "rgbd.yaml"), model)
-            assert box is not None
+            box = check(Path(folder) / "rgbd.yaml", target).box
             middle = transform_points(BASE, np.array([POSITION]))[0]
             errors[PLACE].append(1e3 * scale * float(np.linalg.norm(box.centre - middle)))
             for given, path in observations(Path(folder)).items():
-                mesh = reconstruct(path, shipped_models(), DEFAULT).closed
+                mesh = reconstruct(path).closed
                 assert mesh is not None
                 drawn, _ = sample_triangles(mesh.vertices[mesh.faces], POINTS, rng)
                 errors[given].append(TABLE_3_FACTOR * scale**2 * cloud_distances(drawn, truth).chamfer)

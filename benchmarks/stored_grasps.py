@@ -19,9 +19,8 @@ from benchmarks.timing import Table, quantiles
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh, sample_triangles
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.physics.simulation import Simulation
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS

@@ -19,9 +19,8 @@ from benchmarks.peers.taxim_shim import load_taxim
 from benchmarks.provenance import ROOT
 from benchmarks.timing import Round, Table, Times, quantiles, side_by_side
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import quantise_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
 from stages.simulate_touch.settings import TouchSettings

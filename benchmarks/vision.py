@@ -11,7 +11,7 @@ from benchmarks.timing import Table, over_items, side_by_side
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from stages.render_vision.renderer import Renderer
 
 

@@ -10,9 +10,8 @@ import trimesh
 from PIL import Image
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image
 
 path = sys.argv[1] if len(sys.argv) > 1 else "tactile.png"

@@ -11,11 +11,9 @@ import torch
 from torch.utils.data import DataLoader
 
 from pipeline.dataset.grasp_dataset import GraspDataset
-from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.touch_losses import masked_depth_loss
-from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss
 from pipeline.kernels.tensor_checks import network_input
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
 
 data, split, epochs = (*sys.argv[1:], *("data/toy/draft", "train", "2")[len(sys.argv) - 1 :])
 grasps = GraspDataset(data, ["tactile_image", "depth", "touch_success", "untouched"], split)

@@ -6,7 +6,7 @@ import multiprocessing
 import re
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TextIO
 
@@ -93,6 +93,8 @@ class Estimate(Protocol):
 
 Cell = str | float | Estimate | tuple[float | None, ...] | None
 """Text, a number, an estimate with its interval, several numbers, or None where there is no value."""
+Columns = dict[str, tuple[str, Callable[[Any], Cell]]]
+"""Of a table, by name with the unit: the format of its numbers, and the function that takes a cell from an entry."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,12 @@ class Table:
     def as_json(self) -> dict[str, Any]:
         """Return title, columns and rows as JSON; an infinite end of an interval becomes null."""
         return {"title": self.title, "columns": list(self.columns), "rows": [[_plain(cell) for cell in row.cells] for row in self.rows]}
+
+
+def tabulate(title: str, heading: str, entries: Mapping[str, Any], columns: Columns) -> Table:
+    """Make a table with a row per entry, whose names are in the column `heading`."""
+    rows = [Row([name, *(cell(entry) for _, cell in columns.values())]) for name, entry in entries.items()]
+    return Table(title, [heading, *columns], rows, ["", *(form for form, _ in columns.values())])
 
 
 def cell_text(cell: Cell, form: str = "") -> str:

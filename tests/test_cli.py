@@ -15,12 +15,12 @@ import yaml
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.cli.request import make_executor, make_request
+from pipeline.cli.request import make_executor
 from pipeline.config.settings import value_text
-from pipeline.engine.stage import names_read
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
 from stages.registry import STAGES, load_settings_type, load_stage
+from stages.request import make_request
 
 RUN = ["run", "sample-surfaces"]
 
@@ -43,7 +43,7 @@ def test_stages_lists_every_setting_with_its_reason():
 def test_stages_shows_folders_that_are_read_and_defaults_as_set_takes_them():
     output = invoke("stages")[1]
     assert "reads touch, grasps, models/unet; writes charts" in output
-    reads = names_read(load_stage("evaluate"), load_settings_type("evaluate")())
+    reads = load_stage("evaluate").reads(load_settings_type("evaluate")())
     assert [name for name in reads if name.startswith("models/")]
     assert f"reads {', '.join(reads)}; writes evaluation" in output
     for word in ("False", "None", "(", "'"):
@@ -239,8 +239,8 @@ def test_one_object_with_other_settings_is_not_published_and_names_the_remedy(tm
     assert invoke(*command, "points=100")[0] == 0
     code, output = invoke(*command, "points=90", "--object", "a")
     assert code == 0
-    assert "not published, because the others are damaged, have left the manifest, or were made with other settings" in output
-    assert "to look at a alone, run each stage from sample-surfaces with another --data" in output
+    assert "not published, because other rows are damaged, have left the manifest, or were made with other settings" in output
+    assert "to look at a alone, run each stage from the first with another --data" in output
 
 
 def test_folders_of_meshes_have_separate_data_directories(tmp_path):
@@ -249,8 +249,7 @@ def test_folders_of_meshes_have_separate_data_directories(tmp_path):
         folder = tmp_path / name
         folder.mkdir()
         trimesh.creation.box().export(folder / "one.ply")
-        stage = load_stage("sample-surfaces")
-        places.append(make_request(stage, "directory", "draft", data=None, objects=folder, assignments=[], seed=None).data)
+        places.append(make_request("sample-surfaces", "directory", objects=folder).data)
     assert places == [Path("data/directory-mugs/draft"), Path("data/directory-bowls/draft")]
     dry = subprocess.run(["make", "-n", "dataset", "MANIFEST=directory", f"OBJECTS={tmp_path / 'mugs'}/"], capture_output=True, text=True)
     assert f"--data '{places[0]}'" in dry.stdout

@@ -31,7 +31,7 @@ import sys
 from pathlib import Path
 from pipeline.cli import app
 from tools import reference_pages
-Path("docs/settings.md").write_text(reference_pages.regenerated(Path("docs/settings.md").read_text(), reference_pages.settings()))
+Path("docs/settings.md").write_text(reference_pages.settings())
 app(["run", "measure-contact", *sys.argv[1:]])
 """
 
@@ -42,7 +42,7 @@ from pathlib import Path
 from pipeline.cli import app
 from pipeline.console import console, show_tables
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
+from pipeline.engine.make import plans
 from pipeline.tables.results import results_tables
 from pipeline.store.directory import DataDirectory
 from stages.registry import load_stage, resolve
@@ -52,8 +52,8 @@ data, splits = Path(sys.argv[1]), ("train", "valid", "test")
 balls.make_data(data, 6, splits)
 asked = ["train-ball.epochs=150", "evaluate.configurations=[ball-touch]", "evaluate.points=300", "evaluate.grasps=[1,2]"]
 for name in ("train-ball", "evaluate"):
-    (plan,) = make_plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
-    run(plan, console)
+    (plan,) = plans(Request(load_stage(name), resolve(name, "draft", asked), "balls", balls.objects(6, splits), "draft", 0, data))
+    plan.make(console)
 show_tables(console, results_tables(DataDirectory(data), ["evaluation"]))
 app(["predict", str(data / "f.ply"), "--data", str(data), "--configuration", "ball-touch", "--object", "f"])
 """

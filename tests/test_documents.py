@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -18,7 +19,8 @@ ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 ROOTS = ("", "pipeline", "docs", "stages")
 """Folders that paths in documents are below."""
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+GROUP: Any = typer.main.get_command(app)
+COMMANDS = {name: GROUP.get_command(None, name) for name in GROUP.list_commands(None)}
 MADE = ("docs/overview.png", "stages/measure_contact", "tests/stages/measure_contact", "explanations/measure_contact", "schemas/contact")
 MADE += ("stages/train_ball", "networks/ball_network", "models/ball_reconstruction")
 PLACEHOLDER = re.compile(r"[A-Z]{3,}|…|~|^data/|^(my_|\.work|touch/0000|out\.|poses|seen|contact-sheet|learning-curves|reconstructions)")

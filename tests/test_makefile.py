@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 
-from pipeline.cli.request import default_place
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
 from stages.registry import STAGES, load_settings_type, load_stage
+from stages.request import default_place
 
 ROOT = Path(__file__).parents[1]
 

@@ -10,11 +10,9 @@ import pytest
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
 from pipeline.engine.dask_executor import Dask
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.engine.session import Work
-from pipeline.engine.stage import DatasetStage
-from pipeline.store.publish import ShardOutput
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
 ASSIGNMENTS = [
@@ -44,10 +42,10 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
     objects = load_manifest("pybullet-objects").objects()[:300]
     for name in GRASP_STAGES:
         stage = load_stage(name)
-        if isinstance(stage, DatasetStage) and name != "train-unet":  # fit-charts reads its model
+        if not stage.per_object and name != "train-unet":  # fit-charts reads its model
             continue
-        (plan,) = make_plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
-        if isinstance(plan.output, ShardOutput):
+        (plan,) = plans(Request(stage, resolve(name, "draft", ASSIGNMENTS), "300", objects, "draft", 0, tmp_path))
+        if stage.per_object:
             units, work = (
                 [unit for unit in plan.units if not unit.failure],
                 Work(stage, plan.settings, tmp_path, plan.model_digests, plan.assets),
@@ -57,4 +55,4 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
             print(f"{name}: {usage[49]} at object 50, {usage[-1]} at object {len(usage)}")
             assert usage[-1]["megabytes"] - usage[49]["megabytes"] < GROWTH_MB
             assert usage[-1]["files"] <= usage[49]["files"]
-        run(plan, errors)
+        plan.make(errors)

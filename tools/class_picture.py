@@ -1,13 +1,10 @@
 """Picture three procedural objects of each class: `python -m tools.class_picture docs/pictures/classes.webp`."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
-from pipeline.contrib.report.reconstruction_gallery import render_mesh
 from pipeline.contrib.toy_objects import CATEGORIES, generate
-from pipeline.drawing.second_view import fitted_camera
+from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import normalise_mesh
 from pipeline.rng import numpy_rng

@@ -6,12 +6,10 @@
 OBJECT is one of the test split, in its first grasp.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 
-from pipeline.contrib.report.overview import overview_panels
+from pipeline.contrib.report.figures import overview_panels
 from pipeline.contrib.report.report_source import ReportSource
 from tools.picture_row import draw_row
 

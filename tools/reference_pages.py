@@ -1,4 +1,6 @@
-"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations: `make docs`.
+"""Write the reference pages: arrays, settings, and the entries of manifests, hands, sensors, scenes and observations.
+
+`make docs` writes those of `PAGES`; those of `SITE_PAGES` are written when the site is built.
 
 What is above the marker in a page is written by hand; the rest is generated from `schemas/`, the stages' settings and the models of files.
 """
@@ -18,7 +20,6 @@ from pipeline.config.manifest import MESH_SOURCES, Manifest
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings, value_text
 from pipeline.config.sources import MeshSource, Source
-from pipeline.engine.stage import names_read
 from pipeline.formats.hand_file import HandFile
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.vision.scene import Scene
@@ -99,7 +100,7 @@ def settings() -> str:
 def _stage(name: str) -> Iterator[str]:
     stage = load_stage(name)
     defaults = stage.settings_type()
-    reads = ", ".join(f"`{name}`" for name in names_read(stage, defaults))
+    reads = ", ".join(f"`{name}`" for name in stage.reads(defaults))
     presets = {preset: values.get(name, {}) for preset, values in load_presets().items()}
     yield f"## {name}\n"
     yield f"{stage.summary} With the default settings it reads {reads or 'mesh files'} and writes `{stage.writes(defaults)}`.\n"
@@ -244,9 +245,8 @@ def _schema_type(entry: Mapping[str, Any]) -> str:
     return "path" if entry.get("format") == "path" else {"string": "text", "boolean": "`true` or `false`"}.get(entry["type"], entry["type"])
 
 
+SITE_PAGES = {"data-format.md": data_format, "settings.md": settings}
 PAGES = {
-    "data-format.md": data_format,
-    "settings.md": settings,
     "manifest.md": manifest_entries,
     "hand-and-sensor.md": hand_and_sensor_entries,
     "guide/own-photographs.md": observation_entries,

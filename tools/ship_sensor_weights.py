@@ -20,7 +20,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
-from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
 from pipeline.models.touch_model import LocalTouchModel
 from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
@@ -58,7 +58,7 @@ def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
         across, down = rng.uniform(-0.25, 0.25) * sensor.width, rng.uniform(-0.25, 0.25) * sensor.height
         squared = radius**2 - (x[None] - across) ** 2 - (y[:, None] - down) ** 2
         state = press_gel(press_relief(np.where(squared > 0, np.sqrt(np.maximum(squared, 0)), -np.inf), sensor, depth), sensor)
-        image = image_of_gel(state.indentation, sensor, rng)
+        image = render_gel(state.indentation, sensor, rng)
         presses.append(Press(f"{number}", image, MM * state.indentation, state.contact, flat=False, absolute=True))
     return presses
 

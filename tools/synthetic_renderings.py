@@ -22,9 +22,8 @@ from pipeline.formats.rendering_folder import PIXELS, VIEWS, write_renderings
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.normalise import POSITION, bounding_diagonal
-from pipeline.kernels.vision.camera import Camera, look_at
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.viewpoint import FARTHEST, FOCAL, SENSOR, Viewpoint
+from pipeline.kernels.vision.camera import FARTHEST, FOCAL, SENSOR, Camera, Viewpoint, look_at
+from pipeline.kernels.vision.scene import Label
 from pipeline.rng import numpy_rng
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.directory import DataDirectory

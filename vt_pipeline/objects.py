@@ -13,7 +13,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 
 Source = str | Path | tuple[ArrayLike, ArrayLike]
 """What an object is made from: a mesh file, or vertices and faces."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.touch import tactile_image as kernel
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.press_shapes import press_relief
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.kernels.touch.sensor import Sensor

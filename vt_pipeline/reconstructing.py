@@ -5,10 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from pipeline.errors import InvalidInput
-from pipeline.reconstruct import observation_file
 from pipeline.reconstruct.observation_file import RobotObservation
 
 if TYPE_CHECKING:
@@ -17,9 +13,9 @@ if TYPE_CHECKING:
 
 def load_observation(path: str | Path) -> RobotObservation:
     """Read an observation file with the photographs that it names; an `InvalidInput` lists all its faults."""
-    from pipeline.reconstruct.observation_checks import faults  # imports torch, which `touch` does not need
+    from pipeline.reconstruct.observation_checks import check  # imports torch, which `touch` does not need
 
-    return observation_file.load_observation(path, faults)
+    return check(Path(path)).observation
 
 
 def reconstruct(
@@ -39,9 +35,9 @@ def reconstruct(
     observation
         From `load_observation`, or a `RobotObservation` of arrays, or the path of an observation file.
     models
-        Folder of trained models, DATA/models, or `shipped`: by default, the weights that ship.
+        Folder of trained models, DATA/models, or `shipped`: by default, the pretrained networks.
     configuration
-        Which of them; by default `occluded-touch`, of the weights that ship `implicit-any`, which takes whatever there is.
+        Which of them; by default `occluded-touch`, of the pretrained ones `implicit-any`, which accepts any subset of inputs.
     resolution
         Edges of the closed mesh along the longest side of its box, 64 to 400.
     training_seed
@@ -65,14 +61,8 @@ def reconstruct(
     from pipeline.models.shipped_weights import models_place
     from pipeline.reconstruct import predict
 
+    folder = None if models is None else models_place(str(models))
+    options = predict.PredictOptions(folder, configuration, training_seed, accelerator, seed, resolution)
     if not isinstance(observation, str | Path | RobotObservation):
         raise TypeError(f"observation is a RobotObservation or the path of an observation file; this is {type(observation).__name__}")
-    if not isinstance(resolution, int | np.integer) or not 64 <= resolution <= 400:
-        raise InvalidInput(f"resolution is {resolution!r}; it must be a whole number, 64 to 400")
-    for name, value in (("training_seed", training_seed), ("seed", seed)):
-        if not isinstance(value, int | np.integer) or value < 0:
-            raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
-    source = Path(observation) if isinstance(observation, str) else observation
-    options = {"resolution": resolution, "training_seed": training_seed, "seed": seed}
-    folder, network = predict.chosen_models(None if models is None else models_place(str(models)), None, configuration)
-    return predict.reconstruct(source, folder, network, accelerator=accelerator, **options)
+    return predict.reconstruct(Path(observation) if isinstance(observation, str) else observation, options)

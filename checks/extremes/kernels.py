@@ -13,8 +13,7 @@ from checks.extremes.shapes import TINY, Shape
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.fit_options import FitOptions
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, chart_square
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
 from pipeline.kernels.geometry.mesh import Mesh, face_cross_products, sample_triangles
 from pipeline.kernels.geometry.mesh_cleaning import clean_mesh
@@ -27,10 +26,8 @@ from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.metrics.surface_quality import surface_area
 from pipeline.kernels.metrics.surface_sampling import sample_surface
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import in_gel
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image

@@ -14,9 +14,8 @@ from rich.console import Console
 from pipeline.config.manifest import load_manifest
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans
-from pipeline.engine.run import run as run_plan
 from pipeline.store.directory import DataDirectory
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
@@ -93,9 +92,7 @@ class Sandbox:
                     check=check,
                     retry=retry,
                 )
-                for plan in make_plans(asked):
-                    if not plan.up_to_date():
-                        run_plan(plan, Console(stderr=True))
+                make(asked, Console(stderr=True))
 
     def command(self, stage: str, data: Path) -> list[str]:
         """Return the arguments of `vt-pipeline` that run a stage as `make` does."""

@@ -21,10 +21,10 @@ from pipeline.kernels.networks.unet import UNet
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.models.deformation_reconstruction import DeformationReconstructor
 from pipeline.models.model_files import save_model
+from pipeline.models.reconstruction import Trained
 from pipeline.models.touch_model import load_touch_model, save_touch_model
-from pipeline.reconstruct.observation_checks import faults
-from pipeline.reconstruct.observation_file import load_observation
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.predict import PredictOptions, predict
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory, is_version
 from pipeline.store.publish import FolderOutput
@@ -71,12 +71,12 @@ class Predictions(Target):
                 )
         path = folder / "grasp.yaml"
         if content // 8 % WHOLE == 0:
-            predict(folder / "made.ply", folder, NAME, observation=path)
+            predict(folder / "made.ply", path, PredictOptions(folder, NAME))
             return
         readers: dict[str, Callable[[], object]] = {
             "gcn": lambda: DeformationReconstructor(DataDirectory(folder / "gcn").verified_folder(NAME)),
             "unet": lambda: load_touch_model(DataDirectory(folder).verified_folder("unet"), "cpu"),
-            **dict.fromkeys(("grasp.yaml", "image", "tactile_image", "depth", "mask"), lambda: load_observation(path, faults)),
+            **dict.fromkeys(("grasp.yaml", "image", "tactile_image", "depth", "mask"), lambda: check(path)),
         }
         sound = {content for seed in self.seeds for content in seed.values()}
         changed = [name for name in files if files[name] not in sound]
@@ -106,12 +106,12 @@ def _models(models: Path) -> None:
     (gcn := models / ".work" / "gcn").mkdir()
     described: dict[str, Any] = {
         "configuration": NAME,
-        "network": config.model_dump(mode="json"),
+        "network": config,
         "camera": [[16, 0, 0, 0], [0, 16, 0, 0], [0, 0, 1, 0]],
         "resolution": [PIXELS, PIXELS],
         "charts": {"side": 3, "max_iterations": 5, "samples": 50},
     }
-    save_model(gcn, DeformationNetwork(config), described)
+    save_model(gcn, DeformationNetwork(config), Trained(**described))
     _publish(models, f"gcn/{NAME}", gcn)
 
 

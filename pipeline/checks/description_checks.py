@@ -1,9 +1,7 @@
-"""Checks of description files: what a hand, sensor, scene, manifest or observation file describes, as lines and as a picture."""
-
-from __future__ import annotations
+"""Checks of description files: what a hand, sensor, scene or manifest file describes, as lines and as a picture."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -21,9 +19,6 @@ from pipeline.kernels.geometry.normalise import POSITION
 from pipeline.kernels.vision.camera import camera_pose, project_points, projection_matrix
 from pipeline.kernels.vision.scene import NamedCamera
 
-if TYPE_CHECKING:
-    from pipeline.reconstruct.model_inputs import ModelInputs
-
 ENTRIES: dict[Kind, set[str]] = {
     "sensor": {"w", "rows", "cols"},
     "hand": {"urdf", "palm", "fingers"},
@@ -40,36 +35,26 @@ SIZE = 0.5
 def check_file(
     name: str,  # path of a file, or the name of a shipped one
     picture: Path | None,  # PNG to write; by default NAME.png in the current folder
-    model: ModelInputs | None = None,  # to check an observation against
     meshes: MeshFiles | None = None,  # that a manifest is checked with
 ) -> list[str]:  # lines that describe the file's content; faults begin with "fault:"
-    """Check a description file, and draw what it describes.
+    """Check a hand, sensor, scene or manifest file, and draw what it describes; an `InvalidInput` names each entry that cannot be used."""
+    path, kind, picture = described_file(name, picture)
+    if kind == "manifest":
+        return check_manifest(path, picture, meshes or MeshFiles())
+    if meshes is not None:
+        raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
+    checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene}
+    return checks[kind](path, picture)
 
-    An `InvalidInput` says that its kind is unknown, names each entry that cannot be used, or a file that the picture
-    would replace.
-    """
+
+def described_file(name: str, picture: Path | None) -> tuple[Path, str, Path]:
+    """Find a description file, its kind, and the picture to draw, which may replace no file that it needs; parameters as `check_file`."""
     path = _path_of(name)
     kind, picture = _kind_of(path), picture or Path(f"{path.stem}.png")
     namesakes = [path.parent / file for file in (path.name, *texts_in(read_yaml(path))) if Path(file).name == picture.name]
     if _place(picture) in map(_place, namesakes):
         raise InvalidInput(f"{picture} is a file that {path} needs, and the picture would replace it; name another one with --picture")
-    if meshes is not None and kind != "manifest":
-        raise InvalidInput(f"{path} is a {kind} file; only a manifest takes a folder of objects, their unit and up-axis")
-    if kind == "observation":
-        from pipeline.checks.observation_check import check_observation  # networks: seconds to import
-
-        return check_observation(path, picture, model)
-    if model is not None:
-        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models")
-    if kind == "manifest":
-        return check_manifest(path, picture, meshes or MeshFiles())
-    checks = {"sensor": check_sensor, "hand": check_hand, "scene": check_scene}
-    return checks[kind](path, picture)
-
-
-def is_observation(name: str) -> bool:
-    """Check whether a description file, given as `check_file` takes it, is an observation; errors as there."""
-    return _kind_of(_path_of(name)) == "observation"
+    return path, kind, picture
 
 
 def _path_of(name: str) -> Path:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.checks.hand_trial import trial_grasps
 from pipeline.console import Meter, abbreviate, errors, pluralise
-from pipeline.drawing.contact_sheet_page import finger_colors
+from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
@@ -26,10 +26,10 @@ from pipeline.kernels.hand.buried_gels import buried_gels
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes, collision_spheres
 from pipeline.kernels.hand.convex_shapes import convex_error
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postures
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
+from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import inertia_notes
 from pipeline.rng import numpy_rng

@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from pipeline.config.manifest import SPLITS, Object, load_manifest
 from pipeline.config.sources import identity
 from pipeline.console import Meter, Row, Table, abbreviate, errors, pluralise, table_lines
-from pipeline.contrib.report.reconstruction_gallery import render_mesh
-from pipeline.drawing.contact_sheet_page import spread_evenly
+from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import save_figure
-from pipeline.drawing.second_view import fitted_camera
+from pipeline.drawing.views import fitted_camera, render_mesh
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.scene_file import load_scene

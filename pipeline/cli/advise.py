@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.failures import fail
-from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption, default_place
+from pipeline.cli.request import DataOption, ManifestOption, PresetOption, SetOption
 from pipeline.config.manifest import load_manifest
 from pipeline.console import Row, Table, console, pluralise, print_line, show_tables
 from pipeline.store.storage import as_location, on_disk
 from stages.registry import DATASET, TRADED
+from stages.request import default_place
 
 if TYPE_CHECKING:  # imported when the command is called: scipy takes long
     from pipeline.tradeoff.advice import Choice, Workload

@@ -8,6 +8,7 @@ import typer
 from pipeline.cli.completion import complete_described
 from pipeline.cli.request import ObjectsOption, UnitsOption, UpOption
 from pipeline.console import print_line
+from pipeline.errors import InvalidInput
 
 
 def check(
@@ -20,10 +21,10 @@ def check(
     ],
     picture: Annotated[Path | None, typer.Option(help="PNG to draw it in; by default NAME.png in the current folder.")] = None,
     models: Annotated[
-        str | None, typer.Option(help="Folder of trained models, to check an observation against one; by default those that ship.")
+        str | None, typer.Option(help="Folder of trained models, to check an observation against one; by default the pretrained ones.")
     ] = None,
     configuration: Annotated[
-        str | None, typer.Option(help="Which model of MODELS; by default occluded-touch, of shipped ones implicit-any.")
+        str | None, typer.Option(help="Which model of MODELS; by default occluded-touch, of pretrained ones implicit-any.")
     ] = None,
     objects: ObjectsOption = None,
     units: UnitsOption = None,
@@ -34,17 +35,22 @@ def check(
     All faults are named at once; with one, the exit status is 1. A manifest's objects are all read: sizes, units, faces, textures. An
     observation is checked as `predict` does before it runs.
     """
-    from pipeline.checks.description_checks import check_file, is_observation
+    from pipeline.checks.description_checks import check_file, described_file
     from pipeline.checks.manifest_check import MeshFiles
 
-    inputs = None
-    if models is not None or configuration is not None or is_observation(file):
-        from pipeline.models.shipped_weights import models_place
-        from pipeline.reconstruct.predict import chosen_models, model_reader
-
-        inputs = model_reader(*chosen_models(None if models is None else models_place(models), None, configuration)).inputs
+    path, kind, drawing = described_file(file, picture)
     meshes = None if objects is None and units is None and up is None else MeshFiles(objects, units, up)
-    lines = check_file(file, picture, inputs, meshes)
+    if kind == "observation" and meshes is None:
+        from pipeline.models.shipped_weights import models_place
+        from pipeline.reconstruct.observation_picture import draw_observation
+        from pipeline.reconstruct.predict import PredictOptions
+
+        options = PredictOptions(None if models is None else models_place(models), configuration)
+        lines = draw_observation(path, drawing, options.reader().target)
+    elif models is not None or configuration is not None:
+        raise InvalidInput(f"{path} is a {kind} file; only an observation is checked against models")
+    else:
+        lines = check_file(file, picture, meshes)
     for line in lines:
         print_line(line)
     if any(line.startswith("fault:") for line in lines):

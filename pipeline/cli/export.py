@@ -11,7 +11,7 @@ from pipeline.cli.request import DataArgument
 from pipeline.console import pluralise, print_line
 from pipeline.formats.description_file import read_description
 from pipeline.store.atomic import UNFINISHED, atomic_writes
-from pipeline.store.storage import list_folder, place
+from pipeline.store.storage import as_location, list_folder
 
 Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
@@ -42,7 +42,7 @@ def export(
     from pipeline.contrib.exports.parquet_files import write_parquet
     from pipeline.contrib.exports.scene_files import write_scenes
     from pipeline.contrib.exports.webdataset_shards import write_webdataset
-    from pipeline.contrib.report.report_source import ReportSource
+    from pipeline.dataset.completed_objects import CompletedObjects
 
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
@@ -51,7 +51,8 @@ def export(
     if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
         fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
     if to == "mesh":
-        print_line(f"{out}: {pluralise(write_scenes(ReportSource(place(data)), out, list(dict.fromkeys(objects or []))), 'scene')}")
+        source = CompletedObjects(as_location(data), ("surfaces", "grasps", "touch"), ("charts",))
+        print_line(f"{out}: {pluralise(write_scenes(source, out, list(dict.fromkeys(objects or []))), 'scene')}")
         return
     if objects:
         fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
@@ -60,13 +61,13 @@ def export(
     publisher = read_description("about", about, About) if about else About()
     grasp_writers = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
     table_writers = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
-    frames = None if to in grasp_writers else GraspFrames(place(data))
-    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(place(data)))
+    frames = None if to in grasp_writers else GraspFrames(as_location(data))
+    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(as_location(data)))
     with atomic_writes(out) as folder:
         count = write(folder)
         if to == "parquet" and frames:
-            facts = facts_of(place(data), frames)
-            write_card(place(data), facts, publisher, folder)
+            facts = facts_of(as_location(data), frames)
+            write_card(as_location(data), facts, publisher, folder)
             write_croissant(facts, publisher, folder)
     print_line(f"{out}: {pluralise(count, 'grasp')}")
     missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]

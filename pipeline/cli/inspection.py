@@ -11,7 +11,6 @@ from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
 from pipeline.config.settings import value_text
 from pipeline.console import console, errors, print_line, show_tables
-from pipeline.engine.stage import names_read
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
@@ -28,7 +27,7 @@ def stages() -> None:
             errors.print(f"[bold]{name}[/]  [red]{escape(str(error))}[/]")
             continue
         settings = stage.settings_type()
-        reads = ", ".join(names_read(stage, settings)) or "the manifest's meshes"
+        reads = ", ".join(stage.reads(settings)) or "the manifest's meshes"
         console.print(f"[bold]{name}[/]  {stage.summary}\n  reads {reads}; writes {stage.writes(settings)}")
         table = Table("setting", "default", "changes", "why", box=None, pad_edge=True, padding=(0, 2))
         for setting, info in stage.settings_type.model_fields.items():
@@ -38,13 +37,15 @@ def stages() -> None:
 
 def status(data: DataArgument, as_json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False) -> None:
     """Show contents, failures and Slurm jobs of a data directory."""
+    from pipeline.cluster.slurm import jobs_account
     from pipeline.tables import status as report
 
-    account = report.read_account(as_location(data))
+    directory = as_location(data)
+    account = report.read_account(directory, lambda: jobs_account(directory))
     if as_json:
         typer.echo(account.to_json())
     elif not (account.artifacts or account.folders or account.damaged or account.jobs):
-        print_line(f"{as_location(data).resolve()}: nothing has been made here")
+        print_line(f"{directory.resolve()}: nothing has been made here")
     else:
         report.show(account, console)
     if account.damaged:
@@ -82,7 +83,7 @@ def validate(
     Exits with status 1 if a check fails.
     """
     from pipeline.cli.recipe import print_comparison
-    from pipeline.contrib.report.report_pages import report_problems
+    from pipeline.drawing.written_files import report_problems
     from pipeline.recipes.recipe import read_recipe
     from pipeline.recipes.recipe_comparison import compare
     from pipeline.store.validate import problems_below

@@ -20,20 +20,19 @@ from pipeline.cli.request import (
     PresetOption,
     SeedOption,
     SetOption,
-    make_request,
 )
-from pipeline.cli.run import run_plan
+from pipeline.cli.run import print_made
 from pipeline.config.settings import Settings
 from pipeline.console import console, errors, pluralise, print_line, show_tables
-from pipeline.engine.run import make_plans
-from pipeline.engine.stage import DatasetStage
-from pipeline.errors import StageError, unknown_name
+from pipeline.engine.make import make
+from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import as_location, exists
 from pipeline.tradeoff import sweep as sweeps
 from schemas.grasps import GRASPS
 from stages.registry import STAGES, load_stage, resolve
+from stages.request import make_request
 
 SINGLE = "evaluation-single-image"
 
@@ -53,16 +52,14 @@ def sweep(
 
     By default the grid is the supplement's (2.2 and 3.4). A sweep that was killed continues when it is run again.
     """
-    if stage not in STAGES:
-        fail(unknown_name("stage", stage, STAGES))
-    loaded = load_stage(stage)
-    if not isinstance(loaded, DatasetStage) or not loaded.trains:
+    request = make_request(stage, manifest, preset, data=data, objects=objects, assignments=assignments or (), seed=seed)
+    loaded = request.stage
+    if not getattr(loaded, "trains", False):
         trainings = [name for name in STAGES if getattr(load_stage(name), "trains", False)]
         fail(f"{stage} trains nothing: sweep over settings of {', '.join(trainings)}")
-    default_grid = loaded.grid(resolve(stage, preset, assignments or ()))
+    default_grid = loaded.grid(request.settings)
     if not (grid or default_grid):
         fail(f"the supplement has no grid for {stage}: name one, --grid learning_rate=1e-3,2e-3")
-    request = make_request(loaded, manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed)
     finished, failed = [], 0
 
     def settings_of(point: Mapping[str, Any]) -> Settings:
@@ -77,8 +74,7 @@ def sweep(
             print_line(f"{request.data / folder}")
             continue
         try:
-            (plan,) = make_plans(replace(request, settings=settings, folder=folder))
-            run_plan(plan)
+            make(replace(request, settings=settings, folder=folder), console, report=print_made)
             finished.append((point, DataDirectory(request.data).folder(folder)))
         except StageError as error:  # a learning rate that is too high fails this point only
             failed += 1
@@ -96,12 +92,12 @@ def predict(
     ],
     configuration: Annotated[
         str | None,
-        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of shipped ones implicit-any."),
+        typer.Option(help="Which model of MODELS: touch, implicit-any, …; by default occluded-touch, of pretrained ones implicit-any."),
     ] = None,
     data: Annotated[str | None, typer.Option(help="Data directory; with --object, instead of files.")] = None,
     models: Annotated[
         str | None,
-        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, or shipped where there are none."),
+        typer.Option(help="Folder of trained models, or shipped; by default DATA/models, else the pretrained ones."),
     ] = None,
     object_id: Annotated[
         str | None, typer.Option("--object", help="An object of the data directory.", autocompletion=complete_made_object)
@@ -125,24 +121,20 @@ def predict(
 
     if surface not in get_args(prediction.Surface):
         fail(f"--surface {surface}: it is one of {', '.join(get_args(prediction.Surface))}")
-    if data is None and (grasps or view):
-        fail(f"{'--grasp' if grasps else '--view'} is of an object of a data directory: name --data and --object, or leave it out")
-    directory = as_location(data) if data else None
-    folder, network = prediction.chosen_models(models_place(models) if models else None, directory, configuration, training_seed)
-    result = prediction.predict(
-        out,
-        folder,
-        network,
-        data=directory,
-        object_id=object_id,
-        grasps=grasps,
-        view=view,
-        observation=observation,
-        surface=cast(prediction.Surface, surface),
-        resolution=resolution,
-        training_seed=training_seed,
-        seed=seed,
+    source: prediction.Source = observation
+    if data is not None:
+        if observation is not None:
+            fail("give a data directory and an object, or an observation, not both")
+        if object_id is None:
+            fail(f"data directory {data} needs an object; name one of its objects with --object")
+        source = prediction.StoredGrasps(as_location(data), object_id, grasps, view)
+    elif object_id is not None or grasps or view:
+        option = "--object" if object_id is not None else "--grasp" if grasps else "--view"
+        fail(f"{option} is of a data directory: name --data and --object, or omit it")
+    options = prediction.PredictOptions(
+        models_place(models) if models else None, configuration, training_seed, seed=seed, resolution=resolution
     )
+    result = prediction.predict(out, source, options, cast(prediction.Surface, surface))
     for line in result.remarks:
         print_line(line)
     if (mesh := result.closed) is not None:
@@ -188,8 +180,7 @@ def score(
     from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
-    plan = measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced)
-    results = directory.verified_folder(plan.units[0].name)
+    results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
     show_tables(console, evaluation_tables(results))
     shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
     print_line(f"{results / METRICS}: these tables as JSON, with the settings; {shown}")

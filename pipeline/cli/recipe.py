@@ -17,9 +17,9 @@ from pipeline.cli.request import (
     WorkersOption,
     make_executor,
 )
-from pipeline.cli.run import run_plan
+from pipeline.cli.run import print_made
 from pipeline.console import abbreviate, console, pluralise, print_line
-from pipeline.engine.run import make_plans
+from pipeline.engine.make import make
 from pipeline.formats.file_content import expanded
 from pipeline.recipes.recipe import read_recipe
 from pipeline.recipes.recipe_comparison import Comparison, compare
@@ -77,8 +77,7 @@ def remake(
         print_line(f"  {line}")
     with make_executor(executor, workers, None) as processes:
         for request in prepared.requests(where, shards, processes):
-            for plan in make_plans(request):
-                run_plan(plan)
+            make(request, console, report=print_made)
     comparison = compare(published, DataDirectory(where), [item.object_id for item in prepared.items] if prepared.sampled else None)
     if print_comparison(comparison, recipe):
         return

@@ -1,26 +1,17 @@
-"""Options shared by the commands that run stages, and the request and executor made from them."""
+"""Options shared by the commands that run stages, and the executor made from them."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import typer
 from rich.markup import escape
 
 from pipeline.cli.completion import complete_described, complete_preset, complete_setting
 from pipeline.cli.failures import fail
-from pipeline.config.manifest import load_manifest
 from pipeline.config.presets import load_presets
-from pipeline.console import CONTROLS, errors
+from pipeline.console import errors
 from pipeline.engine.executor import Deferred, Executor, Serial
-from pipeline.engine.plan import Request
-from pipeline.engine.stage import Stage
-from pipeline.formats.file_content import expanded
-from pipeline.store.storage import as_location, on_disk
-from stages.registry import check_assignments, resolve
-
-S = TypeVar("S", bound=Stage)
 
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
@@ -85,43 +76,6 @@ ShardsOption = Annotated[
 ]
 
 
-def make_request(
-    stage: S,
-    manifest: str,
-    preset: str,
-    *,
-    data: str | None,
-    objects: Path | None,
-    assignments: Sequence[str] | None,
-    seed: int | None,
-    units: str | None = None,
-    up: str | None = None,
-) -> Request[S]:
-    """Make a request from the shared options."""
-    where = as_location(default_place(manifest, objects) / preset if data is None else data)
-    if folder := on_disk(where):
-        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        if not existing.is_dir():
-            fail(f"--data {where}: {existing} is a file; name a folder")
-        if existing != folder and not os.access(existing, os.W_OK):
-            fail(f"--data {where} cannot be made: {existing} may not be written to; name another folder")
-    objects = objects and expanded(objects)
-    settings = resolve(stage.name, preset, assignments or ())
-    check_assignments(preset, assignments or (), stage.name)
-    described = load_manifest(manifest).with_units(units, up)
-    named = {"--manifest": None if manifest == described.name else manifest, "--objects": objects, "--units": units, "--up": up}
-    return Request(
-        stage=stage,
-        settings=settings,
-        manifest=described.name,
-        objects=described.objects(objects),
-        preset=preset,
-        seed=described.seed if seed is None else seed,
-        data=where,
-        options={option: str(value) for option, value in named.items() if value is not None and not CONTROLS.search(str(value))},
-    )
-
-
 def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Executor:
     """Make the requested executor, by default with one process per core."""
     if name == "serial":
@@ -142,8 +96,3 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
         return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
 
     return Deferred(dask)
-
-
-def default_place(manifest: str, objects: Path | None) -> Path:
-    """Name the default data directory; it contains the name of a folder of meshes, so that two folders do not share it."""
-    return Path("data") / (Path(manifest).stem + (f"-{Path(os.path.abspath(objects)).name}" if objects else ""))

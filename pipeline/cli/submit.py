@@ -2,12 +2,11 @@
 
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pipeline.cli.completion import complete_described, complete_stage
-from pipeline.cli.failures import fail
 from pipeline.cli.request import (
     DataOption,
     ManifestOption,
@@ -17,15 +16,14 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
-    make_request,
 )
 from pipeline.cluster import slurm
 from pipeline.cluster.cluster_profile import load_cluster
 from pipeline.cluster.slurm_jobs import Submission, plan_jobs, script_of
 from pipeline.console import print_line
-from pipeline.errors import unknown_name
 from pipeline.store.directory import DataDirectory
-from stages.registry import STAGES, load_stage
+from stages.registry import STAGES
+from stages.request import make_request
 
 
 def submit(
@@ -51,18 +49,14 @@ def submit(
 
     Each object stage is an array with one task per shard, and each job waits for those whose outputs it reads.
     """
-    if strange := [stage for stage in stages if stage not in STAGES]:
-        fail(unknown_name("stage", strange[0], STAGES))
-    requests = [
-        make_request(load_stage(name), manifest, preset, data=data, objects=objects, assignments=assignments, seed=seed, units=units, up=up)
-        for name in STAGES
-        if name in stages
-    ]
+    options: dict[str, Any] = {"data": data, "objects": objects, "assignments": assignments or (), "seed": seed, "units": units, "up": up}
+    ordered = sorted(stages, key=lambda name: list(STAGES).index(name) if name in STAGES else -1)
+    requests = [make_request(name, manifest, preset, **options) for name in dict.fromkeys(ordered)]
     where = requests[0].data
     arguments = ["--manifest", manifest, "--preset", preset, "--data", str(where)]
     arguments += ["--objects", str(objects)] if objects else []
-    options = {"--units": units, "--up": up, "--seed": seed}
-    arguments += [part for option, value in options.items() if value is not None for part in (option, str(value))]
+    named = {"--units": units, "--up": up, "--seed": seed}
+    arguments += [part for option, value in named.items() if value is not None for part in (option, str(value))]
     submission = Submission(
         profile=load_cluster(cluster),
         arguments=(*arguments, *(part for assignment in assignments or () for part in ("--set", assignment))),

@@ -18,11 +18,11 @@ from pipeline.cli.request import (
     SetOption,
     UnitsOption,
     UpOption,
-    make_request,
 )
 from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.errors import unknown_name
-from stages.registry import DATASET, TRADED, load_stage
+from stages.registry import DATASET, TRADED
+from stages.request import make_request
 
 if TYPE_CHECKING:  # the commands below import these when they are called: scipy and matplotlib take most of a second
     from pipeline.tradeoff.measure import Setup
@@ -58,9 +58,7 @@ def tradeoff(
         fail(f"--until {until}: only evaluate ends a pipeline")
     if until and stages:
         fail(f"--until {until} measures whole pipelines; leave {' '.join(stages)} out")
-    request = make_request(
-        load_stage(stage_names[0]), manifest, preset, data=data, objects=objects, assignments=assignments, seed=None, units=units, up=up
-    )
+    request = make_request(stage_names[0], manifest, preset, data=data, objects=objects, assignments=assignments or (), units=units, up=up)
     if not isinstance(request.data, Path):
         fail(f"--data {request.data}: times in object storage say little; measure into a folder on this machine")
     if not request.objects:
@@ -106,8 +104,8 @@ def _announce(stages: tuple[str, ...], setup: Setup, seconds: float) -> None:
 
 def _show(trade: MeasuredTrade, data: Path) -> None:
     """Print a trade, and draw it beside its figures."""
-    from pipeline.contrib.report.trade_pictures import draw_trade, trade_table
     from pipeline.tradeoff.measured import FOLDER
+    from pipeline.tradeoff.trade_pictures import draw_trade, trade_table
 
     show_tables(console, [trade_table(trade)])
     if trade.points:

@@ -3,11 +3,10 @@
 import os
 import shutil
 import subprocess
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, ValidationError
 
@@ -68,10 +67,6 @@ class JobState:
 
     job: SubmittedJob
     tasks: tuple[TaskState, ...]
-
-    def counts(self) -> dict[State, int]:
-        """Count the tasks in each state; states without tasks are left out."""
-        return dict(Counter(task.state for task in self.tasks))
 
 
 def slurm_folder(data: Location) -> Path:
@@ -150,6 +145,23 @@ def states_of(folder: Path, jobs: Sequence[SubmittedJob]) -> list[JobState]:
     forgotten = [job for job in jobs if any(task not in states for task in job.task_names)]
     accounts = _sacct(forgotten) if forgotten else {}
     return [JobState(job, tuple(_state_of(folder, job, task, accounts | states, no_answer) for task in job.task_names)) for job in jobs]
+
+
+def jobs_account(data: Location) -> dict[str, dict[str, Any]]:
+    """Describe the jobs that make a data directory, by output: name, number, and by task its state and why it waits or failed."""
+    folder = slurm_folder(data)
+    return {
+        state.job.output: state.job.model_dump()
+        | {
+            "states": {task.task: task.state for task in state.tasks},
+            "why": {task.task: task.why + (f"; see {task.log}" if _has_failed_log(task) else "") for task in state.tasks},
+        }
+        for state in states_of(folder, submitted_jobs(folder))
+    }
+
+
+def _has_failed_log(task: TaskState) -> bool:
+    return task.state == "failed" and task.log.exists()
 
 
 def _state_of(folder: Path, job: SubmittedJob, task: str, states: dict[str, tuple[str, str]], no_answer: str) -> TaskState:

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from pipeline.cluster.cluster_profile import Allocation, ClusterProfile, GpuAllocation
 from pipeline.config.settings import Settings
-from pipeline.engine.stage import DatasetStage, Stage, names_read
+from pipeline.engine.stage import Stage
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import invalid_entries
 
@@ -36,7 +36,7 @@ class Job:
     @property
     def is_array(self) -> bool:
         """Whether there is a task per shard."""
-        return not isinstance(self.stage, DatasetStage)
+        return self.stage.per_object
 
     @property
     def name(self) -> str:
@@ -68,7 +68,7 @@ def plan_jobs(stages: Iterable[tuple[Stage, Settings]]) -> list[Job]:
         variants = [job for folder, seed in models_read if (job := _job_for(stage, settings, folder, seed))]
         jobs += variants or [Job(stage, settings)]
     outputs = {job.output for job in jobs}
-    return [replace(job, waits_for=tuple(name for name in names_read(job.stage, job.settings) if name in outputs)) for job in jobs]
+    return [replace(job, waits_for=tuple(name for name in job.stage.reads(job.settings) if name in outputs)) for job in jobs]
 
 
 def _job_for(stage: Stage, settings: Settings, folder: str, seed: int | None) -> Job | None:

@@ -31,6 +31,8 @@ class Source(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
+    kind: str
+    """Which kind of source it is, of those below or of a package that declares it."""
     licence: str = Field(min_length=1)
     """Of the meshes; recorded with every object."""
     sha256: str | None = Field(None, pattern="[0-9a-f]{64}")

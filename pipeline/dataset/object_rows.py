@@ -14,7 +14,7 @@ from pipeline.dataset.touch_sensors import touch_sensor, touch_sensors
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.geometry.normalise import bounding_diagonal
-from pipeline.kernels.touch.contact import local_points
+from pipeline.kernels.touch.depth_maps import local_points
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.collection import Collection
 from pipeline.store.directory import DataDirectory

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import Sensor
 
 

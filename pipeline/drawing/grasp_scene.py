@@ -13,13 +13,12 @@ from scipy.spatial import cKDTree
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.touch_charts import is_surface
-from pipeline.drawing.contact_sheet_page import Color, finger_colors
-from pipeline.drawing.second_view import gel_squares, touch_patch
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Color, finger_colors, linear_colors
+from pipeline.drawing.grasp_pictures import Rows, gel_squares, touch_patch
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, Y_UP, linear_colors
 
 OBJECT_FACES, LINK_FACES, PATCH_FACES = 6000, 80, 200
 """Most faces of an object, of each shape of a hand and of a touched patch in a small scene: as many as a screen shows."""
@@ -33,7 +32,6 @@ GRID = 2.0**-15
 TEXTURE = 512
 """Pixels along the longest side of a texture in a small scene, which is written as WebP."""
 
-Rows = Mapping[str, Mapping[str, np.ndarray]]
 Scene = Any
 """A `trimesh.Scene`, whose methods have no types."""
 _visual: Any = trimesh.visual

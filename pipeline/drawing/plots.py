@@ -1,6 +1,4 @@
-"""Draw plots with matplotlib: bars, distributions, learning curves and calibrations, as SVG or PNG files."""
-
-from __future__ import annotations
+"""Draw plots with matplotlib: bars, distributions, and learning curves, as SVG or PNG files."""
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,10 +13,9 @@ from matplotlib.text import Text
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.console import visible
-from pipeline.drawing.contact_sheet_page import COLORS, spread_evenly
+from pipeline.drawing.colors import COLORS
 from pipeline.errors import InvalidInput
 from pipeline.kernels.metrics.bootstrap import Interval
-from pipeline.kernels.touch.ball_contact import RING, Photograph
 from pipeline.store.atomic import write_atomically
 
 INK = "#010203"
@@ -31,9 +28,6 @@ HATCHES = ("", "//")
 """Hatches of bars, so that they differ without colours."""
 LINES = ("-", "--", "-.", ":")
 MARKERS = ("o", "s", "D", "^", "v")
-
-PHOTOGRAPHS, GAIN = 3, 4
-"""Photographs shown of a calibration, spread evenly, and the factor by which differences are enlarged."""
 
 
 def save_figure(figure: Figure, path: Path, **options: Any) -> None:
@@ -160,26 +154,3 @@ def draw_errors(
 
 def _color(number: int) -> tuple[float, ...]:
     return tuple(channel / 255 for channel in COLORS[number % len(COLORS)])
-
-
-def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
-    """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
-    pairs = spread_evenly(list(zip(photographs, models, strict=True)), PHOTOGRAPHS)
-    figure = Figure((9, 3 * len(pairs)), dpi=72, layout="constrained")
-    panels = figure.subplots(len(pairs), 3, squeeze=False)
-    for row, (photograph, model) in zip(panels, pairs, strict=True):
-        difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
-        part = _around(photograph)
-        panels_of_row = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
-        for axes, (title, image) in zip(row, panels_of_row.items(), strict=True):
-            axes.imshow(image[part])
-            axes.set(xticks=[], yticks=[])
-            axes.set_title(title, fontsize=9)
-    save_figure(figure, path)
-
-
-def _around(photograph: Photograph) -> tuple[slice, slice]:
-    """Find the part of a photograph that the ring around its contact covers."""
-    contact, reach = photograph.contact, RING * photograph.contact.radius
-    row, col = (slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
-    return row, col

@@ -9,9 +9,9 @@ from typing import Any
 
 from rich.console import Console
 
-from pipeline.console import Meter
-from pipeline.engine.plan import Forecast, Plan, Request, Summary
-from pipeline.engine.stage import DatasetJob, DatasetStage, names_read
+from pipeline.console import Meter, pluralise
+from pipeline.engine.plan import Made, Plan, Request
+from pipeline.engine.stage import DatasetJob
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import digest
@@ -27,110 +27,120 @@ _WORK = re.compile("[0-9a-f]{16}")
 """Names of work folders; another name may be part of a longer one, such as models/gcn/touch."""
 
 
-def plan_folder(request: Request[Any]) -> Plan[FolderOutput]:
-    """Plan a folder that a dataset stage fills.
+class FolderPlan(Plan[FolderOutput]):
+    """The plan of a folder that a dataset stage fills."""
 
-    A `StoreError` says that no object is in the stage's splits, that all of them failed, or that an input has not been
-    made, or not from the current inputs.
-    """
-    stage: DatasetStage = request.stage
-    name, splits = request.folder or stage.writes(request.settings), stage.splits(request.settings)
-    directory = DataDirectory(request.data)
-    plan = Plan(request, directory, FolderOutput(directory, name))
-    objects = _objects(plan)
-    if not objects:
-        raise StoreError(f"{stage.name}: manifest {request.manifest} has no object in split {' or '.join(splits)}; give its `splits` some")
-    for collection in plan.inputs:
-        for object_id in objects:
-            collection.shard(object_id)  # an error where it has not been made yet
-    _refuse_other_splits(plan)
-    check_origins(directory, names_read(stage, plan.settings))
-    inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in plan.inputs}
-    plan.key = digest.of_json({"stage": plan.stage_key, "inputs": inputs})
-    plan.units = [Unit(name, plan.key, inputs, request.seed)]
-    plan.total = sum(all(collection.failure(name) is None for collection in plan.inputs) for name in objects)
-    if not plan.total:
-        raise StoreError(
-            f"{stage.name}: all {len(objects)} objects in split {' or '.join(splits)} failed; see `vt-pipeline status "
-            f"{shlex.quote(str(directory.root))}`"
+    def __init__(self, request: Request[Any]) -> None:
+        directory = DataDirectory(request.data)
+        name = request.folder or request.stage.writes(request.settings)
+        super().__init__(request, directory, FolderOutput(directory, name), request.objects)
+
+    def _prepare(self) -> None:
+        """Plan the folder's unit; refuse inputs that lack an object of the stage's splits, or have it in another split."""
+        stage, manifest, splits = self.stage, self.request.manifest, self.stage.splits(self.settings)
+        object_ids = self._object_ids()
+        if not object_ids:
+            raise StoreError(f"{stage.name}: manifest {manifest} has no object in split {' or '.join(splits)}; give its `splits` some")
+        for collection in self.inputs:
+            for object_id in object_ids:
+                collection.shard(object_id)  # an error where it has not been made yet
+        self._refuse_other_splits()
+        check_origins(self.directory, stage.reads(self.settings))
+        inputs = {collection.artifact.name: collection.rows_digest(splits) for collection in self.inputs}
+        self.key = digest.of_json({"stage": self.stage_key, "inputs": inputs})
+        name = self.request.folder or stage.writes(self.settings)
+        self.units = [Unit(name, self.key, inputs, self.request.seed)]
+        self.total = sum(all(collection.failure(object_id) is None for collection in self.inputs) for object_id in object_ids)
+        if not self.total:
+            raise StoreError(
+                f"{stage.name}: all {len(object_ids)} objects in split {' or '.join(splits)} failed; see `vt-pipeline status "
+                f"{shlex.quote(str(self.directory.root))}`"
+            )
+
+    def _object_ids(self) -> list[str]:
+        splits = self.stage.splits(self.settings)
+        return [item.object_id for item in self.objects if item.split in splits]
+
+    def _refuse_other_splits(self) -> None:
+        """Refuse a manifest whose splits changed since the objects were made: training selects by the stored splits."""
+        splits, manifest_splits = self.stage.splits(self.settings), {item.object_id: item.split for item in self.objects}
+        for collection in self.inputs:
+            for object_id in collection:
+                stored, stated = collection.row(object_id).split, manifest_splits.get(object_id)
+                if stored != stated and not {stored, stated}.isdisjoint(splits):
+                    current = f"in split {stated}" if stated else "not there"
+                    raise StoreError(
+                        f"{collection.folder} has {object_id} in split {stored}, in manifest {self.request.manifest} it is {current}; run "
+                        f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it keeps what is made"
+                    )
+
+    def up_to_date(self) -> bool:
+        """Check that the folder is published, complete, and has the current key."""
+        record = self.output.record
+        if record is None or record.key != self.key:
+            return False
+        return self.output.is_sound() if self.request.check else self.output.is_complete()
+
+    def current(self) -> Made:
+        """Count the objects that the folder was made from."""
+        return self.answer(f"up to date, {pluralise(self.total)}")
+
+    def estimate(self) -> tuple[int, float, float]:
+        """Estimate a run as the stage does."""
+        cost = self.stage.cost(self.settings, self.total)
+        return self.total, cost.seconds, cost.kilobytes
+
+    def intent(self, objects: int, cost: str) -> str:
+        """Say that the folder would be filled."""
+        return f"would be made from {pluralise(objects)}, {cost}"
+
+    def fill(self, console: Console) -> Made:
+        """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
+        began, work_folder = time.perf_counter(), self.output.work / self.key[:16]
+        with local_copy(work_folder, send=True) as work:
+            record_path = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
+            record = self._finished(work, record_path) or self._run_stage(work, record_path, console)
+            for name in filter(is_hidden, files_below(work)):  # a checkpoint, which a killed run no longer needs
+                with suppress(OSError):  # a system file in use
+                    remove(work / name)
+            self.output.commit(work, record)
+            record_path.unlink()
+        for folder in {work_folder.parent, work.parent}:  # this work, and unfinished work of runs with other settings
+            for name in filter(_WORK.fullmatch, list_folder(folder)):
+                remove(folder / name)
+        seconds = time.perf_counter() - began
+        return self.answer(f"made from {pluralise(self.total)} in {seconds:.1f} s", objects=self.total, seconds=seconds)
+
+    def _run_stage(self, work: Path, record_path: Path, console: Console) -> FolderRecord:
+        began, (unit,) = time.perf_counter(), self.units
+        self._verify_inputs(console)
+        facts = self.stage.make(DatasetJob(self.request.data, work, self.settings, self.request.seed, self.models, console, unit.name))
+        record = FolderRecord(
+            **self.provenance(),
+            splits=self.stage.splits(self.settings),
+            inputs=unit.inputs,
+            facts=facts,
+            seconds=round(time.perf_counter() - began, 2),
+            files=hashes_of(work),
         )
-    return plan
+        record_path.write_bytes(serialise_with_checksum(record))
+        return record
 
+    def _verify_inputs(self, console: Console) -> None:
+        """Compare every row that is read with its digest, so that nothing is learned from damaged data."""
+        object_ids = self._object_ids()
+        with Meter(console, f"{self.stage.name} checks its inputs", len(object_ids) * len(self.inputs), "rows") as meter:
+            for collection in self.inputs:
+                for object_id in object_ids:
+                    collection.view(object_id).verify()
+                    meter.advance()
 
-def _objects(plan: Plan[FolderOutput]) -> list[str]:
-    splits = plan.stage.splits(plan.settings)
-    return [item.object_id for item in plan.request.objects if item.split in splits]
-
-
-def _refuse_other_splits(plan: Plan[FolderOutput]) -> None:
-    """Refuse a manifest whose splits changed since the objects were made: training selects by the stored splits."""
-    splits, manifest_splits = plan.stage.splits(plan.settings), {item.object_id: item.split for item in plan.request.objects}
-    for collection in plan.inputs:
-        for object_id in collection:
-            stored, stated = collection.row(object_id).split, manifest_splits.get(object_id)
-            if stored != stated and not {stored, stated}.isdisjoint(splits):
-                current = f"in split {stated}" if stated else "not there"
-                raise StoreError(
-                    f"{collection.folder} has {object_id} in split {stored}, in manifest {plan.request.manifest} it is {current}; run "
-                    f"`vt-pipeline run {collection.first.record.stage}` with this manifest first: it keeps what is made"
-                )
-
-
-def forecast_folder(plan: Plan[FolderOutput]) -> Forecast:
-    """Estimate a run from the stage's own estimate."""
-    cost, up_to_date = plan.stage.cost(plan.settings, plan.total), plan.up_to_date()
-    return Forecast(0 if up_to_date else plan.total, plan.total, cost.seconds, cost.kilobytes, up_to_date)
-
-
-def make_folder(plan: Plan[FolderOutput], console: Console) -> Summary:
-    """Fill the folder; killed at any moment and run again, the stage finds what it left in its work folder."""
-    began, work_folder = time.perf_counter(), plan.output.work / plan.key[:16]
-    with local_copy(work_folder, send=True) as work:
-        record_path = work.with_suffix(".json")  # the record, from when the folder is filled until it is published
-        record = _finished(plan, work, record_path) or _fill(plan, work, record_path, console)
-        for name in filter(is_hidden, files_below(work)):  # a checkpoint, which a killed run no longer needs
-            with suppress(OSError):  # a system file in use
-                remove(work / name)
-        plan.output.commit(work, record)
-        record_path.unlink()
-    for folder in {work_folder.parent, work.parent}:  # this work, and unfinished work of runs with other settings
-        for name in filter(_WORK.fullmatch, list_folder(folder)):
-            remove(folder / name)
-    return Summary(plan.total, time.perf_counter() - began)
-
-
-def _fill(plan: Plan[FolderOutput], work: Path, record_path: Path, console: Console) -> FolderRecord:
-    began, (unit,) = time.perf_counter(), plan.units
-    _verify_inputs(plan, console)
-    facts = plan.stage.make(DatasetJob(plan.request.data, work, plan.settings, plan.request.seed, plan.models, console, unit.name))
-    record = FolderRecord(
-        **plan.provenance(),
-        splits=plan.stage.splits(plan.settings),
-        inputs=unit.inputs,
-        facts=facts,
-        seconds=round(time.perf_counter() - began, 2),
-        files=hashes_of(work),
-    )
-    record_path.write_bytes(serialise_with_checksum(record))
-    return record
-
-
-def _verify_inputs(plan: Plan[FolderOutput], console: Console) -> None:
-    """Compare every row that is read with its digest, so that nothing is learned from damaged data."""
-    objects = _objects(plan)
-    with Meter(console, f"{plan.stage.name} checks its inputs", len(objects) * len(plan.inputs), "rows") as meter:
-        for collection in plan.inputs:
-            for object_id in objects:
-                collection.view(object_id).verify()
-                meter.advance()
-
-
-def _finished(plan: Plan[FolderOutput], work: Path, record_path: Path) -> FolderRecord | None:
-    """Read the record of a run that was killed after it had filled the folder, or had moved it to its place too."""
-    try:
-        record = read_record(record_path, FolderRecord)
-    except StoreError:
-        return None
-    if record.key != plan.key:
-        return None
-    return record if record.files == hashes_of(work) or not changed_files(plan.output.target(record), record.files) else None
+    def _finished(self, work: Path, record_path: Path) -> FolderRecord | None:
+        """Read the record of a run that was killed after it had filled the folder, or had moved it to its place too."""
+        try:
+            record = read_record(record_path, FolderRecord)
+        except StoreError:
+            return None
+        if record.key != self.key:
+            return None
+        return record if record.files == hashes_of(work) or not changed_files(self.output.target(record), record.files) else None

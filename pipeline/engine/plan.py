@@ -1,24 +1,32 @@
-"""Plans: the units of one output, a shard or a folder, determined before anything is computed."""
+"""Plans: what a run makes of one output, a shard or a folder, determined before anything is computed."""
 
+import shutil
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Generic, TypeVar
+
+from rich.console import Console
+from rich.markup import escape
 
 from pipeline.config.manifest import Object
 from pipeline.config.settings import Settings
+from pipeline.console import errors
 from pipeline.engine import keys
 from pipeline.engine.executor import Executor, Serial
 from pipeline.engine.stage import Stage
 from pipeline.engine.unit import Unit
 from pipeline.engine.versions import library_versions, processor
-from pipeline.errors import InvalidInput, StageError
+from pipeline.errors import InvalidInput, StageError, StoreError, first_line
 from pipeline.store import digest
+from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput, ShardOutput
-from pipeline.store.record import Failure, ShardRecord
-from pipeline.store.storage import Location, exists
+from pipeline.store.record import Failure
+from pipeline.store.storage import NO_ROOM, Location, is_machine_fault, on_disk
 
 S = TypeVar("S", bound=Stage)
 Output = TypeVar("Output", bound=ShardOutput | FolderOutput)
@@ -46,65 +54,139 @@ class Request(Generic[S]):
 
 
 @dataclass(frozen=True)
-class Forecast:
-    """An estimate of a run.
+class Made:
+    """What a run made of one output, or in a dry run would make."""
 
-    If it is not `up_to_date` and no object is missing, a run publishes finished rows, or removes a shard without
-    objects.
-    """
-
-    missing: int  # objects to process
-    total: int
-    seconds: float  # that it takes
-    kilobytes: float  # that it writes
-    up_to_date: bool = False
-    failed: int = 0  # objects that failed in this stage, if the output is up to date
-    failed_before: int = 0  # those that failed in earlier stages
+    stage: str
+    path: Location
+    text: str  # what was made, or would be made and what it costs, in words
+    objects: int = 0  # that were processed without a failure, or would be processed
+    seconds: float = 0.0  # for all of them
+    kilobytes: float = 0.0  # that would be written
+    notes: tuple[str, ...] = ()  # what the stage reports of the finished output
+    failures: Mapping[str, Failure] = field(default_factory=dict)  # of objects in this stage
 
 
-@dataclass(frozen=True)
-class Summary:
-    """A summary of a run."""
+class Plan(ABC, Generic[Output]):
+    """The plan of one output, from the current state of the data directory: `prepare` it, then `forecast` or `make`."""
 
-    made: int = 0  # objects, without those that failed
-    seconds: float = 0.0  # for all objects
-    held_back: bool = False  # whether published rows of the shard must be made again before the new ones are published
+    schema: tuple[object, ...] = ()  # name and version of the output's schema, if it has one
 
-
-class Plan(Generic[Output]):
-    """The plan of one output, from the current state of the data directory."""
-
-    def __init__(self, request: Request[Any], directory: DataDirectory, output: Output, schema: Sequence[object] = ()) -> None:
+    def __init__(
+        self,
+        request: Request[Any],
+        directory: DataDirectory,
+        output: Output,
+        objects: Sequence[Object],  # of the manifest, from which the output may be made
+    ) -> None:
         self.request, self.stage, self.settings, self.directory, self.output = request, request.stage, request.settings, directory, output
         self.path: Location = output.path  # as messages name the output
+        self.objects = objects
+        self.units: list[Unit] = []  # the objects' rows that a shard will consist of, or one folder
+        self.key, self.total = "", 0  # total: objects that the output is made from; of a folder, without failed ones
+
+    def prepare(self) -> "Plan[Output]":
+        """Read the inputs; determine units and key. A `StoreError` says that an input is missing, or made from other inputs."""
         self.models = {name: self.directory.verified_folder(name) for name in self.stage.models(self.settings)}
         self.model_digests = {name: self.directory.folder(name).digest() for name in self.models}
         self.inputs = [self.directory.collection(artifact) for artifact in self.stage.inputs(self.settings)]
-        self.schema = list(schema)
-        self.units: list[Unit] = []  # the objects' rows that a shard will consist of, or one folder
-        self.key, self.total = "", 0  # total: objects that the output is made from; of a folder, without failed ones
-        # objects of the manifest that a shard will lack: `only` asks for another one, and they have not been made yet
-        self.missing: tuple[str, ...] = ()
+        self._prepare()
+        return self
 
+    @abstractmethod
+    def _prepare(self) -> None:
+        """Determine units, key and total."""
+
+    @abstractmethod
     def up_to_date(self) -> bool:
         """Check that the output exists, is complete, has the current key, and holds no failure to retry."""
-        if not self.units:
-            return not exists(self.output.record_path)
-        record = self.output.record
-        if record is None or record.key != self.key:
-            return False
-        rows = record.rows if isinstance(record, ShardRecord) else ()
-        if any(self.failed_here(row.failure) and self.is_retried(row.object_id) for row in rows):
-            return False
-        return self.output.is_sound() if self.request.check else self.output.is_complete()
 
-    def failed_here(self, failure: Failure | None) -> bool:
-        """Check whether a failure arose in this stage."""
-        return failure is not None and failure.stage == self.stage.name
+    @abstractmethod
+    def current(self) -> Made:
+        """Describe an output that is up to date."""
 
-    def is_retried(self, object_id: str) -> bool:
-        """Check whether an object is processed again if it failed."""
-        return self.request.retry and self.request.only in (None, object_id)
+    @abstractmethod
+    def estimate(self) -> tuple[int, float, float]:
+        """Estimate objects, seconds and kilobytes of a run."""
+
+    @abstractmethod
+    def intent(self, objects: int, cost: str) -> str:
+        """Say what a run would do that has this number of objects to process."""
+
+    def remarks(self) -> Iterator[str]:
+        """Report, before a run, what it would drop or what does not fit."""
+        yield from ()
+
+    @abstractmethod
+    def fill(self, console: Console) -> Made:
+        """Make what is missing, and publish it."""
+
+    def forecast(self) -> Made:
+        """Estimate a run; if an input has not been made yet, by the stage's own estimate."""
+        try:
+            self.prepare()
+        except StoreError:
+            requested = [item for item in self.objects if self.request.only in (None, item.object_id)]
+            self.total, cost = self.stage.cost_of(self.settings, requested)
+            cores = self.request.executor.processes if self.stage.per_object else 1
+            objects, seconds, kilobytes = self.total, cost.seconds / cores, cost.kilobytes
+        else:
+            if self.up_to_date():
+                return self.current()
+            objects, seconds, kilobytes = self.estimate()
+        cost_text = f"about {seconds / 60:.1f} min and {kilobytes / 1e3:.0f} MB"
+        return self.answer(self.intent(objects, cost_text), objects=objects, seconds=seconds, kilobytes=kilobytes)
+
+    def answer(self, text: str, **facts: Any) -> Made:
+        """Say what was made, or would be."""
+        return Made(self.stage.name, self.path, text, **facts)
+
+    def make(self, console: Console) -> Made:
+        """Make what is missing. A run that is killed at any moment continues where it stopped when it is run again.
+
+        An `InvalidInput` ends it at the first object that fails in this stage, or failed in it before, if `strict`; a
+        `StageError`, if the stage cannot work here, or a hand, sensor or scene file cannot be used; a `StoreError`, if
+        another run is making the output, it holds other objects, an input is damaged, or results cannot be stored (a full
+        disk, a directory that may not be written to); a `BugFound`, if processing an object raised an unexpected exception.
+        """
+        if self.up_to_date():
+            return self.current()
+        self._warn_of_low_disk_space()
+        for line in self.remarks():
+            console.print(escape(line))
+        lock = self.output.lock
+        try:
+            with exclusive_lock(lock, self.path):
+                self.output.refresh()  # the previous holder of the lock may have made it
+                return self.current() if self.up_to_date() else self.fill(console)
+        except StoreError:
+            self.output.refresh()
+            if not self.up_to_date():
+                raise
+            return self.current()  # another run, on another machine, has made the same meanwhile
+        except Exception as error:
+            locked_out = isinstance(error, PermissionError) and error.filename and Path(error.filename) in (lock, *lock.parents)
+            if not is_machine_fault(error) and not locked_out:
+                raise
+            if isinstance(error, OSError):
+                remedy = "make room there" if error.errno in NO_ROOM else "fix that"
+                why = f"{error.strerror}; {f'make {self.directory.root} writable' if locked_out else remedy}"
+            else:
+                why = f"{first_line(error)}; check that it is reachable"
+            raise StoreError(f"{self.path} cannot be written: {why}, then run again: what is finished is kept") from error
+
+    def _warn_of_low_disk_space(self) -> None:
+        """Warn where the disk has less room than the stage expects to write."""
+        folder = on_disk(self.request.data)
+        if folder is None or not self.total:
+            return
+        kilobytes = self.stage.cost_of(self.settings, self.objects)[1].kilobytes  # a shard is written as a whole
+        free = shutil.disk_usage(next(path for path in (folder, *folder.absolute().parents) if path.exists())).free
+        if 1000 * kilobytes > free:
+            errors.print(
+                f"[yellow]warning:[/] {self.stage.name} writes about {kilobytes / 1e3:.0f} MB, and {free / 1e6:.0f} MB are free for "
+                f"{escape(str(folder))}; make room, or name another --data (make: DATA=)"
+            )
 
     @cached_property
     def assets(self) -> str:
@@ -118,7 +200,7 @@ class Plan(Generic[Output]):
         return digest.of_json(
             {
                 "stage": self.stage.name,
-                "schema": self.schema,
+                "schema": list(self.schema),
                 "code": keys.code_hash(self.stage),
                 "settings": self.settings.results(),
                 "seed": self.request.seed,

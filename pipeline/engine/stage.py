@@ -36,6 +36,7 @@ class Stage(ABC):
     name: ClassVar[str]
     summary: ClassVar[str]
     settings_type: ClassVar[type[Settings]]
+    per_object: ClassVar[bool]  # whether it makes shards of rows; else it fills one folder
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Return the artifacts that are read; by default none."""
@@ -49,24 +50,28 @@ class Stage(ABC):
         """List data files whose content belongs to the key (a hand, a sensor, a scene); by default none."""
         return []
 
+    def reads(self, settings: Any) -> list[str]:
+        """Name the artifacts and folders that are read."""
+        return [*(artifact.name for artifact in self.inputs(settings)), *self.models(settings)]
+
     @abstractmethod
     def writes(self, settings: Any) -> str:
         """Name the artifact or folder that is made, below the data directory."""
+
+    def describe_objects(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
+        """Report how a run reads the manifest's objects; by default nothing."""
+        return ()
 
     @abstractmethod
     def cost_of(self, settings: Any, items: Sequence[Object]) -> tuple[int, Cost]:
         """Count the objects of these that are read, and estimate their total cost on one core."""
 
 
-def names_read(stage: Stage, settings: Any) -> list[str]:
-    """Name the artifacts and folders that a stage reads."""
-    return [*(artifact.name for artifact in stage.inputs(settings)), *stage.models(settings)]
-
-
 class ObjectStage(Stage):
     """A stage that turns one object's row of its inputs into one row of its output."""
 
     output: ClassVar[Artifact]
+    per_object = True
 
     def resolve_settings(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> Any:
         """Fill in null settings that follow the inputs, from the attributes of the inputs' roots; by default there are none."""
@@ -74,10 +79,6 @@ class ObjectStage(Stage):
 
     def check_inputs(self, settings: Any, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Refuse inputs whose roots' attributes do not fit these settings: an `InvalidInput` says how to make them fit."""
-
-    def describe_objects(self, settings: Any, objects: Sequence[Object]) -> Iterable[str]:
-        """Report how a run reads the manifest's objects; by default nothing."""
-        return ()
 
     def describe_misfits(self, settings: Any, objects: Iterable[tuple[str, Inputs]]) -> Iterable[str]:
         """Report, before a run, which of these objects (name and inputs), or parts of the hand, do not fit; by default nothing."""
@@ -141,6 +142,7 @@ class DatasetJob:
 class DatasetStage(Stage):
     """A stage that reads the whole dataset and fills one folder: a trained model, an evaluation."""
 
+    per_object = False
     trains: ClassVar[bool] = False  # whether it is a training
 
     @abstractmethod

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.rng import numpy_rng
-from pipeline.store.record import Failure
+from pipeline.store.record import Failure, RowRecord
+from pipeline.store.row_files import Result
 
 
 @dataclass(frozen=True)
@@ -26,3 +27,17 @@ class Unit:
     def rng(self, *identity: str | int) -> np.random.Generator:
         """Make a random generator for this object and the given names (stage, attempt, …)."""
         return numpy_rng(self.seed, self.name, *identity)
+
+    def record(self, result: Result) -> RowRecord:
+        """Describe the object's finished row as its shard's record does."""
+        return RowRecord(
+            object_id=self.name,
+            category=self.category,
+            split=self.split,
+            key=self.key,
+            digest=result.digest,
+            inputs=self.inputs,
+            seconds=round(result.seconds, 4),
+            processor=result.processor,
+            failure=result.failure,
+        )

@@ -20,8 +20,8 @@ from pipeline.formats.urdf import read_urdf
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.convex_shapes import with_convex_shapes
-from pipeline.kernels.hand.link_overlaps import overlapping_neighbours
 from pipeline.kernels.hand.model import Finger, Hand, Joint, Mount
+from pipeline.kernels.hand.self_collision import overlapping_neighbours
 
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]

@@ -11,7 +11,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import foreign_content, read_file, read_text
-from pipeline.kernels.vision.viewpoint import Viewpoint
+from pipeline.kernels.vision.camera import Viewpoint
 
 VIEWS, PIXELS = 24, 137
 """Images per model, and pixels per side of each."""

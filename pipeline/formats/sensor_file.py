@@ -13,8 +13,7 @@ from pipeline.formats.description_file import description_path, read_description
 from pipeline.formats.file_content import expanded
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, resample
 
 
 def load_sensor(name: str | Path, *, shape: tuple[int, int] | None = None) -> Sensor:

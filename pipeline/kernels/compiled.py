@@ -13,10 +13,8 @@ def compiled(function: F) -> F:
 
     The machine code is kept beside the function's file or in the user's cache; the Python function is the result's
     `.py_func`. The result has the bits of the Python function: nothing is reordered or fused. Indices are not checked.
-
-    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three seconds.
-
-    `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
+    Copy slices in a loop, not by ``a[m:n] = b``: numba compiles the words of an error into that, which takes three
+    seconds. `numba.guvectorize` is not used: its cache is not safe for several processes (numba #10128).
     """
     try:
         return cast(F, numba.njit(error_model="numpy", cache=True)(function))

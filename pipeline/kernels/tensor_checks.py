@@ -4,9 +4,9 @@ import torch
 from torch import Tensor
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import WHITE
 
 COLOURS = 3
-WHITE = 255  # the uint8 value of intensity 1
 
 
 def network_input(

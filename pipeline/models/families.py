@@ -9,7 +9,7 @@ from pipeline.errors import StageError, closest_name
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, NetworkInputs
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
 from pipeline.models.implicit_reconstruction import ImplicitReconstructor
-from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.reconstruction import Reconstructor, Trained
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, list_folder
 
@@ -45,6 +45,12 @@ def network_of(configuration: str) -> str:
 def inputs_of(configuration: str) -> NetworkInputs:
     """Look up the inputs of a configuration."""
     return ROWS[configuration][1] if configuration in ROWS else EVERY_CONFIGURATION[configuration]
+
+
+def row_of(trained: Trained) -> str:
+    """Name the row of a network with the inputs that it takes; a network that takes no choice of inputs is its own row."""
+    takes = (trained.configuration, trained.network.image, trained.network.touch)
+    return next((row for row, (name, inputs) in ROWS.items() if (name, inputs.image, inputs.touch) == takes), trained.configuration)
 
 
 def family_of(configuration: str) -> str:

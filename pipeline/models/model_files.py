@@ -1,9 +1,9 @@
 """A trained network on disk: weights as safetensors (no pickles), and a description of the network as JSON."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import torch
 from pydantic import BaseModel, ValidationError
@@ -25,12 +25,12 @@ N = TypeVar("N", bound=nn.Module)
 def save_model(
     folder: Path,  # exists
     module: nn.Module,  # its parameters and buffers are written as safetensors
-    description: Mapping[str, Any],  # its sizes, sensor, …, written as JSON
+    description: BaseModel,  # its sizes, sensor, …, written as JSON
 ) -> None:
     """Write a trained network into a folder."""
     weights = {name: value.detach().cpu().contiguous() for name, value in module.state_dict().items()}
     (folder / WEIGHTS).write_bytes(save(weights))  # its errors name the disk, unlike those of `save_file`
-    (folder / DESCRIPTION).write_text(json.dumps(description, indent=2, sort_keys=True, allow_nan=False))
+    (folder / DESCRIPTION).write_text(json.dumps(description.model_dump(mode="json"), indent=2, sort_keys=True, allow_nan=False))
 
 
 def read_description(folder: Path, kind: type[D]) -> D:

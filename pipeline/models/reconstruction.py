@@ -4,25 +4,30 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
+from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, create_model, model_validator
 from torch import nn
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.closed_surface import RESOLUTION, closed_surface
 from pipeline.kernels.geometry.transforms import scaling_about, transform_points
-from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
+from pipeline.kernels.vision.camera import project_points
+from pipeline.kernels.vision.view_transfer import camera_direction, carried_camera
 from pipeline.models.model_files import load_network, read_description
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 
 ImageRow = tuple[float, float, float, float]
 Level = Annotated[int, Field(ge=0, le=255)]
+VIEW_DEGREES, VIEW_SHARE = 1.0, 0.01
+"""Largest differences of a view from the training's: of its direction, and of pixels as a share of the image."""
 
 
 @dataclass(frozen=True)
@@ -44,38 +49,54 @@ class Reconstruction:
         return len(self.position) == len(np.unique(self.position))
 
 
-class Description(BaseModel):
-    """Describe a trained network in its folder; `network` has the family's type of configuration."""
+class Trained(BaseModel):
+    """Describe a trained network: written by its training as `model.json`, read by whatever applies it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    configuration: str
-    network: NetworkInputs
-    camera: tuple[ImageRow, ImageRow, ImageRow] | None
-    resolution: tuple[int, int] | None
-    background: tuple[Level, Level, Level] | None = None
-    charts: dict[str, Any] | None
-    diagonals: tuple[float, float] | None = None
+    configuration: str  # the network's name
+    network: SerializeAsAny[NetworkInputs]  # inputs and sizes, of the family's type
+    camera: tuple[ImageRow, ImageRow, ImageRow] | None  # projection matrix of the first training object's image, scaled with it
+    resolution: tuple[int, int] | None  # rows and columns of its images
+    background: tuple[Level, Level, Level] | None = None  # sRGB behind them; None without images, or if not known
+    charts: dict[str, Any] | None  # settings of `fit-charts`; None without touch
+    diagonals: tuple[float, float] | None = None  # of the smallest and largest object that it learned from, m; None if not known
 
     @model_validator(mode="after")
-    def _of_its_inputs(self) -> "Description":
+    def _of_its_inputs(self) -> Self:
         image, touch = self.network.image is not None, self.network.touch
         camera = image and self.network.image != "rendering"  # each rendering has its own
         if (self.camera is not None, self.resolution is not None, self.charts is not None) != (camera, image, touch):
             raise ValueError("a network with an image has camera and resolution, one with touch has charts; the others have none")
         return self
 
+    @cached_property
+    def projection(self) -> NDArray[np.float64] | None:
+        """`camera` as an array (3, 4)."""
+        return None if self.camera is None else np.array(self.camera)
+
+    def restricted_to(self, inputs: NetworkInputs) -> Self:
+        """Describe a network that takes any inputs as one that takes these."""
+        return self.model_copy(update={"network": self.network.restricted_to(inputs)})
+
+    def has_view(
+        self,
+        camera: NDArray[np.float64],  # (3, 4) projection matrix, of an object of the size that networks see
+    ) -> bool:
+        """Check whether a camera sees an object from the same side as the training's camera did, and as large."""
+        if self.projection is None or self.resolution is None:
+            return False
+        centre = np.array(self.network.centre)
+        corners = centre + self.network.radius * (np.indices((2, 2, 2)).reshape(3, -1).T * 2.0 - 1) / np.sqrt(3)
+        own, trained = (camera_direction(matrix, centre) for matrix in (camera, self.projection))
+        turns = np.degrees([own.azimuth - trained.azimuth, own.elevation - trained.elevation])
+        seen, expected = (project_points(matrix, corners) for matrix in (camera, carried_camera(self.projection, camera, centre)))
+        is_same_side = np.abs((turns + 180) % 360 - 180).max() <= VIEW_DEGREES
+        return bool(is_same_side and np.abs(seen - expected).max() <= VIEW_SHARE * max(self.resolution))
+
 
 class Reconstructor(ABC):
-    """A trained network, from its folder; each subclass is a family, registered in `pipeline/models/families.py`.
-
-    `configuration` is its name, `config` its inputs and sizes. `image` is None, "occluded", "unoccluded", "rendering"
-    or "any"; `touch` says whether it is given touch charts, and `chart_settings` are those of `fit-charts` that fitted
-    them (None without touch). `camera` (3, 4) float64 is the projection matrix of the first training object's image,
-    scaled as it (None without an image). `resolution` are rows and columns of its images, `background` the sRGB behind
-    them (None without an image, or if not known). `diagonals` are those of the smallest and the largest object that it
-    learned from, m (None if not known).
-    """
+    """A trained network, from its folder; each subclass is a family, registered in `pipeline/models/families.py`."""
 
     configurations: ClassVar[Mapping[str, NetworkInputs]]  # the family's networks by name
     network_type: ClassVar[type[nn.Module]]  # called as `network_type(configuration, generator)`
@@ -83,19 +104,28 @@ class Reconstructor(ABC):
 
     def __init__(self, folder: Path, device: torch.device | str = "cpu") -> None:
         config_type = type(next(iter(self.configurations.values())))
-        description = read_description(folder, create_model("Description", __base__=Description, network=config_type))
-        self.network = load_network(folder, lambda: self.network_type(description.network), device)
-        self.configuration, self.config, self.chart_settings = description.configuration, description.network, description.charts
-        self.image, self.touch = self.config.image, self.config.touch
-        self.camera = None if description.camera is None else np.array(description.camera)
-        self._camera = None if description.camera is None else torch.tensor(description.camera, dtype=torch.float64, device=device)
-        self.resolution, self.background, self.diagonals = description.resolution, description.background, description.diagonals
+        self.trained = read_description(folder, create_model("Trained", __base__=Trained, network=config_type))
+        self.network = load_network(folder, lambda: self.network_type(self.trained.network), device)
+
+    @property
+    def config(self) -> NetworkInputs:
+        """Inputs and sizes."""
+        return self.trained.network
+
+    @property
+    def image(self) -> ImageKind | None:
+        """The image that it takes."""
+        return self.config.image
+
+    @property
+    def touch(self) -> bool:
+        """Whether it takes touch charts."""
+        return self.config.touch
 
     def restricted_to(self, inputs: NetworkInputs) -> Self:
         """Make a reconstructor with the same network, which takes any inputs, and these inputs."""
         restricted = copy.copy(self)
-        restricted.config = self.config.restricted_to(inputs)
-        restricted.image, restricted.touch = restricted.config.image, restricted.config.touch
+        restricted.trained = self.trained.restricted_to(inputs)
         return restricted
 
     @torch.no_grad()
@@ -119,11 +149,13 @@ class Reconstructor(ABC):
 
     def _batch(self, observations: Sequence[Observation]) -> NetworkBatch:
         """Stack observations, whose images must be as large as those of the training."""
-        batch = stack_observations(observations, self.config, self._camera, like=next(self.network.parameters()))
-        trained = list(self.resolution or ())
+        like = next(self.network.parameters())
+        camera = None if self.trained.camera is None else torch.tensor(self.trained.camera, dtype=torch.float64, device=like.device)
+        batch = stack_observations(observations, self.config, camera, like)
+        trained = list(self.trained.resolution or ())
         if batch.images is not None and list(batch.images.shape[2:]) != trained:
             raise InvalidInput(
-                f"{self.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: set "
+                f"{self.trained.configuration} was trained on images of {trained} pixels, these have {list(batch.images.shape[2:])}: set "
                 "render-vision.resolution to the former, or train on these"
             )
         return batch

@@ -15,14 +15,11 @@ from torch.nn.functional import interpolate
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
-from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
-from pipeline.kernels.networks.photograph_drift import without_drift
-from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions, without_drift
+from pipeline.kernels.networks.unet import UNet, contact_mask
 from pipeline.kernels.tensor_checks import COLOURS, network_input
-from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, sensor_differences
+from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
+from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import load_network, read_description, save_model, unusable
 
 UNTOUCHED = "untouched.png"
@@ -59,9 +56,8 @@ def save_touch_model(
 ) -> None:
     """Write a trained network with its sensor and untouched image."""
     Image.fromarray(untouched).save(folder / UNTOUCHED)  # PNG: lossless
-    description = {"width": network.width, "sensor": sensor.model_dump(mode="json")}
-    kind = {"network": "local"} if isinstance(network, LocalNetwork) else {"mask_threshold": mask_threshold}
-    save_model(folder, network, description | kind)
+    kind: Literal["unet", "local"] = "local" if isinstance(network, LocalNetwork) else "unet"
+    save_model(folder, network, _Description(network=kind, width=network.width, mask_threshold=mask_threshold, sensor=sensor))
 
 
 def load_touch_model(folder: Path, device: torch.device | str) -> "TouchModel":

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.collision_shapes import collision_boxes
-from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics.client import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.console import abbreviate
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 DENSITY = 1000.0

@@ -11,7 +11,7 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.client import COLLISION_MARGIN, PhysicsClient, pybullet
 from pipeline.physics.hand_body import HandBody

@@ -15,14 +15,13 @@ from PIL import Image
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.photograph_alteration import rim_change
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor, masked_points, sensor_differences
+from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at, untouched_faults
+from pipeline.kernels.touch.sensor import Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import DESCRIPTION
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
-from pipeline.real_touch.photograph_faults import photograph_faults, stop_at, untouched_faults
 from pipeline.store.atomic import write_atomically
 from pipeline.store.record import named_location
 

@@ -6,8 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from pipeline.kernels.touch.resample_sensor import resample_longer_side
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 from stages.train_touch.learner import train_local_network
 from stages.train_touch.presses import random_presses

@@ -9,8 +9,8 @@ from pipeline.config.manifest import Manifest, Object, load_manifest
 from pipeline.config.objects import fingerprint
 from pipeline.console import abbreviate
 from pipeline.engine import keys
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans
 from pipeline.engine.stage import ObjectStage
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.file_content import expanded
@@ -112,7 +112,7 @@ def _request_like(record: ShardRecord, name: str, items: Sequence[Object], data:
 
 def _check_current(request: Request[ObjectStage]) -> None:
     """Raise a `StoreError` for rows that are incomplete or were made by other code or from other files."""
-    for plan in make_plans(request):
+    for plan in plans(request):
         if not plan.up_to_date():
             if (record := plan.output.record) is None:
                 raise StoreError(f"{plan.path} has not been made; run {request.stage.name} for all shards, then write the recipe")

@@ -16,18 +16,17 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.drawing.second_view import fitted_camera
+from pipeline.drawing.views import fitted_camera
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.stage import ObjectStage
 from pipeline.errors import StageError
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.mesh import Look, Mesh, sample_triangles
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
 from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.shipped_weights import DEFAULT, shipped_models
-from pipeline.reconstruct.predict import Prediction, predict
+from pipeline.reconstruct.predict import Prediction, PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import DATASET, load_stage, resolve
@@ -83,7 +82,7 @@ def demo(folder: Path, console: Console) -> Demo:
     simulate(item, data, console)
     mesh, turntable, image_path = folder / f"{OBJECT}.glb", folder / "turntable.webp", folder / "seen.png"
     began = time.perf_counter()
-    prediction = predict(mesh, models, DEFAULT, data=data, object_id=OBJECT, grasps=[0], surface="closed")
+    prediction = predict(mesh, StoredGrasps(data, OBJECT), PredictOptions(models, DEFAULT), "closed")
     seconds = time.perf_counter() - began
     rows = ObjectRows(data, ["occluded", "points"], None)
     Image.fromarray(rows.read("occluded", OBJECT, 0, camera=0)).save(image_path)
@@ -98,11 +97,7 @@ def demo(folder: Path, console: Console) -> Demo:
 def simulate(item: Object, data: Path, console: Console) -> None:
     """Make the dataset of one object and one grasp."""
     for name in DATASET:
-        stage = load_stage(name)
-        assert isinstance(stage, ObjectStage)
-        for plan in make_plans(Request(stage, resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data)):
-            if not plan.up_to_date():
-                run(plan, console)
+        make(Request(load_stage(name), resolve(name, "draft", SETTINGS), MANIFEST, [item], "draft", 0, data), console)
 
 
 def reconstructed_mesh(prediction: Prediction) -> Mesh:

@@ -1,50 +1,58 @@
 """Write reconstructions as mesh files for other programs: OBJ, PLY or GLB, by suffix."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from trimesh.visual.color import srgb_to_linear
 
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Opaque, linear_colors
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES
+from pipeline.kernels.vision.vertex_colors import seen_colors
 from pipeline.models.reconstruction import Reconstruction, join_vision_charts
 from pipeline.store.atomic import write_atomically
 
 SUFFIXES = (".obj", ".ply", ".glb")
 
-Color = tuple[int, int, int, int]
-Parts = list[tuple[str, trimesh.Trimesh]]
-
-VISION_COLORS: tuple[Color, ...] = ((150, 170, 190, 255), (120, 145, 170, 255), (175, 190, 205, 255), (135, 158, 180, 255))
-"""Neighbouring vision charts mostly differ in shade."""
-
-TOUCH_COLOR: Color = (230, 159, 0, 255)
-"""Touch charts stand out (after Okabe and Ito: for the colour-blind too)."""
-
-Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-"""From the world, z up, to glTF's frame, y up."""
-
 UPRIGHT = np.eye(4)
 """A frame with z up, in metres."""
 
+Parts = list[tuple[str, trimesh.Trimesh]]
 
-def write_charts(path: Path, reconstruction: Reconstruction, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
+
+@dataclass(frozen=True)
+class ClosedMesh:
+    """The closed mesh of a reconstruction, coloured where an image shows it."""
+
+    vertices: NDArray[np.float64]  # (V, 3), in the frame and unit of the reconstruction
+    faces: NDArray[np.int64]  # (F, 3), normals outwards
+    colors: NDArray[np.uint8]  # (V, 3) sRGB, from the image
+    seen: NDArray[np.bool_]  # (V,): whether the image shows the vertex; the others have no colour
+
+    @classmethod
+    def grey(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Self:
+        """Make a closed mesh of which no image shows anything."""
+        return cls(vertices, faces, np.zeros((len(vertices), 3), np.uint8), np.zeros(len(vertices), bool))
+
+    def coloured(self, image: NDArray[np.uint8], matrix: NDArray[np.float64], mask: NDArray[np.bool_]) -> Self:
+        """Colour the vertices that an image shows; parameters as of `seen_colors`."""
+        colors, seen = seen_colors(self.vertices, self.faces, image, matrix, mask)
+        return replace(self, colors=colors, seen=seen)
+
+
+def write_charts(
+    path: Path,
+    reconstruction: Reconstruction,
+    to_metres: NDArray[np.float64] = UPRIGHT,  # (4, 4) from the reconstruction's frame to metres with z up, for GLB, which turns it to y up
+) -> None:
     """Write a reconstruction's charts separately: each has its own vertices, colour and, in OBJ and GLB, its own named object.
 
-    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's; in GLB a node takes it
-    with `to_metres` (4, 4) to metres with z up, and turns that to glTF's y up. PLY and GLB hold float32, OBJ eight decimals: 0.03 µm and
-    5 nm in the scene.
-
-    Raises
-    ------
-    StageError
-        A vertex is NaN or infinite.
+    Touch charts are orange and called touch_N, vision charts vision_N. Lengths and frame are the reconstruction's, but for GLB's node. PLY
+    and GLB hold float32, OBJ eight decimals: 0.03 µm and 5 nm in the scene.
     """
     _write(path, [*_vision_charts(reconstruction), *_touch_charts(reconstruction)], to_metres)
 
@@ -57,20 +65,10 @@ def write_joined(path: Path, reconstruction: Reconstruction, to_metres: NDArray[
     _write(path, [("vision", _mesh(*join_vision_charts(reconstruction), VISION_COLORS[0])), *_touch_charts(reconstruction)], to_metres)
 
 
-def write_closed(
-    path: Path,
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    colors: NDArray[np.uint8],
-    seen: NDArray[np.bool_],
-    to_metres: NDArray[np.float64] = UPRIGHT,
-) -> None:
-    """Write one closed mesh, called closed; frames as `write_charts`.
-
-    Vertices have their sRGB colours (V, 3), or are grey where they were not `seen`.
-    """
-    painted = np.where(seen[:, None], np.insert(colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
-    _write(path, [("closed", _mesh(vertices, faces, painted))], to_metres)
+def write_closed(path: Path, mesh: ClosedMesh, to_metres: NDArray[np.float64] = UPRIGHT) -> None:
+    """Write one closed mesh, called closed, grey where no image shows it; frames as `write_charts`."""
+    painted = np.where(mesh.seen[:, None], np.insert(mesh.colors, 3, 255, axis=1), np.array(VISION_COLORS[0], np.uint8))
+    _write(path, [("closed", _mesh(mesh.vertices, mesh.faces, painted))], to_metres)
 
 
 def _vision_charts(reconstruction: Reconstruction) -> Parts:
@@ -80,12 +78,11 @@ def _vision_charts(reconstruction: Reconstruction) -> Parts:
 
 
 def _touch_charts(reconstruction: Reconstruction) -> Parts:
-    return _charts(
-        reconstruction, "touch_{:02d}", range(reconstruction.vision, len(reconstruction.vertices), reconstruction.side**2), (TOUCH_COLOR,)
-    )
+    starts = range(reconstruction.vision, len(reconstruction.vertices), reconstruction.side**2)
+    return _charts(reconstruction, "touch_{:02d}", starts, (TOUCH_COLOR,))
 
 
-def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Color]) -> Parts:
+def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Sequence[Opaque]) -> Parts:
     """Make the charts whose first vertices are `starts`, each with its number in its name."""
     parts = []
     for number, start in enumerate(starts):
@@ -95,19 +92,12 @@ def _charts(reconstruction: Reconstruction, name: str, starts: range, colors: Se
     return parts
 
 
-def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Color | NDArray[np.uint8]) -> trimesh.Trimesh:
+def _mesh(vertices: np.ndarray, faces: np.ndarray, color: Opaque | NDArray[np.uint8]) -> trimesh.Trimesh:
     if not np.isfinite(vertices).all():
         count = np.count_nonzero(~np.isfinite(vertices).all(axis=1))
         raise StageError(f"{count} of {len(vertices)} vertices hold NaN or infinity, which mesh files cannot hold; check the inputs")
-    return trimesh.Trimesh(
-        vertices, faces, vertex_colors=np.tile(np.array(color, np.uint8), (len(vertices) if np.ndim(color) == 1 else 1, 1)), process=False
-    )
-
-
-def linear_colors(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Turn (N, 4) sRGB colours into the linear ones that glTF's factors and vertex colours are; opaque."""
-    linear = srgb_to_linear(colors[:, :3] / 255)
-    return np.concatenate([np.round(255 * linear), np.full((len(colors), 1), 255)], axis=1).astype(np.uint8)
+    colors = np.broadcast_to(np.array(color, np.uint8), (len(vertices), 4)).copy()
+    return trimesh.Trimesh(vertices, faces, vertex_colors=colors, process=False)
 
 
 def check_output(path: Path) -> None:

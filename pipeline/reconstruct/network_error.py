@@ -1,6 +1,4 @@
-"""Describe a network's error: from its evaluation, from the card of a shipped network, or from its training."""
-
-from __future__ import annotations
+"""Describe a network's error: from its evaluation, from the card of a pretrained network, or from its training."""
 
 import math
 from pathlib import Path
@@ -9,7 +7,7 @@ from pipeline.console import pluralise
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.kernels.networks.implicit_network import ImplicitConfig
-from pipeline.models.families import ROWS, model_name, network_of
+from pipeline.models.families import ROWS, model_name, network_of, row_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader
 from pipeline.store.directory import DataDirectory
@@ -20,19 +18,9 @@ from stages.evaluate.evaluation_files import evaluation_name, read_figures
 
 
 def error_note(reader: ObservationReader) -> str:
-    """Describe the error of a reader's network on objects that it was not trained on; warn if looking up a training object is better.
-
-    Raises
-    ------
-    StoreError
-        The card of a network that ships cannot be read.
-    """
+    """Describe the error of a reader's network on objects that it was not trained on; warn if looking up a training object is better."""
     models, model = reader.models, reader.model
-    model_inputs = (model.configuration, model.image, model.touch)
-    name = next(
-        (row for row, (configuration, row_inputs) in ROWS.items() if (configuration, row_inputs.image, row_inputs.touch) == model_inputs),
-        model.configuration,
-    )
+    name = row_of(model.trained)
     if note := _by_evaluation(reader, name):
         return note
     card = read_card(name, models) if isinstance(models, Path) and card_path(models, name).exists() else None

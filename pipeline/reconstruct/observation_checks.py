@@ -1,22 +1,23 @@
-"""Find faults of a robot's observation: in its geometry, and against the model that it is given to."""
-
-from __future__ import annotations
+"""Check a robot's observation, once and as a whole: its entries, its geometry, and what its network needs."""
 
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.console import pluralise
+from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import entries_of
 from pipeline.kernels.geometry.transforms import invert_pose
+from pipeline.kernels.networks.network_configurations import ImageKind, NetworkInputs
+from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
-from pipeline.real_touch.photograph_faults import photograph_faults, untouched_faults
-from pipeline.reconstruct.model_inputs import ModelInputs, used_inputs
-from pipeline.reconstruct.object_box import BY_DEPTH, FEW, ObjectBox, find_object, gel_centres, shows_touch, size_factor
-from pipeline.reconstruct.observation_file import NOWHERE, TO_ADD, RobotObservation
+from pipeline.reconstruct.object_location import BY_DEPTH, FEW, ObjectBox, Target, find_object, gel_centres
+from pipeline.reconstruct.observation_file import RobotObservation, read_observation
 
 FARTHEST, NEAREST = 10.0, 0.01
 """m: largest coordinate of a pose, and least distance of a camera from the object's centre."""
@@ -26,6 +27,75 @@ UNMEASURED = (
     "camera.depth is 0 or not finite wherever camera.mask shows the object, and camera.hand_mask no robot: register it to the photograph, "
     "and check that no mask is inverted"
 )
+
+
+class Fault(NamedTuple):
+    """Why an observation cannot be used."""
+
+    text: str
+    without: tuple[str, ...] = ()  # entries whose absence is the reason: where one of them is invalid, that is the fault
+
+
+@dataclass(frozen=True)
+class CheckedObservation:
+    """An observation without faults, its object, and the network that it is for."""
+
+    observation: RobotObservation
+    box: ObjectBox
+    target: Target | None
+
+    @property
+    def inputs(self) -> NetworkInputs:
+        """Inputs that the network gets."""
+        assert self.target is not None
+        return used_inputs(self.target.network, self.observation)
+
+
+def check(source: Path | RobotObservation, target: Target | None = None) -> CheckedObservation:
+    """Read an observation file, or take an observation, and check it; an `InvalidInput` lists all faults of all entries."""
+    if isinstance(source, RobotObservation):
+        observation, invalid_text, invalid, name = source, "", set[str](), "observation"
+    else:
+        read, invalid_text, invalid = read_observation(source)
+        name = f"observation file {source}"
+        if read is None:
+            raise InvalidInput(f"{name}: {invalid_text}. {entries_of(RobotObservation)}")
+        observation = read
+    box, faults = _locate(observation, target)
+    lines = [fault.text for fault in (*_altered_photographs(observation), *faults) if invalid.isdisjoint(fault.without)]
+    if invalid_text:
+        raise InvalidInput(f"{name}: {'; '.join([invalid_text, *lines])}. {entries_of(RobotObservation)}")
+    if lines:
+        raise InvalidInput(f"{name}: {'; '.join(lines)}")
+    assert box is not None  # otherwise there is a fault
+    return CheckedObservation(observation, box, target)
+
+
+def used_inputs(network: NetworkInputs, observation: RobotObservation) -> NetworkInputs:
+    """Choose the inputs that a network gets from an observation; a network that accepts any subset gets those that are present.
+
+    An image in which a hand is marked is an occluded one: the hand is left in it.
+    """
+    if network.image != "any":
+        return network
+    camera = observation.camera
+    image: ImageKind | None = None if camera is None else "unoccluded" if camera.hand_mask is None else "occluded"
+    return network.restricted_to(NetworkInputs(image=image, touch=observation.is_felt))
+
+
+def _locate(observation: RobotObservation, target: Target | None) -> tuple[ObjectBox | None, list[Fault]]:
+    """Find the object; list the faults of the geometry, and of giving the observation to a network."""
+    if target is not None and target.network.image == "any" and observation.camera is None and not observation.is_felt:
+        text = f"model {target.configuration} needs a photograph or touches: add the entry camera or touches"
+        return None, [Fault(text, ("camera", "touches"))]
+    unsuited = [] if target is None else list(_unsuited_inputs(observation, target))
+    if distant := list(_distant_positions(observation)):
+        return None, [*distant, *unsuited]
+    box = find_object(observation, target)
+    if box is None:
+        text = f"object.centre is missing, and cannot be estimated: {_why_not_located(observation)}"
+        return None, [*unsuited, Fault(text, ("object", "camera", "touches"))]
+    return box, [*unsuited, *map(Fault, _misplaced(observation, box, target))]
 
 
 def _why_not_located(observation: RobotObservation) -> str:
@@ -39,37 +109,18 @@ def _why_not_located(observation: RobotObservation) -> str:
     return "state it, or give a depth image with a mask, or two touches"
 
 
-def faults(observation: RobotObservation, model: ModelInputs | None = None) -> list[str]:
-    """List the faults of an observation whose entries are valid by themselves, or of giving it to a model."""
-    return [*_altered_photographs(observation), *_geometric_faults(observation, model)]
-
-
-def _geometric_faults(observation: RobotObservation, model: ModelInputs | None) -> list[str]:
-    if model is not None:
-        if model.config.image == "any" and observation.camera is None and not observation.is_felt:
-            return [f"model {model.configuration} needs a photograph or touches{TO_ADD}camera or touches"]
-        model = replace(model, config=used_inputs(model.config, observation))
-    if too_far := list(_distant_positions(observation)):
-        return too_far + ([] if model is None else list(_unsuited_inputs(observation, model)))
-    box = find_object(observation, model)
-    problems = [] if model is None else list(_unsuited_inputs(observation, model))
-    if box is None:
-        return [*problems, f"{NOWHERE}, and cannot be estimated: {_why_not_located(observation)}"]
-    return [*problems, *_misplaced(observation, box, model)]
-
-
-def _altered_photographs(observation: RobotObservation) -> Iterator[str]:
+def _altered_photographs(observation: RobotObservation) -> Iterator[Fault]:
     """Yield tactile images that do not look like the sensor's, or like the untouched one."""
     if observation.sensor is None or observation.accept_photographs:
         return
-    found = [] if observation.untouched is None else untouched_faults(observation.untouched, observation.sensor)
-    for number, touch in enumerate(observation.touches if not found else ()):  # else they may differ from it as they should
-        found += photograph_faults(touch.tactile_image, observation.untouched, observation.sensor, observation.name_of(number))
-    if found:
-        yield f"{'; '.join(found)}; if these photographs are right as they are, add accept_photographs: true"
+    texts = [] if observation.untouched is None else untouched_faults(observation.untouched, observation.sensor)
+    for number, touch in enumerate(observation.touches if not texts else ()):  # else they may differ from it as they should
+        texts += photograph_faults(touch.tactile_image, observation.untouched, observation.sensor, observation.name_of(number))
+    if texts:
+        yield Fault(f"{'; '.join(texts)}; if these photographs are right as they are, add accept_photographs: true")
 
 
-def _distant_positions(observation: RobotObservation) -> Iterator[str]:
+def _distant_positions(observation: RobotObservation) -> Iterator[Fault]:
     """Yield positions that are too far away, perhaps in another unit."""
     positions: list[tuple[str, Any]] = [("object.centre", observation.object.centre), ("object.diagonal", observation.object.diagonal)]
     positions += [("camera.pose", observation.camera.pose.array[:3, 3])] if observation.camera else []
@@ -78,45 +129,43 @@ def _distant_positions(observation: RobotObservation) -> Iterator[str]:
         if position is not None and (distance := np.abs(position).max()) * observation.metres_per_unit > FARTHEST:
             remedy = "write unit: mm if all lengths are in millimetres" if observation.unit == "m" else "check the unit"
             away, frame = ("", "") if name == "object.diagonal" else (" away", ", and take a frame near the object")
-            yield f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}"
+            yield Fault(f"{name} is {distance:g} {observation.unit}{away} (at most {FARTHEST:g} m): {remedy}{frame}")
 
 
-def _unsuited_inputs(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
-    """Yield inputs that the model needs and that are missing or unsuitable."""
-    name, config = model.configuration, model.config
-    if config.image == "rendering":
-        yield f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
-    elif config.image is not None and observation.camera is None:
-        yield f"model {name} needs a photograph{TO_ADD}camera"
-    if not config.touch:
+def _unsuited_inputs(observation: RobotObservation, target: Target) -> Iterator[Fault]:
+    """Yield inputs that the network needs and that are missing or unsuitable."""
+    name, inputs = target.configuration, used_inputs(target.network, observation)
+    if inputs.image == "rendering":
+        text = f"model {name} was trained on renderings from many sides, not on a camera's images: name --data, an object and a --view"
+        yield Fault(text)
+    elif inputs.image is not None and observation.camera is None:
+        yield Fault(f"model {name} needs a photograph: add the entry camera", ("camera",))
+    if not inputs.touch:
         return
     if not observation.touches and not observation.is_felt:  # touches may all be stated to be none
-        yield f"model {name} needs touches{TO_ADD}touches"
-    if not observation.touches:
-        return
-    ours, theirs = model.sensor, observation.sensor
-    if ours is None or theirs is None:
+        yield Fault(f"model {name} needs touches: add the entry touches", ("touches",))
+    ours, theirs = target.sensor, observation.sensor
+    if not observation.touches or ours is None or theirs is None:
         return
     sizes = [(sensor.width, sensor.height, sensor.w) for sensor in (theirs, ours)]
     if not np.allclose(sizes[0], sizes[1], rtol=SIZE_TOLERANCE, atol=0):
-        observed_size, model_size = (
-            f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes
-        )
-        yield (
-            f"sensor {theirs.name} has {observed_size}, the model's {ours.name} {model_size}: "
+        observed, trained = (f"{1e3 * width:.4g} x {1e3 * height:.4g} mm with a gel of {1e3 * w:.4g} mm" for width, height, w in sizes)
+        yield Fault(
+            f"sensor {theirs.name} has {observed}, the model's {ours.name} {trained}: "
             "give photographs by such a sensor, or train a model with this one"
         )
     rows, cols = observation.touches[0].tactile_image.shape[:2]
     if abs(cols / rows / (ours.cols / ours.rows) - 1) > SIZE_TOLERANCE:
-        yield f"tactile images have {cols} x {rows} pixels, another shape than the model's {ours.cols} x {ours.rows}: crop them to the gel"
+        size = f"{cols} x {rows} pixels, another shape than the model's {ours.cols} x {ours.rows}"
+        yield Fault(f"tactile images have {size}: crop them to the gel")
 
 
-def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs | None) -> Iterator[str]:
-    """Yield cameras and touches that do not fit the object's place."""
+def _misplaced(observation: RobotObservation, box: ObjectBox, target: Target | None) -> Iterator[str]:
+    """Yield cameras and touches that do not fit the object's location."""
     if observation.camera is not None and observation.projection is not None:
         if (distance := float(np.linalg.norm(optical_centre(observation.projection) - box.centre))) < NEAREST:
             yield f"the camera is {1e3 * distance:.3g} mm from the object's centre; check unit, camera.pose and object.centre"
-        elif not _sees(observation, observation.projection, box):
+        elif not _sees(observation, box):
             yield _unseen(observation, box)
         elif (problem := _wrong_depth(observation, observation.projection, box)) is not None:
             yield problem
@@ -124,13 +173,14 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
         limit, reason = box.diagonal / 2, f"the object's diagonal is {box.diagonal:.3g} m"
     elif box.diagonal is not None:  # an estimate: behind a flat face it sees nothing
         limit, reason = box.diagonal, f"the object's diagonal seems to be {box.diagonal:.3g} m"
+    elif target is not None:
+        limit = target.network.radius / box.factor(target)
+        reason = f"model {target.configuration} looks for the object within {limit:.3g} m of it"
     else:
-        limit = np.inf if model is None else model.config.radius / size_factor(box, model)
-        reason = f"model {'' if model is None else model.configuration} looks for the object within {limit:.3g} m of it"
+        return
     margin = 0.0 if (sensor := observation.sensor) is None else float(np.hypot(sensor.width, sensor.height)) / 2 + sensor.w
-    for number, place in enumerate(gel_centres(observation)):
-        distance = float(np.linalg.norm(place - box.centre))
-        if shows_touch(observation.touches[number], observation) and distance > limit + margin:
+    for number, distance in enumerate(np.linalg.norm(gel_centres(observation) - box.centre, axis=1)):
+        if observation.shown_touches[number] and distance > limit + margin:
             yield (
                 f"{observation.name_of(number)} is {distance:.3g} m from the object's centre ({box.source}), but {reason}: check its pose"
                 f"{' and camera.depth_scale' if box.source == BY_DEPTH else ''}, or write touched: false"
@@ -138,7 +188,7 @@ def _misplaced(observation: RobotObservation, box: ObjectBox, model: ModelInputs
 
 
 def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> str | None:
-    """Describe a depth image that does not show the object at its place; None if it does, or if there is none."""
+    """Describe a depth image that does not show the object at its location; None if it does, or if there is none."""
     camera = observation.camera
     if camera is None or camera.metres is None or camera.mask is None:
         return None
@@ -156,10 +206,11 @@ def _wrong_depth(observation: RobotObservation, matrix: NDArray[np.float64], box
     )
 
 
-def _sees(observation: RobotObservation, matrix: NDArray[np.float64], box: ObjectBox) -> bool:
+def _sees(observation: RobotObservation, box: ObjectBox) -> bool:
     assert observation.camera is not None
+    assert observation.projection is not None
     rows, cols = observation.camera.image.shape[:2]
-    pixel = project_points(matrix, box.centre)
+    pixel = project_points(observation.projection, box.centre)
     return bool(((pixel >= 0) & (pixel < [cols, rows])).all())  # NaN behind the camera is not
 
 
@@ -167,18 +218,14 @@ def _unseen(observation: RobotObservation, box: ObjectBox) -> str:
     """Say that the camera does not see the object, and which other reading of its pose would."""
     camera = observation.camera
     assert camera is not None
-    other_convention = "opengl" if camera.convention == "opencv" else "opencv"
+    other = "opengl" if camera.convention == "opencv" else "opencv"
     inverse = invert_pose(camera.pose.array)
     readings: list[tuple[dict[str, Any], str]] = [
-        ({"convention": other_convention}, f"with convention: {other_convention} it would"),
+        ({"convention": other}, f"with convention: {other} it would"),
         ({"pose": inverse}, "with the inverse pose it would: give camera to frame, not frame to camera"),
-        ({"convention": other_convention, "pose": inverse}, f"with the inverse pose and convention: {other_convention} it would"),
+        ({"convention": other, "pose": inverse}, f"with the inverse pose and convention: {other} it would"),
     ]
-    hint = "check camera.pose, convention, intrinsics and object.centre"
-    for changes, words in readings:
-        reinterpreted = observation.changed(camera=camera.changed(**changes))
-        if reinterpreted.projection is not None and _sees(reinterpreted, reinterpreted.projection, box):
-            hint = words
-            break
+    hints = (words for changes, words in readings if _sees(observation.changed(camera=camera.changed(**changes)), box))
+    hint = next(hints, "check camera.pose, convention, intrinsics and object.centre")
     centre = ", ".join(f"{value / observation.metres_per_unit:.4g}" for value in box.centre)
     return f"the camera does not see the object's centre, [{centre}] {observation.unit} ({box.source}): {hint}"

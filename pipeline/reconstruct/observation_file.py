@@ -1,32 +1,27 @@
 """Observations of a robot: what it saw and felt of one object, as a YAML file or as arrays."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
+from scipy.ndimage import uniform_filter
 
 from pipeline.console import pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import entries_of, entry_names, invalid_entries, read_yaml
 from pipeline.formats.file_units import METRES
-from pipeline.kernels.vision.background import foreground
-from pipeline.reconstruct.observed_files import Depth, Image, Mask, SensorName, check_array, size_text
-from pipeline.reconstruct.observed_pose import Entries, Pose, Vector
-
-NOWHERE = "object.centre is missing"
-"""Beginning of the fault that the object cannot be located."""
-
-TO_ADD = ": add the entry "
-"""Precedes the entries that a model needs, at the end of the fault that they are missing."""
+from pipeline.kernels.vision.view_transfer import foreground
+from pipeline.reconstruct.observation_entries import Depth, Entries, Image, Mask, Pose, SensorName, Vector, check_array, size_text
 
 MAX_TOUCHES = 256
+CHANGED, CONTACT_SHARE = 8, 0.5
+"""Levels by which a share of a tactile image's pixels, per cent, differs from the untouched image if something touches."""
+SMOOTHED = 1 / 33
+"""Share of a tactile image's shorter side over which differences are averaged before: noise of single pixels is no touch."""
 
 
 class ObservedObject(Entries):
@@ -76,7 +71,7 @@ class ObservedCamera(Entries):
     ] = False
 
     @model_validator(mode="after")
-    def _is_one_size(self) -> ObservedCamera:
+    def _is_one_size(self) -> Self:
         check_array("image", self.image, np.uint8, 3)
         shape = self.image.shape[:2]
         for name in ("mask", "hand_mask"):
@@ -90,7 +85,7 @@ class ObservedCamera(Entries):
         if self.mask is not None and not self.mask.any():
             raise ValueError("the mask is 0 everywhere; the object's pixels must not be")
         if lacking := [name for name in ("depth", "mask") if getattr(self, name) is None and self.depth_as_touch]:
-            raise ValueError(f"depth_as_touch needs {' and '.join(lacking)}: without, nobody knows which points are the object's")
+            raise ValueError(f"depth_as_touch needs {' and '.join(lacking)}: they select the object's points")
         return self
 
     @cached_property
@@ -120,7 +115,7 @@ class ObservedTouch(Entries):
 
 
 class RobotObservation(Entries):
-    """What a robot saw and felt of one object that does not move, in one frame of its own: its base, say."""
+    """A robot's observation of one static object, in one frame (e.g. its base)."""
 
     unit: Annotated[Literal["mm", "cm", "dm", "m", "in", "ft"], Field(description="of all lengths, and of the reconstruction")] = "m"
     up: Annotated[Vector, Field(description="direction against gravity in the file's frame: networks know objects upright")] = (0, 0, 1)
@@ -132,7 +127,7 @@ class RobotObservation(Entries):
     ] = None
     accept_photographs: Annotated[
         bool,
-        Field(description="take tactile images that look altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"),
+        Field(description="accept tactile images that seem altered: colours exchanged, turned, mirrored, grey, another exposure or sensor"),
     ] = False
     touches: Annotated[
         tuple[ObservedTouch, ...],
@@ -151,9 +146,9 @@ class RobotObservation(Entries):
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]  # `model_validate` does without it, and keeps its context
 
     @model_validator(mode="after")
-    def _fits_together(self) -> RobotObservation:
+    def _fits_together(self) -> Self:
         if self.touches and self.sensor is None:
-            raise ValueError("touches need the entry sensor: a shipped sensor's name, or a sensor file")
+            raise ValueError("touches need the entry sensor: a built-in sensor's name, or a sensor file")
         if not any(self.up):
             raise ValueError("up is the zero vector; it must point against gravity")
         images = [(self.name_of(number), touch.tactile_image) for number, touch in enumerate(self.touches)]
@@ -174,6 +169,19 @@ class RobotObservation(Entries):
     def is_felt(self) -> bool:
         """Check whether there is input for networks with touch: a touch that is not stated to be none, or visible points in its place."""
         return any(touch.touched is not False for touch in self.touches) or (self.camera is not None and self.camera.depth_as_touch)
+
+    @cached_property
+    def shown_touches(self) -> NDArray[np.bool_]:
+        """(T,): which touches count, as they are stated, or by their images' differences from the untouched one, if there is one."""
+        return np.array([self._shows(touch) for touch in self.touches], bool)
+
+    def _shows(self, touch: ObservedTouch) -> bool:
+        if touch.touched != "auto" or self.untouched is None:
+            return touch.touched is not False
+        change = touch.tactile_image.astype(np.float32) - self.untouched
+        side = max(3, round(SMOOTHED * min(change.shape[:2])))
+        changes = np.abs(uniform_filter(change, (side, side, 1))).max(axis=2)
+        return bool(np.percentile(changes, 100 - CONTACT_SHARE) >= CHANGED)
 
     def name_of(self, number: int) -> str:
         """Name a touch for messages."""
@@ -216,58 +224,28 @@ def read_entries(path: Path) -> Any:
         raise InvalidInput(f"observation file {path} cannot be read as YAML: {error}") from error
 
 
-def load_observation(path: Path | str, faults: Callable[[RobotObservation], list[str]] = lambda observation: []) -> RobotObservation:
-    """Read an observation file with all files that it names.
+def read_observation(path: Path) -> tuple[RobotObservation | None, str, set[str]]:
+    """Read an observation file with the files that it names, relative to its folder.
 
-    Parameters
-    ----------
-    path
-        The YAML file; names in it are relative to its folder.
-    faults
-        Finds further faults.
-
-    Raises
-    ------
-    InvalidInput
-        The file cannot be used; the message lists every unknown, missing or unusable entry, every file that cannot be read, and what
-        `faults` finds in the rest.
+    Returns the observation of its valid entries, if they are one; a text that lists all invalid ones; and their names.
     """
-    path = Path(path)
-    entries = read_entries(path)
-    context, lines, hint = {"folder": path.parent}, [], ""
+    entries, context = read_entries(path), {"folder": path.parent}
     try:
-        observation: RobotObservation | None = RobotObservation.model_validate(entries, context=context)
+        return RobotObservation.model_validate(entries, context=context), "", set()
     except ValidationError as error:
-        names = entry_names(RobotObservation)
-        lines, hint = [invalid_entries(error, names)], f". {entries_of(RobotObservation)}"
-        observation = _usable_part(entries, error, context)
-    if observation is not None:  # invalid cameras or touches might have located the object
-        lines += [line for line in faults(observation) if not (lines and _may_follow(line, entries, observation))]
-    if lines:
-        raise InvalidInput(f"observation file {path}: {'; '.join(lines)}{hint}")
-    assert observation is not None
-    return observation
-
-
-def _may_follow(line: str, entries: dict[str, Any], observation: RobotObservation) -> bool:
-    """Return whether a fault of the usable part may be due to invalid entries that were taken out of it."""
-    removed = [name for name in ("camera", "touches") if entries.get(name) and not getattr(observation, name)]
-    return line.startswith(NOWHERE) or any(name in line.rpartition(TO_ADD)[2] for name in removed if TO_ADD in line)
-
-
-def _usable_part(entries: Any, error: ValidationError, context: dict[str, Any]) -> RobotObservation | None:
-    """Validate the entries that an error does not name, so that their faults are found too."""
-    places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
+        places = {item["loc"][:2] if item["loc"][:1] == ("touches",) else item["loc"][:1] for item in error.errors()}
+        text = invalid_entries(error, entry_names(RobotObservation))
+    invalid = {str(place[0]) for place in places if place}
     if not isinstance(entries, dict) or () in places:
-        return None
-    faulty = {place[0] for place in places if len(place) == 1}
-    if "sensor" in faulty:  # without it no touch is valid
-        faulty.add("touches")
-    usable = {name: value for name, value in entries.items() if name not in faulty}
+        return None, text, invalid
+    removed = {place[0] for place in places if len(place) == 1}
+    if "sensor" in removed:  # without it no touch is valid
+        removed.add("touches")
+    usable = {name: value for name, value in entries.items() if name not in removed}
     if isinstance(usable.get("touches"), list):
         numbered = [{"name": f"touches.{n}", **touch} if isinstance(touch, dict) else touch for n, touch in enumerate(usable["touches"])]
         usable["touches"] = [touch for n, touch in enumerate(numbered) if ("touches", n) not in places]
     try:
-        return RobotObservation.model_validate(usable, context=context)
+        return RobotObservation.model_validate(usable, context=context), text, invalid | removed
     except ValidationError:
-        return None
+        return None, text, invalid | removed

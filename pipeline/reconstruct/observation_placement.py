@@ -1,21 +1,19 @@
 """Move a robot's observation to the world of a network's training: the object to its place, the photograph to its camera."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from skimage.transform import resize
 
-from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.visible_charts import UNEVEN, WIDTH, visible_charts
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, transform_points, unit_vectors
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.background import background_color, border
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import (
+    background_color,
+    border,
     camera_direction,
     carried_camera,
     moved_projection,
@@ -23,8 +21,8 @@ from pipeline.kernels.vision.view_transfer import (
     split_projection,
     transfer_view,
 )
-from pipeline.reconstruct.model_inputs import ModelInputs, used_inputs
-from pipeline.reconstruct.object_box import ObjectBox, find_object, gel_centres, network_axes, size_factor
+from pipeline.reconstruct.object_location import ObjectBox, Target, gel_centres, network_axes
+from pipeline.reconstruct.observation_checks import CheckedObservation
 from pipeline.reconstruct.observation_file import ObservedCamera, RobotObservation
 
 UNLIKE, FAR_VIEW, MIN_SHOWN, INVERTED_MASK, FEW_PATCHES = 1.25, 10.0, 0.9, 0.5, 4
@@ -41,97 +39,75 @@ MASK_SPAN = 0.2, 1.25
 
 @dataclass(frozen=True)
 class Placement:
-    """An observation in the form that a network is given.
+    """An observation in the form that a network is given."""
 
-    Attributes
-    ----------
-    observation, box
-        What the robot saw and felt, and where the object is, in its own frame.
-    to_network
-        (4, 4) motion and scale from the observation's frame, m, to the network's world.
-    image, camera
-        The photograph as the network's camera would have taken it from the same place, (rows, cols, 3) uint8, and the (3, 4) projection
-        matrix of that; None for a network without images.
-    sensor_poses
-        (T, 4, 4) in the network's world, m, scaled as the object is.
-    remarks
-        What was assumed, and what differs from the training.
-    """
-
-    observation: RobotObservation
-    box: ObjectBox
-    to_network: NDArray[np.float64]
+    checked: CheckedObservation
+    to_network: NDArray[np.float64]  # (4, 4) motion and scale from the observation's frame, m, to the network's world
+    # (rows, cols, 3): the photograph as the network's camera would have taken it from the same position; None for networks without images
     image: NDArray[np.uint8] | None
-    camera: NDArray[np.float64] | None
-    sensor_poses: NDArray[np.float64]
-    remarks: list[str]
-
-    def visible_charts(self, side: int) -> NDArray[np.float32]:
-        """Fit charts to the visible surface where the observation gives it as touched: (T, side², 3) network's world, m; else none."""
-        camera, matrix = self.observation.camera, self.observation.projection
-        if camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
-            return np.zeros((0, side**2, 3), np.float32)
-        intrinsic, rotation = split_projection(matrix)
-        charts = visible_charts(camera.metres, camera.object_pixels, intrinsic, side)
-        return transform_points(self.to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
+    camera: NDArray[np.float64] | None  # (3, 4) projection matrix of that
+    sensor_poses: NDArray[np.float64]  # (T, 4, 4) in the network's world, m, scaled as the object is
+    visible_charts: NDArray[np.float32]  # (C, side², 3) network's world, m: the visible surface, where it is given as touched
+    remarks: list[str]  # what was assumed, and what differs from the training
 
     def returned(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (V, 3) of the network's world, m, to the observation's frame and unit."""
-        return transform_points(invert_similarity(self.to_network), points) / self.observation.metres_per_unit
+        return transform_points(invert_similarity(self.to_network), points) / self.checked.observation.metres_per_unit
 
 
-def place_observation(observation: RobotObservation, model: ModelInputs) -> Placement:
-    """Move an observation, without `faults` for the model, to where its network expects it.
+def place_observation(checked: CheckedObservation) -> Placement:
+    """Move an observation to where its network expects it.
 
-    Notes
-    -----
     The object's centre is moved to the network's, the observation's up to +z. About +z, the observation is turned until its camera has the
     azimuth of the training's; without a camera it keeps its own axes. It is scaled, with its camera and its touches, to the size at which
     networks see all objects.
     """
-    box = find_object(observation, model)
-    if box is None:
-        raise InvalidInput("object.centre is missing, and cannot be estimated")
-    takes_touch = model.config.touch  # whether or not touches are given: depth may be, as touch
-    model = replace(model, config=used_inputs(model.config, observation))
-    centre, to_network = np.array(model.config.centre), np.eye(4)
-    factor = size_factor(box, model)
-    to_network[:3, :3] = factor * network_axes(observation, model, box.centre)
+    observation, box, target, inputs = checked.observation, checked.box, checked.target, checked.inputs
+    assert target is not None
+    centre, to_network = np.array(inputs.centre), np.eye(4)
+    factor = box.factor(target)
+    to_network[:3, :3] = factor * network_axes(observation, target, box.centre)
     to_network[:3, 3] = centre - to_network[:3, :3] @ box.centre
-    training, image, camera = model.camera, None, None
-    remarks = list(_size_remarks(box, model))
-    if observation.camera is not None and observation.projection is not None and model.config.image is not None:
-        assert training is not None
-        assert model.resolution is not None
+    image, camera, remarks = None, None, list(_size_remarks(box, target))
+    if observation.camera is not None and observation.projection is not None and inputs.image is not None:
+        assert target.projection is not None
+        assert target.resolution is not None
         real = moved_projection(observation.projection, to_network)
-        camera = carried_camera(training, real, centre)
-        fill, photograph = _background(observation.camera, model)
-        image, shown_share = transfer_view(photograph, real, camera, model.resolution, fill)
+        camera = carried_camera(target.projection, real, centre)
+        fill, photograph = _background(observation.camera, target, hand_is_shown=inputs.image == "occluded")
+        image, shown_share = transfer_view(photograph, real, camera, target.resolution, fill)
         distance = camera_direction(real, centre).distance / factor
-        remarks += [*_view_remarks(training, real, centre, distance, shown_share), *_mask_remarks(observation, box, model)]
-    if model.config.touch and model.sensor is not None and observation.touches:
-        remarks += _touch_remarks(observation, box, model.sensor)
-    placed = Placement(observation, box, to_network, image, camera, compose(to_network, observation.sensor_poses), remarks)
-    if observation.camera is not None and observation.camera.depth_as_touch and model.config.touch:
-        count = len(placed.visible_charts(model.config.side))
-        causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
-        few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
-        remarks.append(f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}")
-    elif observation.camera is not None and observation.camera.metres is not None:
-        if observation.camera.mask is None:
-            remarks.append("warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked")
-        elif takes_touch:
-            remarks.append("the depth image is not given to the network; camera.depth_as_touch: true would give it")
-    remarks += [f"model {model.configuration} {fact}" for fact in _left_out(observation, model)]
-    return placed
+        remarks += [*_view_remarks(target.projection, real, centre, distance, shown_share), *_mask_remarks(checked)]
+    if inputs.touch and target.sensor is not None and observation.touches:
+        remarks += _touch_remarks(observation, box, target.sensor)
+    visible_charts = _visible_charts(observation, inputs.side if inputs.touch else 0, to_network)
+    remarks += _depth_remarks(checked, len(visible_charts))
+    if observation.camera is not None and inputs.image is None:
+        remarks.append(f"model {target.configuration} takes no image: the photograph only colours a closed mesh")
+    if observation.touches and not inputs.touch:
+        remarks.append(f"model {target.configuration} takes no touch: the touches are not used")
+    poses = compose(to_network, observation.sensor_poses)
+    return Placement(checked, to_network, image, camera, poses, visible_charts, remarks)
 
 
-def network_tactile_images(observation: RobotObservation, sensor: Sensor, untouched: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Resample an observation's tactile images to the pixels of a network's sensor, whose image without contact is `untouched`.
+def _visible_charts(observation: RobotObservation, side: int, to_network: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Fit charts to the visible surface where the observation gives it as touched."""
+    camera, matrix = observation.camera, observation.projection
+    if not side or camera is None or matrix is None or camera.metres is None or not camera.depth_as_touch:
+        return np.zeros((0, side**2, 3), np.float32)
+    intrinsic, rotation = split_projection(matrix)
+    charts = visible_charts(camera.metres, camera.object_pixels, intrinsic, side)
+    return transform_points(to_network, charts @ rotation + optical_centre(matrix)).astype(np.float32)
 
-    Returns
-    -------
-    (T, rows, cols, 3). Where the observation has an untouched image, its difference to the network's is taken off.
+
+def network_tactile_images(
+    observation: RobotObservation,
+    sensor: Sensor,  # of the network
+    untouched: NDArray[np.uint8],  # (rows, cols, 3), its image without contact
+) -> NDArray[np.uint8]:  # (T, rows, cols, 3)
+    """Resample an observation's tactile images to the pixels of a network's sensor.
+
+    Where the observation has an untouched image, its difference to the network's is subtracted.
     """
     images = np.stack([_resampled(touch.tactile_image, sensor) for touch in observation.touches])
     if observation.untouched is None:
@@ -148,27 +124,24 @@ def _resampled(image: NDArray[np.uint8], sensor: Sensor) -> NDArray[np.uint8]:
     return np.asarray(np.rint(resized), np.uint8)
 
 
-def _background(camera: ObservedCamera, model: ModelInputs) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
+def _background(camera: ObservedCamera, target: Target, *, hand_is_shown: bool) -> tuple[tuple[int, int, int], NDArray[np.uint8]]:
     """Choose the colour of what the photograph does not show, and paint the pixels outside its mask."""
-    if model.background is None:
+    if target.background is None:
         return background_color(camera.image), camera.image
     if camera.mask is None:
-        return model.background, camera.image
+        return target.background, camera.image
     mask = camera.mask
     if camera.hand_mask is not None:
-        mask = mask | camera.hand_mask if model.config.image == "occluded" else mask & ~camera.hand_mask
-    return model.background, np.where(mask[..., None], camera.image, np.array(model.background, np.uint8))
-
-
-# ---- remarks
+        mask = mask | camera.hand_mask if hand_is_shown else mask & ~camera.hand_mask
+    return target.background, np.where(mask[..., None], camera.image, np.array(target.background, np.uint8))
 
 
 def describe_object(observation: RobotObservation, box: ObjectBox) -> str:
     """State where the object is, in the observation's frame and unit, and how large."""
     unit = observation.metres_per_unit
-    place = ", ".join(f"{value:.4g}" for value in box.centre / unit)
+    centre = ", ".join(f"{value:.4g}" for value in box.centre / unit)
     size = "size not known" if box.diagonal is None else f"diagonal {box.diagonal / unit:.3g} {observation.unit}"
-    return f"object at [{place}] {observation.unit} ({box.source}), {size}"
+    return f"object at [{centre}] {observation.unit} ({box.source}), {size}"
 
 
 def degrees(angle: float) -> str:
@@ -176,10 +149,10 @@ def degrees(angle: float) -> str:
     return f"{round(float(np.degrees(angle)), 1) + 0.0:.1f}"
 
 
-def _size_remarks(box: ObjectBox, model: ModelInputs) -> Iterator[str]:
-    learned = model.diagonals or 2 * (2 * model.config.radius,)
+def _size_remarks(box: ObjectBox, target: Target) -> Iterator[str]:
+    learned = target.diagonals or 2 * (2 * target.network.radius,)
     if box.diagonal is None:
-        yield f"the object's size is not known, and taken to be {2 * model.config.radius / size_factor(box, model):.3g} m, as in training"
+        yield f"the object's size is not known, and taken to be {2 * target.network.radius / box.factor(target):.3g} m, as in training"
     elif not learned[0] / UNLIKE <= box.diagonal <= learned[1] * UNLIKE:
         sizes = " to ".join(dict.fromkeys(f"{size:.3g}" for size in learned))
         yield (
@@ -201,8 +174,8 @@ def _view_remarks(
         yield f"warning: the photograph shows {share:.0%} of what the training camera would; the rest is background"
 
 
-def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInputs) -> Iterator[str]:
-    camera = observation.camera
+def _mask_remarks(checked: CheckedObservation) -> Iterator[str]:
+    observation, box, camera = checked.observation, checked.box, checked.observation.camera
     if camera is None or observation.projection is None:
         return
     for name, mask in (("mask", camera.mask), ("hand_mask", camera.hand_mask)):
@@ -213,14 +186,12 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
     if camera.mask is None:
         yield f"warning: no camera.mask: the {camera.object_pixels.mean():.0%} of the photograph that differ from its border are the object"
         return
-    if model.background is None:
+    assert checked.target is not None
+    if checked.target.background is None:
         yield "the model does not state its images' background: what is outside the mask stays"
     row, col = np.nonzero(camera.mask)
-    pixel, low, high = (
-        project_points(observation.projection, box.centre),
-        np.array([col.min(), row.min()]),
-        np.array([col.max(), row.max()]),
-    )
+    pixel = project_points(observation.projection, box.centre)
+    low, high = np.array([col.min(), row.min()]), np.array([col.max(), row.max()])
     if not ((pixel >= low) & (pixel <= high + 1)).all():
         yield (
             f"warning: the object's centre is seen at column {pixel[0]:.0f}, row {pixel[1]:.0f}, but the mask spans columns {low[0]} to "
@@ -234,7 +205,7 @@ def _mask_remarks(observation: RobotObservation, box: ObjectBox, model: ModelInp
                 f"warning: the mask's diagonal is {span:.3g} m at the object's distance, {distance:.3g} m, but object.diagonal is "
                 f"{box.diagonal:.3g} m: check it, unit, camera.pose and camera.mask"
             )
-    if model.config.image == "occluded" and camera.hand_mask is None:
+    if checked.inputs.image == "occluded" and camera.hand_mask is None:
         yield "warning: the network saw the hand in its images: give camera.hand_mask too, else background takes the hand's place"
 
 
@@ -254,8 +225,15 @@ def facing_away(observation: RobotObservation, box: ObjectBox) -> NDArray[np.boo
     return np.asarray((towards < FACING_AWAY) & np.array([touch.touched is not False for touch in observation.touches], bool))
 
 
-def _left_out(observation: RobotObservation, model: ModelInputs) -> Iterator[str]:
-    if observation.camera is not None and model.config.image is None:
-        yield "takes no image: the photograph only colours a closed mesh"
-    if observation.touches and not model.config.touch:
-        yield "takes no touch: the touches are not used"
+def _depth_remarks(checked: CheckedObservation, count: int) -> Iterator[str]:
+    camera = checked.observation.camera
+    if camera is None or camera.metres is None:
+        return
+    if camera.depth_as_touch and checked.inputs.touch:
+        causes = f"small beside a patch ({1e3 * WIDTH:g} mm), rough ({1e3 * UNEVEN:g} mm), seen at a flat angle, or not measured"
+        few = "" if count >= FEW_PATCHES else f"; most of it is {causes}"
+        yield f"{'warning: ' if few else ''}{count} patches of the visible surface are given as touched{few}"
+    elif camera.mask is None:
+        yield "warning: camera.depth is not used without camera.mask: it neither locates the object nor is checked"
+    elif checked.target is not None and checked.target.network.touch:  # whether or not touches are given: depth may be, as touch
+        yield "the depth image is not given to the network; camera.depth_as_touch: true would give it"

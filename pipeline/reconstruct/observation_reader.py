@@ -1,11 +1,9 @@
 """Read the inputs of a trained network: image and touch charts of a stored object, or of a robot's observation."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 import torch
@@ -18,14 +16,13 @@ from pipeline.dataset.touch_charts import is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
+from pipeline.kernels.networks.network_configurations import NetworkInputs
 from pipeline.kernels.touch.sensor import sensor_to_world
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.touch_model import TouchModel, load_touch_model
-from pipeline.reconstruct.model_inputs import ModelInputs, used_inputs
-from pipeline.reconstruct.object_box import shows_touch
-from pipeline.reconstruct.observation_file import RobotObservation
+from pipeline.reconstruct.object_location import Target
 from pipeline.reconstruct.observation_placement import Placement, network_tactile_images
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
@@ -39,36 +36,16 @@ TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
 
 @dataclass(frozen=True)
 class ObservationReader:
-    """Read the inputs of a model; fit touch charts if none are stored.
-
-    Attributes
-    ----------
-    model
-        The model that gets the inputs.
-    models
-        The folder of models, for the U-Net.
-    device
-        Where the U-Net runs.
-    seed
-        Of the chart fitting.
-    training_seed
-        Which training of the network the model is.
-    """
+    """Read the inputs of a model; fit touch charts if none are stored."""
 
     model: Reconstructor
-    models: Location
-    device: torch.device
-    seed: int
-    training_seed: int = 0
+    models: Location  # folder of models, for the U-Net
+    device: torch.device  # where the U-Net runs
+    seed: int  # of the chart fitting
+    training_seed: int = 0  # which training of the network the model is
 
     def of_object(self, data: Location, object_id: str, grasps: Sequence[int]) -> Observation:
-        """Read an object of a data directory with some of its grasps, from 0; for a model of renderings, with one viewpoint.
-
-        Raises
-        ------
-        StageError
-            `grasps` is empty, or touch charts have another size than the model takes.
-        """
+        """Read an object of a data directory with some of its grasps; for a model of renderings, with one viewpoint."""
         if not grasps:
             raise StageError(f"{object_id}: name at least one grasp")
         config = self.model.config
@@ -78,7 +55,7 @@ class ObservationReader:
             rows = open_object(data, observed_arrays(config), object_id, grasps)
             if config.touch and (stored := rows.size("vertices", "vertex")) != config.side**2:
                 raise StageError(
-                    f"the touch charts of {data} have {stored} vertices, model {self.model.configuration} takes {config.side**2}; "
+                    f"the touch charts of {data} have {stored} vertices, model {self.model.trained.configuration} takes {config.side**2}; "
                     f"run fit-charts with fit-charts.side={config.side}, or train the model on these"
                 )
             return stored_observation(rows, object_id, grasps, config)
@@ -90,30 +67,27 @@ class ObservationReader:
         return replace(seen, touch_vertices=vertices, touched=touched)
 
     def of_robot(self, placed: Placement) -> Observation:
-        """Fit charts to a robot's touches, and to the depth that it gives as touched; its image is placed already."""
-        touches = placed.observation.touches
+        """Fit charts to a robot's touches; its image, and the depth that it gives as touched, are placed already."""
         if not self.model.touch:
             return Observation(placed.image, camera=placed.camera)
+        observation, visible = placed.checked.observation, placed.visible_charts
         vertices, touched = np.zeros((0, self.model.config.side**2, 3), np.float32), np.zeros(0, bool)
-        if touches:
-            images = network_tactile_images(placed.observation, self.unet.sensor, self.unet.untouched)
-            flags = [shows_touch(touch, placed.observation) and touch.touched for touch in touches]
-            vertices, touched = self._charts(images, placed.sensor_poses, flags)
-        visible = placed.visible_charts(self.model.config.side)
-        return Observation(
-            placed.image, np.concatenate([vertices, visible]), np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera
-        )
+        if observation.touches:
+            images = network_tactile_images(observation, self.unet.sensor, self.unet.untouched)
+            shown = zip(observation.touches, observation.shown_touches, strict=True)
+            vertices, touched = self._charts(images, placed.sensor_poses, [is_shown and touch.touched for touch, is_shown in shown])
+        vertices = np.concatenate([vertices, visible])
+        return Observation(placed.image, vertices, np.concatenate([touched, np.ones(len(visible), bool)]), placed.camera)
 
-    def suited_to(self, observed: RobotObservation) -> ObservationReader:
-        """Return a reader for an observation; a model that takes any inputs gets those that are present."""
-        return replace(self, model=self.model.restricted_to(used_inputs(self.model.config, observed)))
+    def restricted_to(self, inputs: NetworkInputs) -> Self:
+        """Make a reader for a model that accepts any subset of inputs, and these inputs."""
+        return replace(self, model=self.model.restricted_to(inputs))
 
     @cached_property
-    def inputs(self) -> ModelInputs:
-        """Inputs that the model was trained with; no sensor if tactile images cannot be read."""
-        model = self.model
-        sensor = self.unet.sensor if model.touch and self._has_unet() else None
-        return ModelInputs(model.configuration, model.config, model.camera, model.resolution, model.background, sensor, model.diagonals)
+    def target(self) -> Target:
+        """The model as observations are checked against it; no sensor if tactile images cannot be read."""
+        sensor = self.unet.sensor if self.model.touch and self._has_unet() else None
+        return Target.model_construct(**dict(self.model.trained), sensor=sensor)
 
     @cached_property
     def unet(self) -> TouchModel:
@@ -133,23 +107,12 @@ class ObservationReader:
         return f"{self._unet_name()[0]}.json" in list_folder(self.models)
 
     def _charts(
-        self, tactile_images: NDArray[np.uint8], poses: NDArray[np.float64], touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_]
-    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Fit touch charts as in the model's training.
-
-        Parameters
-        ----------
-        tactile_images
-            (T, rows, cols, 3) uint8.
-        poses
-            (T, 4, 4) sensor frame to world, m.
-        touched
-            (T,); "auto" for tactile images that touched if they have points.
-
-        Returns
-        -------
-        (T, side², 3) vertices, world, m, and (T,) bool: which sensors have a chart.
-        """
+        self,
+        tactile_images: NDArray[np.uint8],  # (T, rows, cols, 3)
+        poses: NDArray[np.float64],  # (T, 4, 4) sensor frame to world, m
+        touched: Sequence[bool | Literal["auto"]] | NDArray[np.bool_],  # (T,); "auto" for those that touched if they have points
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:  # (T, side², 3) vertices, world, m; (T,) which sensors have a chart
+        """Fit touch charts as in the model's training."""
         sensor, clouds = self.unet.sensor, self.unet.clouds(tactile_images)
         flags = np.array([len(cloud) > 0 if flag == "auto" else flag for cloud, flag in zip(clouds, touched, strict=True)])
         touched_clouds = [cloud if flag else cloud[:0] for cloud, flag in zip(clouds, flags, strict=True)]
@@ -160,26 +123,21 @@ class ObservationReader:
         return np.array(vertices, np.float32), flags & is_surface(fits.stop_rule)
 
     def _chart_settings(self) -> ChartSettings:
+        trained = self.model.trained
         try:
-            settings = ChartSettings.model_validate(self.model.chart_settings)
+            settings = ChartSettings.model_validate(trained.charts)
         except ValidationError as error:
-            raise StoreError(f"charts of model {self.model.configuration}: {invalid_entries(error)}; train it again") from error
-        if settings.side != self.model.config.side:
+            raise StoreError(f"charts of model {trained.configuration}: {invalid_entries(error)}; train it again") from error
+        if settings.side != trained.network.side:
             raise StoreError(
-                f"model {self.model.configuration} takes charts of side {self.model.config.side}, but its record names fit-charts.side="
+                f"model {trained.configuration} takes charts of side {trained.network.side}, but its record names fit-charts.side="
                 f"{settings.side}; train it again"
             )
         return settings
 
 
 def open_object(data: Location, arrays: Sequence[str], object_id: str, numbers: Sequence[int], kind: str = "grasp") -> ObjectRows:
-    """Open arrays of a data directory, and check that an object with these grasps or viewpoints, from 0, is there.
-
-    Raises
-    ------
-    StoreError
-        The object is missing or failed, has no such grasp or viewpoint, or one of them is chosen twice.
-    """
+    """Open arrays of a data directory, and check that an object with these grasps or viewpoints is there; a `StoreError` otherwise."""
     counted = "joint_angles" if kind == "grasp" else "rendering"  # their number
     rows = ObjectRows(data, sorted({*arrays, counted}), split=None)
     if object_id in rows.left_out:
@@ -194,12 +152,7 @@ def open_object(data: Location, arrays: Sequence[str], object_id: str, numbers: 
     return rows
 
 
-def object_mask(data: Location, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_] | None:
-    """Read the (rows, cols) mask of the object in the image of a stored array; None if the model takes no such image.
-
-    The occluded image is that of the first grasp.
-    """
-    if image not in ("occluded", "unoccluded"):
-        return None
+def object_mask(data: Location, object_id: str, image: str | None, grasps: Sequence[int]) -> NDArray[np.bool_]:
+    """Read the (rows, cols) mask of the object in its stored image `unoccluded`, or `occluded` by the first grasp."""
     labels = ObjectRows(data, ["segmentation"], split=None).read("segmentation", object_id, camera=0)  # alone, then in each grasp
     return np.asarray(labels[0 if image == "unoccluded" else 1 + grasps[0]] == Label.OBJECT)

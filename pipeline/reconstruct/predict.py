@@ -1,8 +1,6 @@
 """Predict an object's surface from stored grasps or a robot's observation, and write it as a mesh file."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -14,58 +12,101 @@ from pipeline.console import Meter, errors, pluralise
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.geometry.closed_surface import RESOLUTION
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 from pipeline.models.families import load_reconstructor, model_name, trained_folder, trained_models
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, close_reconstruction
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
-from pipeline.reconstruct.closed_mesh import ClosedMesh
-from pipeline.reconstruct.mesh_files import check_output, write_charts, write_closed, write_joined
-from pipeline.reconstruct.model_inputs import learned_size
+from pipeline.reconstruct.mesh_files import ClosedMesh, check_output, write_charts, write_closed, write_joined
 from pipeline.reconstruct.network_error import error_note
-from pipeline.reconstruct.object_box import turn_to_z
-from pipeline.reconstruct.observation_checks import faults
-from pipeline.reconstruct.observation_file import RobotObservation, load_observation, read_entries
-from pipeline.reconstruct.observation_placement import describe_object, place_observation
+from pipeline.reconstruct.object_location import turn_to_z
+from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.observation_file import RobotObservation, read_entries
+from pipeline.reconstruct.observation_placement import Placement, describe_object, place_observation
 from pipeline.reconstruct.observation_reader import ObservationReader, object_mask
-from pipeline.reconstruct.prediction_warnings import guessed_surface_warning, unseen_touches, view_warning
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
 from pipeline.training.device import device_of
 
 Surface = Literal["charts", "joined", "both", "closed"]
+RESOLUTIONS = 64, 400
+"""Fewest and most edges of a closed mesh."""
+
+
+@dataclass(frozen=True)
+class PredictOptions:
+    """Which network predicts, and how."""
+
+    models: Location | None = None  # folder of models; by default that of the data directory if it holds some, else the pretrained networks
+    configuration: str | None = None  # the network; by default `occluded-touch`, of the pretrained ones that which accepts any inputs
+    training_seed: int = 0  # of which training the network is
+    accelerator: str = "auto"  # where networks run: "cpu", "cuda", or "auto"
+    seed: int = 0  # of the chart fitting
+    resolution: int = RESOLUTION  # edges of the closed mesh along the longest side of its box
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.resolution, int | np.integer) or not RESOLUTIONS[0] <= self.resolution <= RESOLUTIONS[1]:
+            raise InvalidInput(f"resolution is {self.resolution!r}; it must be a whole number, {RESOLUTIONS[0]} to {RESOLUTIONS[1]}")
+        for name in ("training_seed", "seed"):
+            if not isinstance(value := getattr(self, name), int | np.integer) or value < 0:
+                raise TypeError(f"{name} is a whole number, 0 or more; this is {value!r}")
+
+    def network(self, data: Location | None = None) -> tuple[Location, str]:
+        """Choose the folder of models and the network, for objects of a data directory if one is named."""
+        models = self.models
+        if models is None and data is not None and (trained_models(data / "models", self.training_seed) or not trained_models(SHIPPED)):
+            models = data / "models"
+        if models is None and self.training_seed:
+            raise StageError(
+                f"the pretrained network has one training; name models of training seed {self.training_seed}, or omit the seed"
+            )
+        folder = shipped_models() if models is None else models
+        return folder, self.configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
+
+    def reader(self, data: Location | None = None) -> ObservationReader:
+        """Load the network and the reader of its inputs."""
+        models, configuration = self.network(data)
+        device = device_of(self.accelerator)
+        model = load_reconstructor(configuration, trained_folder(models, configuration, self.training_seed), device)
+        return ObservationReader(model, models, device, self.seed, self.training_seed)
+
+
+@dataclass(frozen=True)
+class StoredGrasps:
+    """Grasps of an object in a data directory, or its rendering from a viewpoint."""
+
+    data: Location
+    object_id: str
+    grasps: Sequence[int] | None = None  # by default grasp 0; the occluded image is the first one's
+    view: int = 0
+
+    def chosen(self, reader: ObservationReader) -> Sequence[int]:
+        """Choose the grasps, or the one viewpoint, that a network is given."""
+        name = reader.model.trained.configuration
+        if reader.model.image == "rendering":
+            if self.grasps:
+                raise StageError(f"model {name} takes a rendering: use --view, not --grasp {self.grasps[0]}")
+            return [self.view]
+        if self.view:
+            raise StageError(f"model {name} takes grasps: use --grasp, not --view {self.view}")
+        return [0] if self.grasps is None else self.grasps
+
+
+Source = StoredGrasps | RobotObservation | Path | None
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Describe a predicted surface and the files that hold it.
+    """A predicted surface, and the files that hold it."""
 
-    Attributes
-    ----------
-    reconstruction
-        The surface, in the world, m, or in the observation's frame and unit.
-    touched
-        (T,) bool, of the given sensors: whether their charts are part of it.
-    visible
-        How many patches of the visible surface were given as touched.
-    closed
-        The closed mesh, if it was asked for.
-    metres_per_unit, up
-        Of the lengths, and the direction that is up.
-    remarks
-        What was assumed of an observation, how it differs from the network's training, and what is known of the network's error.
-    files
-        The mesh files; none if it was not written.
-    """
-
-    reconstruction: Reconstruction
-    touched: NDArray[np.bool_]
-    visible: int = 0
-    closed: ClosedMesh | None = None
+    reconstruction: Reconstruction  # in the world, m, or in the observation's frame and unit
+    touched: NDArray[np.bool_]  # (T,), of the given sensors: whether their charts are part of it
+    visible: int = 0  # how many patches of the visible surface were given as touched
+    closed: ClosedMesh | None = None  # if it was asked for
     metres_per_unit: float = 1.0
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    remarks: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)  # what was assumed, what differs from the training, and the network's error
     files: list[Path] = field(default_factory=list)
 
     def __repr__(self) -> str:
@@ -80,216 +121,133 @@ class Prediction:
 
 
 def predict(
-    out: Path,
-    models: Location,
-    configuration: str,
-    *,
-    data: Location | None = None,
-    object_id: str | None = None,
-    grasps: Sequence[int] | None = None,
-    view: int = 0,
-    observation: Path | RobotObservation | None = None,
+    out: Path,  # .obj, .ply or .glb
+    source: Source = None,  # what the network is given, or the file of an observation; None for networks without inputs
+    options: PredictOptions | None = None,
     surface: Surface = "both",
-    resolution: int = RESOLUTION,
-    training_seed: int = 0,
-    accelerator: str = "auto",
-    seed: int = 0,
 ) -> Prediction:
     """Reconstruct an object from a data directory or from a robot's observation, and write its surface.
 
-    Parameters
-    ----------
-    out
-        File to write, .obj, .ply or .glb. With `surface` "both" the charts go there, and the joined surface beside it under the
-        same name with -joined; an implicit network's one mesh goes there alone. Metres, world frame, or the observation's unit and frame;
-        GLB is in metres, and y up.
-    models, configuration
-        A folder of models (DATA/models), and which of its gcn/ or implicit/ to use, or "single-image". Tactile images need its unet/
-        too. "implicit-any" is given whatever the observation has, of a data directory the occluded image and the touches;
-        "implicit-any-touch" and its like are given that alone.
-    data, object_id, grasps, view
-        From a data directory: an object, and the grasps to give, by default grasp 0; the occluded image is the first one's. Touch charts
-        that are stored there are taken as they are. The single-image model is given the rendering from this viewpoint, in place of grasps.
-    observation
-        In place of these: what a robot saw and felt, or the file that describes it. Networks without inputs need none.
-    surface
-        "charts", "joined" or "both"; or "closed": one closed, smooth mesh, of an object of half a metre within 0.5 mm of the touch charts,
-        coloured where the image shows it and grey elsewhere.
-    resolution
-        Edges of the closed mesh along the longest side of its box, 64 or more.
-    accelerator
-        Where the networks run, "auto" on a GPU where there is one.
-    training_seed, seed
-        Of which training the network is; of the chart fitting.
-
-    Raises
-    ------
-    StageError, StoreError, InvalidInput
-        A model or an input that it needs is missing; a chart's size is not the one it was trained on; the observation has faults, all of
-        which are named; the suffix is no mesh's.
+    With `surface` "both" the charts go to `out`, and the joined surface beside it under the same name with -joined; an implicit network's
+    one mesh goes there alone. "closed" is one closed, smooth mesh, of an object of half a metre within 0.5 mm of the touch charts, coloured
+    where the image shows it. Lengths and frame are the world's or the observation's; GLB is in metres, and y up.
     """
     check_output(out)
-    if data is None and isinstance(observation, Path):
-        read_entries(observation)  # before networks are read, which takes longer
+    if isinstance(source, Path):
+        read_entries(source)  # before networks are read, which takes longer
+    data = source.data if isinstance(source, StoredGrasps) else None
+    options = options or PredictOptions()
     with Meter(errors, "predict", 3, "steps", after=1.0) as meter:
-        reader = model_reader(models, configuration, training_seed, accelerator, seed)
+        reader = options.reader(data)
         meter.advance("the network is read")
-        if data is None:
-            if object_id is not None:
-                raise StageError(f"object {object_id} needs a data directory; name one, or leave the object out")
-            prediction = _of_robot(reader, observation, surface, resolution)
-        else:
-            if observation is not None:
-                raise StageError("give a data directory and an object, or an observation, not both")
-            if object_id is None:
-                raise StageError(f"data directory {data} needs an object; name one of its objects")
-            selected = _views(configuration, view, grasps) if reader.model.image == "rendering" else _grasps(configuration, view, grasps)
-            if models.resolve() == (data / "models").resolve():  # else the models are another dataset's
-                check_origins(DataDirectory(data), [model_name(configuration, training_seed)])
-            prediction = _of_object(reader, data, object_id, selected, surface, resolution)
+        prediction = _predicted(reader, source, surface, options.resolution)
         meter.advance("the surface is made")
         prediction = replace(prediction, files=_write(out, prediction, surface))
         meter.advance("and written")
     return prediction
 
 
-def _views(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequence[int]:
-    """Choose the viewpoint of the rendering that a model is given."""
-    if grasps:
-        raise StageError(f"model {configuration} takes no grasps, which {grasps[0]} is one of; choose a view")
-    return [view]
+def reconstruct(observation: Path | RobotObservation, options: PredictOptions | None = None) -> Prediction:
+    """Reconstruct an object from a robot's observation, with a closed mesh, and write nothing."""
+    options = options or PredictOptions()
+    return _predicted(options.reader(), observation, "closed", options.resolution)
 
 
-def _grasps(configuration: str, view: int, grasps: Sequence[int] | None) -> Sequence[int]:
-    """Choose the grasps that a model is given."""
-    if view:
-        raise StageError(f"model {configuration} takes no renderings, which view {view} is one of; choose grasps")
-    return [0] if grasps is None else grasps
+def _predicted(reader: ObservationReader, source: Source, surface: Surface, resolution: int) -> Prediction:
+    resolution = resolution if surface == "closed" else 0
+    if isinstance(source, StoredGrasps):
+        return _of_object(reader, source, resolution)
+    if source is not None:
+        placed = place_observation(check(source, reader.target))
+        return _of_robot(reader.restricted_to(placed.checked.inputs), placed, resolution)
+    return _of_nothing(reader, resolution)
 
 
-def chosen_models(
-    models: Location | None, data: Location | None, configuration: str | None, training_seed: int = 0
-) -> tuple[Location, str]:
-    """Choose the folder of models, and the network.
-
-    Parameters
-    ----------
-    models, data
-        As they were named: a folder of models, else that of a data directory if it holds some, else the weights that ship.
-    configuration
-        The network; by default `occluded-touch`, of shipped weights the one that takes whatever there is.
-    training_seed
-        Of its training.
-
-    Raises
-    ------
-    StageError
-        Nothing is named, and no weights ship, or not of this training.
-    """
-    if models is None and data is not None and (trained_models(data / "models", training_seed) or not trained_models(SHIPPED)):
-        models = data / "models"
-    if models is None and training_seed:
-        raise StageError(f"the network that ships has one training; name models of training seed {training_seed}, or leave it out")
-    folder = shipped_models() if models is None else models
-    return folder, configuration or (DEFAULT if folder == SHIPPED else "occluded-touch")
-
-
-def reconstruct(
-    observation: Path | RobotObservation,
-    models: Location,
-    configuration: str,
-    *,
-    resolution: int = RESOLUTION,
-    training_seed: int = 0,
-    accelerator: str = "auto",
-    seed: int = 0,
-) -> Prediction:
-    """Reconstruct an object from a robot's observation, with a closed mesh, and write nothing; parameters and errors as `predict`."""
-    return _of_robot(model_reader(models, configuration, training_seed, accelerator, seed), observation, "closed", resolution)
-
-
-def model_reader(
-    models: Location, configuration: str, training_seed: int = 0, accelerator: str = "auto", seed: int = 0
-) -> ObservationReader:
-    """Load a model and the reader of its inputs."""
-    device = device_of(accelerator)
-    model = load_reconstructor(configuration, trained_folder(models, configuration, training_seed), device)
-    return ObservationReader(model, models, device, seed, training_seed)
-
-
-def _of_robot(reader: ObservationReader, observation: Path | RobotObservation | None, surface: Surface, resolution: int) -> Prediction:
-    """Reconstruct from a robot's observation, in its frame and unit."""
+def _of_nothing(reader: ObservationReader, resolution: int) -> Prediction:
+    """Reconstruct what a network without inputs takes any object to be."""
     model = reader.model
-    if observation is None:
-        if model.image or model.touch:
-            needed_inputs = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
-            needed = (" or " if model.image == "any" else " and ").join(needed_inputs)
-            raise StageError(f"model {model.configuration} needs {needed}: give an observation, or a data directory and an object")
-        empty = Observation(None, scale=2 * model.config.radius / learned_size(reader.inputs))
-        reconstruction = model.reconstruct([empty])[0]
-        closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if surface == "closed" else None
-        return Prediction(reconstruction, empty.touched, closed=closed, remarks=[error_note(reader)])
-    if isinstance(observation, RobotObservation):
-        observed = observation
-        if lines := faults(observed, reader.inputs):
-            raise InvalidInput(f"observation: {'; '.join(lines)}")
-    else:
-        observed = load_observation(observation, lambda part: faults(part, reader.inputs))
-    reader = reader.suited_to(observed)
-    placed = place_observation(observed, reader.inputs)
+    if model.image or model.touch:
+        needed = [name for name, is_used in (("an image", model.image), ("touches", model.touch)) if is_used]
+        inputs = (" or " if model.image == "any" else " and ").join(needed)
+        raise StageError(f"model {model.trained.configuration} needs {inputs}: give an observation, or a data directory and an object")
+    empty = Observation(None, scale=2 * model.config.radius / reader.target.size)
+    reconstruction = model.reconstruct([empty])[0]
+    closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution)) if resolution else None
+    return Prediction(reconstruction, empty.touched, closed=closed, remarks=[error_note(reader)])
+
+
+def _of_robot(
+    reader: ObservationReader,  # restricted to the inputs that the observation has
+    placed: Placement,
+    resolution: int,  # of the closed mesh; 0 for none
+) -> Prediction:
+    """Reconstruct from a robot's observation, in its frame and unit."""
+    observed = placed.checked.observation
     network_inputs = reader.of_robot(placed)
     reconstruction = reader.model.reconstruct([network_inputs])[0]
     touched, visible = np.split(network_inputs.touched, [len(observed.touches)])
-    remarks = [
-        describe_object(observed, placed.box),
-        *placed.remarks,
-        *unseen_touches(observed, touched),
-        *guessed_surface_warning(reconstruction),
-    ]
-    prediction = Prediction(
+    remarks = [describe_object(observed, placed.checked.box), *placed.remarks, *_unseen_touches(observed, touched)]
+    closed = None
+    if resolution:
+        vertices, faces = close_reconstruction(reconstruction, resolution, network_inputs)
+        closed = ClosedMesh.grey(placed.returned(vertices), faces)
+        if observed.camera is not None and observed.projection is not None:
+            matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
+            closed = closed.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
+    return Prediction(
         replace(reconstruction, vertices=placed.returned(reconstruction.vertices)),
         touched,
         len(visible),
+        closed,
         metres_per_unit=observed.metres_per_unit,
         up=observed.up,
-        remarks=[*remarks, error_note(reader)],
+        remarks=[*remarks, *_guessed_surface(reconstruction), error_note(reader)],
     )
-    if surface != "closed":
-        return prediction
-    vertices, faces = close_reconstruction(reconstruction, resolution, network_inputs)
-    mesh = ClosedMesh.grey(placed.returned(vertices), faces)
-    if observed.camera is not None and observed.projection is not None:
-        matrix = observed.projection * [*(3 * [observed.metres_per_unit]), 1.0]  # of points in the observation's unit
-        mesh = mesh.coloured(observed.camera.image, matrix, observed.camera.object_pixels)
-    return replace(prediction, closed=mesh)
 
 
-def _of_object(
-    reader: ObservationReader, data: Location, object_id: str, numbers: Sequence[int], surface: Surface, resolution: int
-) -> Prediction:
+def _of_object(reader: ObservationReader, stored: StoredGrasps, resolution: int) -> Prediction:
     """Reconstruct from grasps of a data directory, or from the rendering of a viewpoint."""
+    numbers, name = stored.chosen(reader), reader.model.trained.configuration
+    if reader.models.resolve() == (stored.data / "models").resolve():  # else the models are another dataset's
+        check_origins(DataDirectory(stored.data), [model_name(name, reader.training_seed)])
     if reader.model.image == "any":
-        reader = replace(reader, model=reader.model.restricted_to(INPUT_CHOICES["occluded-touch"]))
+        reader = reader.restricted_to(INPUT_CHOICES["occluded-touch"])
     model = reader.model
-    network_inputs = reader.of_object(data, object_id, numbers)
+    network_inputs = reader.of_object(stored.data, stored.object_id, numbers)
     reconstruction = model.reconstruct([network_inputs])[0]
-    remarks = [*view_warning(model, network_inputs), *guessed_surface_warning(reconstruction), error_note(reader)]
-    prediction = Prediction(reconstruction, network_inputs.touched, remarks=remarks)
-    if surface != "closed":
-        return prediction
-    mesh = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
-    if network_inputs.image is not None and network_inputs.camera is not None:
-        mask = object_mask(data, object_id, model.image, numbers)
-        mesh = mesh.coloured(network_inputs.image, network_inputs.camera, foreground(network_inputs.image) if mask is None else mask)
-    return replace(prediction, closed=mesh)
+    closed, image, camera = None, network_inputs.image, network_inputs.camera
+    if resolution:
+        closed = ClosedMesh.grey(*close_reconstruction(reconstruction, resolution, network_inputs))
+        if image is not None and camera is not None:
+            is_stored = model.image in ("occluded", "unoccluded")
+            mask = object_mask(stored.data, stored.object_id, model.image, numbers) if is_stored else foreground(image)
+            closed = closed.coloured(image, camera, mask)
+    remarks = []
+    seen_by = network_inputs.scaled(model.config.centre).camera
+    if seen_by is not None and model.trained.camera is not None and not model.trained.has_view(seen_by):
+        remarks.append("warning: the image is from another camera than the network's training; errors are larger than measured")
+    remarks += [*_guessed_surface(reconstruction), error_note(reader)]
+    return Prediction(reconstruction, network_inputs.touched, closed=closed, remarks=remarks)
+
+
+def _unseen_touches(observed: RobotObservation, touched: NDArray[np.bool_]) -> Iterator[str]:
+    """Warn of touches that the observation states, and whose tactile images show none."""
+    names = [observed.name_of(n) for n, touch in enumerate(observed.touches) if touch.touched is True and len(touched) and not touched[n]]
+    if names:
+        yield f"warning: {', '.join(names)}: touched: true, but the tactile image shows no contact, so no touch is given"
+
+
+def _guessed_surface(reconstruction: Reconstruction) -> Iterator[str]:
+    if reconstruction.is_guess:
+        yield "warning: the network finds no point inside the object; the surface is a speck around the likeliest one"
 
 
 def _write(out: Path, prediction: Prediction, surface: Surface) -> list[Path]:
     """Write a prediction to one file, or two beside each other."""
     to_metres = np.eye(4)
     to_metres[:3, :3] = prediction.metres_per_unit * turn_to_z(np.array(prediction.up))
-    if (mesh := prediction.closed) is not None:
-        write_closed(out, mesh.vertices, mesh.faces, mesh.colors, mesh.seen, to_metres)
+    if prediction.closed is not None:
+        write_closed(out, prediction.closed, to_metres)
         return [out]
     if prediction.reconstruction.is_whole:  # joined already
         surface = "charts"

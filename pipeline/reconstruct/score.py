@@ -14,8 +14,8 @@ from pipeline.config.manifest import load_manifest
 from pipeline.config.objects import Object
 from pipeline.config.sources import identity
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.engine.plan import Plan, Request
-from pipeline.engine.run import make_plans, run
+from pipeline.engine.make import make
+from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetStage
 from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_companions import Companions
@@ -23,7 +23,7 @@ from pipeline.models.shipped_weights import DEFAULT, read_card
 from pipeline.store import digest
 from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput, withdraw
+from pipeline.store.publish import withdraw
 from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
@@ -35,9 +35,7 @@ from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuring
 from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_digest
 
 
-def score(
-    folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False
-) -> Plan[FolderOutput]:
+def score(folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False) -> str:
     """Measure a folder's reconstructions of the test objects as `evaluate` measures networks, into DATA/scores/NAME.
 
     Parameters
@@ -58,7 +56,7 @@ def score(
 
     Returns
     -------
-    The plan, which has been run.
+    The name of the folder.
 
     Raises
     ------
@@ -142,7 +140,7 @@ def _settings(directory: DataDirectory) -> dict[str, Any]:
     return measuring | {"closed_resolution": None, "grasps": (1,)}
 
 
-def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, console: Console) -> Plan[FolderOutput]:
+def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, console: Console) -> str:
     """Run a stage that measures, if it is not up to date, with the seed of the evaluation or else of the dataset."""
     surfaces = directory.collection(SURFACES)
     record, seed = surfaces.first.record, surfaces.first.record.seed
@@ -158,8 +156,5 @@ def _measured(directory: DataDirectory, stage: DatasetStage, settings: Any, cons
         data=directory.root,
         options={str(option): value for option, value in record.options.items()},
     )
-    (plan,) = make_plans(request)
-    if not plan.up_to_date():
-        run(plan, console)
-    plan.output.refresh()
-    return plan
+    make(request, console)
+    return stage.writes(settings)

@@ -1,16 +1,17 @@
 """List the contents of a data directory, for people and for scripts."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from operator import attrgetter
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
-from pipeline.cluster.slurm import JobState, State, slurm_folder, states_of, submitted_jobs
-from pipeline.console import Cell, Row, Table, abbreviate, pluralise, show_tables
+from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabulate
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
@@ -19,10 +20,12 @@ from pipeline.store.row_files import RowFiles
 from pipeline.store.storage import File, Location, files_below, list_folder, on_disk
 from schemas.catalogue import ARTIFACTS
 
+JOB_STATES = ("pending", "running", "done", "failed", "unknown")
+
 
 @dataclass(frozen=True)
 class ArtifactAccount:
-    """Describe one artifact of a data directory."""
+    """One artifact of a data directory."""
 
     artifact: str
     shards: int
@@ -39,7 +42,7 @@ class ArtifactAccount:
 
 @dataclass(frozen=True)
 class FolderAccount:
-    """Describe one folder that a dataset stage filled: a model, an evaluation."""
+    """One folder that a dataset stage filled: a model, an evaluation."""
 
     folder: str
     stage: str
@@ -52,53 +55,47 @@ class FolderAccount:
 
 @dataclass(frozen=True)
 class Account:
-    """Describe a data directory."""
+    """The contents of a data directory."""
 
-    artifacts: list[ArtifactAccount]
-    folders: list[FolderAccount]
     garbage: float  # megabytes of what no record names
-    damaged: list[str]  # a line per thing that cannot be read
-    jobs: list[JobState]  # Slurm's
+    artifacts: list[ArtifactAccount] = field(default_factory=list)
+    folders: list[FolderAccount] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)  # a line per thing that cannot be read
+    jobs: dict[str, dict[str, Any]] = field(default_factory=dict)  # of Slurm, by output: name, number, and by task `states` and `why`
 
     def to_json(self) -> str:
         """Write the account as JSON, by artifact and folder, with `damaged` and `slurm` if any."""
         named = {entry.artifact: asdict(entry) for entry in self.artifacts} | {entry.folder: asdict(entry) for entry in self.folders}
-        damaged = {"damaged": self.damaged} if self.damaged else {}
-        jobs = {
-            state.job.output: state.job.model_dump() | {"states": {task.task: task.state for task in state.tasks}} for state in self.jobs
-        }
-        return json.dumps(named | damaged | ({"slurm": jobs} if jobs else {}), indent=2)
+        further = {"damaged": self.damaged, "slurm": self.jobs}
+        return json.dumps(named | {name: value for name, value in further.items() if value}, indent=2)
+
+    @contextmanager
+    def unless_damaged(self) -> Iterator[None]:
+        """Record a `StoreError` as damage, once."""
+        try:
+            yield
+        except StoreError as error:
+            if str(error) not in self.damaged:
+                self.damaged.append(str(error))
 
 
-def read_account(data: Location) -> Account:
-    """Read every artifact and folder of a data directory, in the pipeline's order."""
-    is_folder = (folder := on_disk(data)) and folder.is_dir()
-    if not list_folder(data) and not is_folder and not submitted_jobs(slurm_folder(data)):
+def read_account(data: Location, jobs: Callable[[], Mapping[str, dict[str, Any]]] = dict) -> Account:
+    """Read every artifact and folder of a data directory, in the pipeline's order, and its jobs on a cluster."""
+    directory, folder = DataDirectory(data), on_disk(data)
+    account = Account(garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)))
+    with account.unless_damaged():
+        account.jobs.update(jobs())
+    if not (list_folder(data) or (folder and folder.is_dir()) or account.jobs or account.damaged):
         raise StoreError(f"{data.resolve()} is not a data directory; make one with `vt-pipeline run`, or name another")
-    directory = DataDirectory(data)
-    account = Account([], [], garbage=sum(_megabytes(files_below(path)) for path in all_unreferenced(directory)), damaged=[], jobs=[])
     for name in directory.artifact_names():
-        with _unless_damaged(account):
+        with account.unless_damaged():
             artifact = _artifact(directory, name)
             if artifact.shards or artifact.unfinished:
                 account.artifacts.append(artifact)
     for name in directory.folders():
-        with _unless_damaged(account):
+        with account.unless_damaged():
             account.folders.append(_folder(directory, name))
-    with _unless_damaged(account):
-        folder = slurm_folder(data)
-        account.jobs.extend(states_of(folder, submitted_jobs(folder)))
     return account
-
-
-@contextmanager
-def _unless_damaged(account: Account) -> Iterator[None]:
-    """Record a `StoreError` as damage, once."""
-    try:
-        yield
-    except StoreError as error:
-        if str(error) not in account.damaged:
-            account.damaged.append(str(error))
 
 
 def _artifact(directory: DataDirectory, name: str) -> ArtifactAccount:
@@ -140,54 +137,57 @@ def _megabytes(files: Mapping[str, File]) -> float:
 
 def show(account: Account, console: Console) -> None:
     """Print the account as tables, and below them every failure with its reason."""
-    rows: list[Sequence[Cell]] = []
-    failures: dict[tuple[str, str], str] = {}
-    for entry in account.artifacts:
-        counts = (entry.shards, entry.objects, len(entry.failures), entry.unfinished)
-        rows.append([entry.artifact, *counts, entry.megabytes, entry.seconds, entry.digest[:16]])
-        failures |= {(object_id, why["stage"]): why["reason"] for object_id, why in entry.failures.items()}  # passed down: shown once
-    columns = ["artifact", "shards", "objects", "failed", "unfinished", "MB", "core s", "digest"]
-    tables = [Table("", columns, list(map(Row, rows)), ["", "", "", "", "", ".1f", ".0f", ""])]
-    if account.folders:
-        rows = [
-            [entry.folder, entry.stage, entry.megabytes, entry.seconds, entry.digest[:16], "stale" if entry.stale else ""]
-            for entry in account.folders
-        ]
-        tables.append(Table("", ["folder", "stage", "MB", "s", "digest", ""], list(map(Row, rows)), ["", "", ".1f", ".0f", "", ""]))
+    size: Columns = {"MB": (".1f", attrgetter("megabytes")), "core s": (".0f", attrgetter("seconds")), "digest": ("", _short_digest)}
+    counts: Columns = {name: ("", attrgetter(name)) for name in ("shards", "objects", "unfinished")}
+    counts["failed"] = ("", lambda entry: len(entry.failures))
+    tables = [tabulate("", "artifact", {entry.artifact: entry for entry in account.artifacts}, counts | size)]
+    if folders := {entry.folder: entry for entry in account.folders}:
+        facts: Columns = {"stage": ("", attrgetter("stage")), **size, "": ("", _stale_mark)}
+        tables.append(tabulate("", "folder", folders, facts))
     show_tables(console, tables)
-    reasons = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
-    lines = [("yellow", "stale", reason) for reason in dict.fromkeys(reasons) if reason]
-    if mixed := [entry.artifact for entry in account.artifacts if len(entry.processors) > 1]:
-        lines.append(
-            ("yellow", "mixed", f"{', '.join(mixed)}: computed by several kinds of processors, see `vt-pipeline validate --strict`")
-        )
+    stale = [*(entry.stale for entry in account.artifacts), *(entry.stale for entry in account.folders)]
+    lines = [("yellow", "stale", why) for why in dict.fromkeys(stale) if why]
+    if mixed := ", ".join(entry.artifact for entry in account.artifacts if len(entry.processors) > 1):
+        lines.append(("yellow", "mixed", f"{mixed}: computed by several kinds of processors, see `vt-pipeline validate --strict`"))
     for entry in account.artifacts:
         if entry.missing:
-            lines.append(
-                ("yellow", "incomplete", f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})")
-            )
+            text = f"{entry.artifact}: {pluralise(len(entry.missing))} not made yet ({abbreviate(entry.missing)})"
+            lines.append(("yellow", "incomplete", text))
     lines += [("red", "damaged", line) for line in account.damaged]
     if account.garbage > 1:
         lines.append(("default", "garbage", f"{account.garbage:.0f} MB are named by no record; `vt-pipeline collect-garbage` removes them"))
+    failures = {  # failures are passed down: each is shown once
+        (name, why["stage"]): why["reason"] for entry in account.artifacts for name, why in entry.failures.items()
+    }
     lines += [("yellow", "failed", f"{object_id} in {stage}: {reason}") for (object_id, stage), reason in failures.items()]
     for color, state, text in lines:
         console.print(f"[{color}]{state}[/] {escape(text)}")
     _show_jobs(account.jobs, console)
 
 
-def _show_jobs(jobs: Sequence[JobState], console: Console) -> None:
+def _short_digest(entry: ArtifactAccount | FolderAccount) -> str:
+    return entry.digest[:16]
+
+
+def _stale_mark(entry: FolderAccount) -> str:
+    return "stale" if entry.stale else ""
+
+
+def _count(state: str, job: Mapping[str, Any]) -> int:
+    return list(job["states"].values()).count(state)
+
+
+def _show_jobs(jobs: Mapping[str, dict[str, Any]], console: Console) -> None:
     """Print a line per Slurm job, and below them every task that failed with its log."""
-    columns: tuple[State, ...] = ("pending", "running", "done", "failed", "unknown")
-    rows = []
-    for state in jobs:
-        why = sorted({task.why for task in state.tasks if task.state in ("pending", "unknown") and task.why})
-        counts = state.counts()
-        rows.append(Row([state.job.name, str(state.job.number), *(counts.get(name, 0) for name in columns), ", ".join(why)]))
-    if rows:
-        show_tables(console, [Table("Slurm", ["job", "number", *columns, ""], rows)])
-    failed = [(state.job, task) for state in jobs for task in state.tasks if task.state == "failed"]
+    if not jobs:
+        return
+    columns: Columns = {"number": ("", lambda job: job["number"])}
+    for state in JOB_STATES:
+        columns[state] = ("", partial(_count, state))
+    columns[""] = ("", lambda job: ", ".join(sorted({why for task, why in job["why"].items() if job["states"][task] != "failed"} - {""})))
+    show_tables(console, [tabulate("Slurm", "job", {job["name"]: job for job in jobs.values()}, columns)])
+    failed = [(job, task) for job in jobs.values() for task, state in job["states"].items() if state == "failed"]
     for job, task in failed:
-        log = f"; see {task.log}" if task.log.exists() else ""
-        console.print(f"[yellow]failed[/] {escape(job.name)}, task {task.task}: {escape(task.why + log)}")
+        console.print(f"[yellow]failed[/] {escape(job['name'])}, task {task}: {escape(job['why'][task])}")
     if failed:
         console.print("run `vt-pipeline submit` with the same arguments to make the missing rows")

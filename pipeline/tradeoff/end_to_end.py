@@ -10,11 +10,9 @@ from rich.console import Console
 
 from pipeline.config.objects import Object
 from pipeline.engine import keys
-from pipeline.engine.stage import DatasetStage
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.touch.sensor import Sensor, resample
 from pipeline.store import digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tradeoff.measure import Setup, dependencies, kilobytes, linked_copy, stages_before, times_of
@@ -103,7 +101,7 @@ def _chain(setup: Setup) -> list[str]:
 def _outputs(setup: Setup) -> list[str]:
     """List the artifacts of the dataset, without trained networks."""
     stages = [load_stage(name) for name in _chain(setup)]
-    return [stage.writes(setup.settings(stage.name)) for stage in stages if not isinstance(stage, DatasetStage)]
+    return [stage.writes(setup.settings(stage.name)) for stage in stages if stage.per_object]
 
 
 def _key(setup: Setup) -> str:
@@ -160,7 +158,7 @@ def _measure(label: str, setup: Setup, data: Path, console: Console) -> Point:
                     errors.setdefault(object_id, []).append(value)
             else:
                 count, _ = stage.cost_of(settings, setup.objects)
-                times = times_of(stage, settings, data, count if isinstance(stage, DatasetStage) else 0)
+                times = times_of(stage, settings, data, 0 if stage.per_object else count)
                 seconds += count * sum(times.values()) / max(len(times), 1)
     return Point(
         label=label,

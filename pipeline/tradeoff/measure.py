@@ -16,9 +16,8 @@ from pipeline.config.objects import Object
 from pipeline.config.presets import load_presets
 from pipeline.config.settings import Settings
 from pipeline.engine import keys
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.stage import DatasetStage, ObjectStage, names_read
 from pipeline.engine.trade import Changes, Trade
 from pipeline.engine.versions import processor
 from pipeline.errors import InvalidInput, PipelineError, StoreError, unknown_name
@@ -60,8 +59,7 @@ class Setup:
     def make(self, stage: str, settings: Settings, data: Path, console: Console) -> None:
         """Make a stage's output in a data directory, one object after the other in this process."""
         request = Request(load_stage(stage), settings, self.manifest, self.objects, self.preset, self.seed, data)
-        for plan in make_plans(request):
-            run(plan, console)
+        make(request, console)
 
     def begin(self, folder: Path, stage: str, key: str, **facts: Any) -> MeasuredTrade:
         """Read the measurement under this key with these objects, else begin a new one and clear its folder."""
@@ -86,7 +84,7 @@ def stages_before(stage: str, setup: Setup) -> list[str]:
     waiting = [stage]
     while waiting:
         loaded, settings = load_stage(name := waiting.pop()), setup.settings(name)
-        direct = {makers[output] for output in names_read(loaded, settings)} - needed
+        direct = {makers[output] for output in loaded.reads(settings)} - needed
         needed |= direct
         waiting += direct
     return [name for name in makers.values() if name in needed]
@@ -104,8 +102,9 @@ def dependencies(stages: Sequence[str], setup: Setup) -> dict[str, Any]:
     attributes: dict[str, Any] = {}
     parts: dict[str, Any] = {}
     for name in stages:
-        loaded, settings = load_stage(name), setup.settings(name)
-        if isinstance(loaded, ObjectStage):
+        loaded: Any = load_stage(name)
+        settings = setup.settings(name)
+        if loaded.per_object:
             settings = loaded.resolve_settings(settings, attributes)
             attributes[loaded.output.name] = {**loaded.attributes(settings), "settings": settings.results()}
         parts[name] = [keys.code_hash(loaded), settings.results(), keys.assets_digest(loaded.assets(settings))]
@@ -175,7 +174,7 @@ def measure_trade(
     listed = {label: entry for label, entry in candidates(stage, setup).items() if label not in left_out}
     if not listed:
         raise InvalidInput(f"{stage}: every candidate takes longer than there is time for, even on few objects; give more --minutes")
-    trained = sum(item.split == "train" for item in setup.objects) if isinstance(loaded, DatasetStage) else 0
+    trained = sum(item.split == "train" for item in setup.objects) * (not loaded.per_object)
     facts = {"metric": trade.metric, "unit": trade.unit, "trained": trained, "total": len(listed)}
     measured = setup.begin(folder, stage, trade_key(stage, setup), **facts)
     measured_labels = {point.label for point in measured.points}

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.kernels.vision.background import background_color
-from pipeline.kernels.vision.view_transfer import carried_camera, moved_projection, transfer_view
+from pipeline.kernels.vision.view_transfer import background_color, carried_camera, moved_projection, transfer_view
 from pipeline.models.observation import Observation
 from pipeline.training.settings import ReconstructionSettings, TrainingSettings
 

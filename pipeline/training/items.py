@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from pydantic import BaseModel
 
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.kernels.charts.touch_chart import SIDE
@@ -13,6 +12,7 @@ from pipeline.kernels.geometry.transforms import scaling_about, transform_points
 from pipeline.kernels.metrics.chamfer import SearchCloud
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, ImageKind, NetworkInputs
 from pipeline.models.observation import Observation, observed_arrays, scale_of, stored_camera, stored_images, stored_observation
+from pipeline.models.reconstruction import Trained
 from pipeline.store.storage import Location
 
 TARGETS = 128
@@ -45,11 +45,12 @@ class Items:
         return isqrt(self.rows.size("vertices", "vertex")) if self.config.touch else SIDE
 
     @property
-    def camera(self) -> torch.Tensor | None:
+    def camera(self) -> list[list[float]] | None:
         """Read the (3, 4) projection matrix of the first object's image, scaled with it; None without images, or if each has its own."""
         if self.config.image in (None, "rendering"):
             return None
-        return torch.tensor(stored_camera(self.rows, self.rows.object_ids[0], self.config))
+        camera: list[list[float]] = stored_camera(self.rows, self.rows.object_ids[0], self.config).tolist()
+        return camera
 
     def scale(self, object_id: str) -> float:
         """Compute the factor that makes an object as large as networks learn them."""
@@ -144,18 +145,17 @@ class Items:
             return self.rows.size("rendering", "viewpoint")
         return self.rows.size("occluded", "grasp") if self.config.image == "occluded" else 1
 
-    def description(self, configuration: str, config: BaseModel) -> dict[str, Any]:
-        """Describe a network that was trained on these items, in the form that `Reconstructor` reads from its folder."""
+    def trained(self, configuration: str, network: NetworkInputs) -> Trained:
+        """Describe a network that was trained on these items."""
         diagonals = [self.rows.diagonal(object_id) for object_id in self.rows.object_ids]
-        return {
-            "configuration": configuration,
-            "network": config.model_dump(mode="json"),
-            "camera": None if self.camera is None else self.camera.tolist(),
+        facts: dict[str, Any] = {
+            "camera": self.camera,
             "resolution": self.resolution,
             "background": self.background,
             "charts": self.rows.attributes("charts")["settings"] if self.config.touch else None,
-            "diagonals": [min(diagonals), max(diagonals)],
+            "diagonals": (min(diagonals), max(diagonals)),
         }
+        return Trained(configuration=configuration, network=network, **facts)
 
     def name(self, item: int) -> str:
         """Name an item for a message."""

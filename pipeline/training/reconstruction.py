@@ -156,7 +156,7 @@ class ReconstructionTraining(DatasetStage):
             job.console.print(f"{name}: {line}")
         learner = self.learner(network, learning, validation, settings, job.seed)
         facts = train(learner, settings, folder=job.folder, seed=job.seed, name=name)
-        save_model(job.folder, network, learning.description(settings.configuration, network.config))
+        save_model(job.folder, network, learning.trained(settings.configuration, network.config))
         return facts | ({LEARNED_BEFORE: before} if before else {})
 
     def _begin_with_pretrained(self, network: Any, job: DatasetJob, name: str) -> list[dict[str, Any]]:

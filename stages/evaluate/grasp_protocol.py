@@ -17,7 +17,7 @@ from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import face_cross_products, is_watertight
-from pipeline.kernels.metrics.cloud_distances import CloudDistances, sampled_area
+from pipeline.kernels.metrics.cloud_distances import CloudDistances, ring_indices, ring_means, sampled_area
 from pipeline.kernels.metrics.surface_quality import (
     crossing_faces,
     dihedral_angles,
@@ -26,9 +26,8 @@ from pipeline.kernels.metrics.surface_quality import (
     seam_gaps,
     surface_area,
 )
-from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.touch.depth_maps import local_points
+from pipeline.kernels.vision.scene import Label
 from pipeline.models.reconstruction import Reconstructor, close_reconstruction
 from pipeline.rng import numpy_rng
 from pipeline.store.storage import Location

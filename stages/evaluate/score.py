@@ -95,11 +95,11 @@ class Score(DatasetStage):
         folder: Path,  # holds the files, as `find_files` takes them
         reads: Sequence[Artifact],  # existing artifacts beside `surfaces` and `grasps` that the baselines use
     ) -> None:
-        self.folder, self.reads = folder, tuple(reads)
+        self.folder, self.artifacts = folder, tuple(reads)
 
     def inputs(self, settings: ScoreSettings) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects, of the touch sites, and of the baselines."""
-        return (SURFACES, GRASPS, *self.reads)
+        return (SURFACES, GRASPS, *self.artifacts)
 
     def splits(self, settings: ScoreSettings) -> tuple[str, ...]:
         """Name all: test objects are measured, training objects retrieved, and Table 1 counts all."""
@@ -116,7 +116,7 @@ class Score(DatasetStage):
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Check all files, measure them and the baselines, and write the tables."""
         settings: ScoreSettings = job.settings
-        method = Method("unoccluded" if VISION in self.reads else None, TOUCH in self.reads)
+        method = Method("unoccluded" if VISION in self.artifacts else None, TOUCH in self.artifacts)
         protocol = ScoreProtocol(job, method, self.folder)
         files = protocol.refuse_faults()
         if files.unused:

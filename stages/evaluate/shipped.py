@@ -9,7 +9,6 @@ from typing import Any
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.stage import Cost, DatasetJob
 from pipeline.models.families import ROWS, load_reconstructor, load_rows, model_name, trained_folder
-from pipeline.models.learned_view import has_learned_view
 from pipeline.models.observation import stored_camera
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.models.shipped_weights import DEFAULT, SHIPPED, shipped_models
@@ -99,4 +98,4 @@ def _unfit(directory: DataDirectory, model: Reconstructor) -> Iterator[tuple[str
 def _is_seen_as_learned(directory: DataDirectory, model: Reconstructor) -> bool:
     """Check whether all test objects appear from the same side as in the network's training, and as large."""
     rows = ObjectRows(directory.root, ["projection"], "test")
-    return all(has_learned_view(model, stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids)
+    return all(model.trained.has_view(stored_camera(rows, object_id, model.config)) for object_id in rows.object_ids)

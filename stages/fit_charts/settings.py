@@ -5,8 +5,7 @@ from typing import Any, Literal
 from pydantic import field_validator
 
 from pipeline.config.settings import ObjectSettings, setting
-from pipeline.kernels.charts.fit_options import FitOptions
-from pipeline.kernels.charts.touch_chart import SIDE, chart_square
+from pipeline.kernels.charts.touch_chart import SIDE, FitOptions, chart_square
 
 TIGHT_HALT = 2.3e-4
 """Sensor widths²: the part above the floor of 4000 samples (1e-4 to 1.6e-4) is about 100 µm."""

@@ -11,9 +11,8 @@ from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.kernels.charts.chart_fitting import fit_charts
-from pipeline.kernels.charts.fit_options import StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.charts.touch_chart import StopRule, chart_square
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, sensor_to_world
 from pipeline.models.touch_model import TouchModel, load_touch_model
 from pipeline.rng import torch_generator

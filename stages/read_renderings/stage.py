@@ -11,7 +11,7 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.rendering_folder import PIXELS, image_name, read_renderings, rendering_files
-from pipeline.kernels.vision.viewpoint import placed_camera, viewpoint_camera
+from pipeline.kernels.vision.camera import placed_camera, viewpoint_camera
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.renderings import RENDERINGS

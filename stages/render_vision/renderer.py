@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
 from pipeline.kernels.vision.camera import Camera, Vector, camera_pose
-from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.primitives import Primitive, mesh_primitives
-from pipeline.kernels.vision.scene import Scene
+from pipeline.kernels.vision.scene import Label, Scene
 from stages.render_vision.opengl_context import OpenGLContext
 
 NEAR_PLANE, FAR_PLANE = 0.05, 20.0

@@ -21,8 +21,7 @@ from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_dia
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.vision.camera import project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
-from pipeline.kernels.vision.scene import NamedCamera, Scene
+from pipeline.kernels.vision.scene import Label, NamedCamera, Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS

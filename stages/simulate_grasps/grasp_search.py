@@ -16,7 +16,7 @@ from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_fr
 from pipeline.kernels.hand.object_distances import finger_clearance, penetration_depth
 from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.hand.self_collision import hand_gap
-from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.ray_depth import ray_depth
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.prepare import PreparedHand, PreparedObject

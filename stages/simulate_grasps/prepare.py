@@ -14,9 +14,9 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.collision_shapes import CollisionSpheres, collision_boxes, collision_spheres
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from pipeline.kernels.hand.grasp_ik import GraspIk, prepare_grasp_ik
-from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.hand.self_collision import close_links
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces
 from pipeline.kernels.touch.sensor import Sensor
 from stages.simulate_grasps.settings import GraspSettings
 

@@ -13,15 +13,13 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor, sensor_files
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.elastic_contact import contact_cells
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.press_patches import random_patch
-from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_press
+from pipeline.kernels.touch.press_shapes import Press, PressRanges, random_patch, random_press
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
-from pipeline.kernels.touch.resample_sensor import resample_longer_side
-from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.presses import PRESSED, PRESSES
@@ -115,7 +113,7 @@ def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.rand
         "press_depth": depth,
         "press_indentation": gel.indentation.astype(np.float32),
         "press_contact": gel.contact,
-        "press_image": image_of_gel(gel.indentation, sensor, rng),
+        "press_image": render_gel(gel.indentation, sensor, rng),
     }
     if gel.pressure is not None:
         row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}

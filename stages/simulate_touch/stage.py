@@ -13,14 +13,12 @@ from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import BoxedFaces, box_faces
+from pipeline.kernels.touch.depth_maps import local_points, quantise_depth
 from pipeline.kernels.touch.pressed_gel import normal_force, press_gel
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import BoxedFaces, box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
-from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
@@ -112,7 +110,7 @@ def _touch(
         exact = sphere_traced_depth(faces, pose, sensor, tolerance=settings.sphere_tolerance)
     depth = quantise_depth(exact, sensor, gel_bits=settings.gel_bits, far_bits=settings.far_bits)
     gel = press_gel(depth, sensor)
-    row: Row = {"depth": depth, "tactile_image": image_of_gel(gel.indentation, sensor, rng)}
+    row: Row = {"depth": depth, "tactile_image": render_gel(gel.indentation, sensor, rng)}
     if gel.pressure is not None:
         row |= {"pressure": gel.pressure.astype(np.float32), "force": np.array(normal_force(gel.pressure, sensor), np.float32)}
     if settings.store_points:

@@ -11,8 +11,7 @@ from pipeline.kernels.charts.touch_chart import SIDE
 from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import SearchCloud, squared_distances
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.metrics.surface_regularisers import edge_length
-from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.kernels.metrics.surface_sampling import edge_length, sample_surface
 from pipeline.kernels.networks.network_configurations import NetworkConfig
 from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor, assemble_surfaces
 from pipeline.models.observation import NetworkBatch

@@ -8,8 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
-from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
+from pipeline.kernels.networks.local_network import GelState, LocalNetwork, LocalShape, local_loss, pixel_positions
 from pipeline.kernels.touch.sensor import MM
 from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner

@@ -11,7 +11,7 @@ from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.touch.tactile_image import image_of_gel, untouched_image
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
 from pipeline.rng import numpy_rng
 from pipeline.store.storage import Location
 
@@ -106,5 +106,5 @@ def random_presses(
         press = random_press(sensor, rng)
         varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
-        presses.append(SimulatedPress(image_of_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
+        presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
     return RandomPresses(sensor, untouched_image(sensor), presses)

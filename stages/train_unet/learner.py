@@ -9,11 +9,9 @@ from torch import Tensor, nn
 
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.errors import StageError
-from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
-from pipeline.kernels.networks.unet import UNet
+from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss, projected_chamfer_loss, visible_depth
 from pipeline.kernels.tensor_checks import network_input
-from pipeline.kernels.touch.gel_surface import gel_surface, gel_top
+from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Location
 from pipeline.training.augmentation import vary_image

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from pipeline.config.settings import setting
-from pipeline.kernels.networks.contact_mask import THRESHOLD
+from pipeline.kernels.networks.unet import THRESHOLD
 from pipeline.kernels.tensor_checks import COLOURS
 from pipeline.training.schedule import Schedule
 from pipeline.training.settings import TrainingSettings

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.engine.trade import Trade
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.kernels.touch.depth_maps import in_gel
 from pipeline.models.touch_model import load_touch_model
 from pipeline.store.directory import DataDirectory
 from stages.train_unet.learner import load_touches

@@ -16,7 +16,7 @@ from benchmarks.real_touch.baselines import depth_of, look_up_table
 from benchmarks.real_touch.photograph_sets import SETS, PhotographSet, Press, SetDescription, read_sets
 from benchmarks.real_touch.scores import Reading, ball_footprint, ball_radius, mean_scores, score
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
 ROWS, COLS, SCALE = 60, 80, 0.2

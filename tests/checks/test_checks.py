@@ -16,14 +16,10 @@ from pipeline.checks.hand_check import gel_lines
 from pipeline.drawing.plots import draw_curves, draw_histogram
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.description_file import description_path
-from pipeline.formats.scene_file import load_scene
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
-from pipeline.kernels.vision.camera import projection_matrix
-from pipeline.reconstruct.model_inputs import ModelInputs
 from pipeline.tables.results import training_losses
 from tests.checks.edited_descriptions import edited
-from tests.reconstruct.robot import SENSOR, write_files, write_observation
+from tests.reconstruct.robot import write_files, write_observation
 
 
 @pytest.mark.parametrize("name", ["two_finger_gripper", "supplement", "one-of-each"])
@@ -69,62 +65,6 @@ def test_scene_whose_camera_looks_away_is_faulty(tmp_path: Path) -> None:
     lines = check_file(str(path), tmp_path / "a.png")
     assert "faults below" in lines[0]
     assert any(line.startswith("fault: away: 256 x 256 pixels") for line in lines)
-
-
-@pytest.mark.parametrize("unit", ["m", "mm"])
-def test_observation_is_described_and_drawn(tmp_path: Path, unit: str) -> None:
-    entries = write_files(tmp_path)
-    entries["touches"][1]["pose"] = (np.array(entries["touches"][1]["pose"]) @ np.diag([1.0, -1, -1, 1])).tolist()
-    if unit == "mm":
-        entries["unit"] = unit
-        entries["object"] = {"centre": [1e3 * value for value in entries["object"]["centre"]]}
-        for holder in (entries["camera"], *entries["touches"]):
-            holder["pose"] = (np.array(holder["pose"]) * np.vstack([[[1, 1, 1, 1e3]] * 3, [[1, 1, 1, 1]]])).tolist()
-    path = write_observation(tmp_path, entries)
-    lines = check_file(str(path), tmp_path / "a.png")
-    place = {"m": "[0.4, -0.1, 0.2] m (as stated), diagonal 0.208 m", "mm": "[400, -100, 200] mm (as stated), size not known"}[unit]
-    assert lines[:2] == [f"{path}: observation, no faults", f"object at {place}"]
-    assert "camera: 160 x 120 pixels, 0.5 m from the object, 0.0° above its horizon" in lines[2]
-    assert lines[3].startswith("touches.0: touches if its image shows so, 59 mm from the object's centre")
-    assert "warning: it faces away" in lines[4]
-    with Image.open(tmp_path / "a.png") as picture:
-        assert picture.width > 900
-
-
-def test_observation_is_checked_against_a_model_and_drawn_as_its_input(tmp_path: Path) -> None:
-    path = write_observation(tmp_path, write_files(tmp_path))
-    camera = projection_matrix(load_scene("supplement").camera)
-    given = ModelInputs("occluded-touch", CONFIGURATIONS["occluded-touch"], camera, (256, 256), (230, 232, 235), SENSOR)
-    lines = check_file(str(path), tmp_path / "a.png", given)
-    assert "with model occluded-touch:" in lines
-    assert any("the views differ by 19.2°" in line for line in lines)
-    assert any("give camera.hand_mask too" in line for line in lines)
-    with pytest.raises(InvalidInput, match="is a scene file; only an observation is checked against models"):
-        check_file("supplement", tmp_path / "b.png", given)
-
-
-def test_masks_that_are_inverted_or_hide_the_object_are_named(tmp_path: Path) -> None:
-    entries = write_files(tmp_path)
-    mask = np.asarray(Image.open(tmp_path / "mask.png"))
-    Image.fromarray(255 - mask).save(tmp_path / "inverted.png")
-    given = ModelInputs(
-        "unoccluded", CONFIGURATIONS["unoccluded"], projection_matrix(load_scene("supplement").camera), (256, 256), None, None
-    )
-    for changes, words in (
-        ({"mask": "inverted.png"}, "camera.mask holds most of the photograph's border: is it inverted?"),
-        ({"hand_mask": "inverted.png"}, "camera.hand_mask holds most of the photograph's border: is it inverted?"),
-        ({"hand_mask": "mask.png"}, "camera.hand_mask covers all of the object: is it inverted?"),
-    ):
-        path = write_observation(tmp_path, entries | {"camera": entries["camera"] | changes})
-        assert f"warning: {words}" in check_file(str(path), tmp_path / "a.png", given)
-
-
-def test_a_photograph_of_one_pixel_is_drawn(tmp_path: Path) -> None:
-    entries = write_files(tmp_path)
-    Image.fromarray(np.full((1, 1, 3), 90, np.uint8)).save(tmp_path / "seen.png")
-    del entries["camera"]["mask"]
-    entries["camera"]["intrinsics"] = {"fx": 10, "fy": 10, "cx": 0.5, "cy": 0.5}
-    assert check_file(str(write_observation(tmp_path, entries)), tmp_path / "a.png")
 
 
 def test_picture_replaces_a_symbolic_link_and_keeps_its_target(tmp_path: Path) -> None:

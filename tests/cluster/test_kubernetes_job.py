@@ -55,7 +55,8 @@ def test_script_runs_each_stage_for_its_shard_until_one_fails(tmp_path: Path):
     assert completed.returncode == 1
     lines = [line.split() for line in completed.stdout.splitlines()]
     assert [line[:2] for line in lines] == [["run", stage] for stage in ("sample-surfaces", "simulate-grasps", "render-vision")]
-    run = typer.main.get_command(app).commands["run"]  # type: ignore[attr-defined]
+    group: Any = typer.main.get_command(app)
+    run = group.get_command(None, "run")
     for line in lines:
         parameters = run.make_context("run", line[1:]).params
         assert (parameters["shard"], parameters["shards"], parameters["workers"]) == (5, JOB["spec"]["completions"], 8)

@@ -1,6 +1,4 @@
-"""Contact sheets: pages, pictures, colours, and the band of one grasp."""
-
-from __future__ import annotations
+"""Contact sheets: pages, pictures, colours, and the row of one grasp."""
 
 from collections.abc import Iterator
 
@@ -9,76 +7,52 @@ import pytest
 from PIL import Image
 
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.drawing.contact_sheet import BandMaker, band_maker, contact_sheets
-from pipeline.drawing.contact_sheet_page import (
-    COLORS,
-    PAGE,
-    PAPER,
-    PICTURE,
-    Band,
-    _scaled,
-    depth_colors,
-    draw,
-    enlarged,
-    grasp_note,
-    size_note,
-)
+from pipeline.drawing.colors import COLORS, depth_colors
+from pipeline.drawing.contact_sheet import contact_sheets, sheet_row
+from pipeline.drawing.grasp_pictures import GraspPictures, camera_images, grasp_note, size_note
+from pipeline.drawing.picture_sheet import PAGE, PAPER, PICTURE, SheetRow, Tile, draw_sheet, scaled
 from pipeline.errors import StoreError
+from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.kinematics import sensor_poses
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.touch.depth_maps import gel_surface
+from stages.render_vision.renderer import Renderer
 from tests.kernels.vision.shapes import SCENE, ball
 from tests.stages import ball_dataset
 
 SENSOR = load_sensor("gel_16mm")
-
-
-def make_band(name: str) -> Band:
-    depths = np.full((4, 100, 100), np.inf, np.float32)
-    depths[0, 40:60] = 0.003
-    depths[1] = 0.02
-    pictures = [(text, np.full((256, 256, 3), shade, np.uint8)) for text, shade in (("one", 10), ("two", 200), ("three", 120))]
-    tactile_images = np.full((4, 100, 100, 3), 90, np.uint8)
-    return Band(
-        name, "a note", pictures, ["index", "middle", "ring", "thumb"], np.array([True, False, False, False]), tactile_images, depths
-    )
+NOISE = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
+ROW = SheetRow("an object", "a note", [Tile("one", [NOISE]), Tile("two", [NOISE, NOISE], "below", COLORS[0], filled=True)])
 
 
 @pytest.fixture(scope="module")
-def maker() -> Iterator[BandMaker]:
-    hand = {"settings": {"hand": "allegro_right"}}
-    vision, touch = hand | {"scene": SCENE.model_dump(mode="json")}, {"sensors": [SENSOR.model_dump()] * 4}
-    with band_maker({"grasps": hand, "vision": vision, "touch": touch}) as opened:
-        yield opened
+def pictures() -> Iterator[GraspPictures]:
+    with Renderer(SCENE) as renderer:
+        yield GraspPictures(renderer, SCENE, load_hand("allegro_right"), [SENSOR] * 4)
 
 
 def test_sheet_is_split_into_pages(tmp_path) -> None:
-    files = draw([make_band(f"object-{k}") for k in range(PAGE + 1)], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
+    files = draw_sheet([ROW] * (PAGE + 1), tmp_path / "sheet.png", title="title", note="note", sensor=SENSOR)
     assert [file.name for file in files] == ["sheet.png", "sheet-2.png"]
     sizes = []
     for file in files:
         with Image.open(file) as image:
-            image.load()
-            assert image.mode == "RGB"
             sizes.append(image.size)
-    assert sizes[0][0] == sizes[1][0] > 3 * PICTURE
+    assert sizes[0][0] == sizes[1][0] > PICTURE
     assert sizes[0][1] > PAGE * PICTURE
     assert PICTURE < sizes[1][1] < 2 * PICTURE
 
 
 def test_pictures_are_shown_pixel_for_pixel(tmp_path) -> None:
-    band = make_band("noise")
-    noise = np.random.default_rng(0).integers(0, 256, (256, 256, 3)).astype(np.uint8)
-    band = Band(band.title, band.note, [("noise", noise)], band.fingers, band.touched, band.tactile_images, band.depths)
-    (file,) = draw([band], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
+    (file,) = draw_sheet([ROW], tmp_path / "sheet.png", title="title", note="note")
     page = np.asarray(Image.open(file))
-    corner = np.argwhere((page[:-256, :-256] == noise[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == noise[-1, -1]).all(axis=-1))
-    assert any((page[r : r + 256, c : c + 256] == noise).all() for r, c in corner)
+    corner = np.argwhere((page[:-256, :-256] == NOISE[0, 0]).all(axis=-1) & (page[255:-1, 255:-1] == NOISE[-1, -1]).all(axis=-1))
+    assert any((page[r : r + 256, c : c + 256] == NOISE).all() for r, c in corner)
 
 
 def test_sheet_of_no_objects_is_refused(tmp_path) -> None:
-    with pytest.raises(ValueError, match="no objects"):
-        draw([], tmp_path / "sheet.png", [SENSOR] * 4, title="title", note="note")
+    with pytest.raises(ValueError, match="without rows"):
+        draw_sheet([], tmp_path / "sheet.png", title="title", note="note")
 
 
 def test_depth_colours_distinguish_gel_beyond_gel_and_no_hit() -> None:
@@ -95,9 +69,7 @@ def test_depth_colours_follow_a_curved_gel(tmp_path) -> None:
     depth = np.full(sensor.shape, between, np.float32)
     colors = depth_colors(depth, sensor).astype(int)
     assert np.ptp(colors[0, 0]) < 10 < np.ptp(colors[10, 15])
-    band = make_band("rim")
-    band = Band(band.title, band.note, band.pictures, band.fingers, band.touched, band.tactile_images, np.stack([depth] * 4))
-    assert len(draw([band], tmp_path / "sheet.png", [sensor] * 4, title="title", note="note")) == 1
+    assert draw_sheet([ROW], tmp_path / "sheet.png", title="title", note="note", sensor=sensor)
 
 
 def test_depth_colours_work_for_a_range_that_ends_with_the_gel() -> None:
@@ -108,11 +80,11 @@ def test_depth_colours_work_for_a_range_that_ends_with_the_gel() -> None:
     assert nothing.min() == 250
 
 
-def test_band_shows_hand_object_and_marks(maker) -> None:
+def test_row_shows_hand_object_and_marks(pictures) -> None:
     hand_pose = np.eye(4)
     hand_pose[:3, 3] = [-0.1, 0.0, 0.55]
-    angles = np.clip(np.full(16, 0.6), maker.hand.lower, maker.hand.upper)
-    poses = sensor_poses(maker.hand, hand_pose, angles)
+    angles = np.clip(np.full(16, 0.6), pictures.hand.lower, pictures.hand.upper)
+    poses = sensor_poses(pictures.hand, hand_pose, angles)
     grasp = {"hand_pose": hand_pose, "joint_angles": angles, "sensor_pose": poses, "touch_success": np.ones(4, bool), "penetration": 0.0}
     touch = {"depth": np.full((4, 100, 100), 0.003, np.float32), "tactile_image": np.zeros((4, 100, 100, 3), np.uint8)}
     rows = {
@@ -121,30 +93,29 @@ def test_band_shows_hand_object_and_marks(maker) -> None:
         "vision": {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8), "segmentation": np.ones((1, 1, 256, 256), np.uint8)},
         "touch": {name: value[None] for name, value in touch.items()},
     }
-    band = maker.band("ball", rows)
-    assert [text for text, _ in band.pictures] == ["unoccluded", "from a second side", "touch sites"]  # it has no occluded images
-    held, felt = band.pictures[1][1], band.pictures[2][1]
-    assert held.shape == felt.shape == (256, 256, 3)
+    tiles = sheet_row(pictures, "ball", rows).tiles
+    assert [tile.caption for tile in tiles[:3]] == ["camera image", "from a second side", "touch sites"]  # it has no occluded images
+    assert [(tile.caption, tile.note, tile.filled) for tile in tiles[3:4]] == [("index", "touch · 3.0 mm", True)]
+    held, touched = tiles[1].pictures[0], tiles[2].pictures[0]
+    assert held.shape == touched.shape == (256, 256, 3)
     background = held[0, 0].astype(int)
-    for shown in (held, felt):
+    for shown in (held, touched):
         away = np.abs(shown.astype(int) - background).max(axis=-1) > 20
         assert 0.05 < away.mean() < 0.95
         near = [np.abs(shown.astype(int) - color).max(axis=-1).min() for color in COLORS[:4]]
         assert max(near) < 60  # every finger's colour is there
-    small = np.zeros((1, 1, 256, 256), np.uint8)
-    small[0, 0, 100:120, 100:120] = 1
-    occluded = np.full((1, 1, 256, 256, 3), 7, np.uint8)
-    again = maker.band("ball", {**rows, "vision": {**rows["vision"], "segmentation": small, "occluded": occluded}})
-    assert [text for text, _ in again.pictures[:2]] == ["unoccluded, enlarged 10.7 ×", "occluded, enlarged 10.7 ×"]
-    assert again.pictures[0][1].shape == (24, 24, 3)
-    assert (again.pictures[1][1] == 7).all()
-    assert (again.pictures[2][1] == held).all()
 
 
-def test_image_without_visible_parts_is_not_enlarged() -> None:
-    image = np.zeros((240, 320, 3), np.uint8)
-    part, note = enlarged(image, np.zeros((2, 240, 320), bool))
-    assert (part.shape, note) == (image.shape, "")
+def test_small_objects_are_enlarged_in_camera_images() -> None:
+    small = np.zeros((2, 1, 256, 256), np.uint8)
+    small[:, 0, 100:120, 100:120] = 1
+    vision = {"unoccluded": np.zeros((1, 256, 256, 3), np.uint8), "occluded": np.full((1, 1, 256, 256, 3), 7, np.uint8)}
+    (alone, image), (held, occluded) = camera_images(vision | {"segmentation": small}, 0)
+    assert (alone, held) == ("camera image, enlarged 10.7 ×", "with the hand, enlarged 10.7 ×")
+    assert image.shape == (24, 24, 3)
+    assert (occluded == 7).all()
+    (_, image), _ = camera_images(vision | {"segmentation": 0 * small}, 0)
+    assert image.shape == (256, 256, 3), "nothing is visible"
 
 
 @pytest.mark.parametrize(("margin", "words"), [(0.0, "not force-closed"), (0.25, "force-closed with margin 0.25")])
@@ -172,7 +143,7 @@ def test_progress_of_slow_sheets_is_shown(tmp_path, monkeypatch, capsys) -> None
 def test_changed_sheets_are_drawn_again_and_never_through_symbolic_links(tmp_path, monkeypatch) -> None:
     data, mine = tmp_path / "data", tmp_path / "thesis.txt"
     ball_dataset.make_data(data, 1)
-    monkeypatch.setattr("pipeline.drawing.contact_sheet._draw", lambda collections, shown, path: path.write_text("a sheet"))
+    monkeypatch.setattr("pipeline.drawing.contact_sheet.draw_contact_sheet", lambda source, shown, path: path.write_text("a sheet"))
     (sheet,) = contact_sheets(data, 1)
     sheet.write_text("")
     (data / "contact-sheet-mine.png").write_text("mine")
@@ -196,12 +167,12 @@ def test_changed_sheets_are_drawn_again_and_never_through_symbolic_links(tmp_pat
 def test_pages_are_listed_in_their_order(tmp_path, monkeypatch) -> None:
     ball_dataset.make_data(tmp_path, 1)
     names = ["contact-sheet.png", *(f"contact-sheet-{page}.png" for page in range(2, 12))]
-    monkeypatch.setattr("pipeline.drawing.contact_sheet._draw", lambda *_: None)
+    monkeypatch.setattr("pipeline.drawing.contact_sheet.draw_contact_sheet", lambda *_: None)
     monkeypatch.setattr("pipeline.drawing.contact_sheet.hashes_of", lambda _: dict.fromkeys(reversed(names), "0" * 64))
     assert [sheet.name for sheet in contact_sheets(tmp_path, 1)] == names
 
 
 def test_image_that_is_not_square_keeps_its_shape():
-    shown = np.asarray(_scaled(np.zeros((60, 80, 3), np.uint8), 80))
+    shown = np.asarray(scaled(np.zeros((60, 80, 3), np.uint8), 80))
     assert (shown[10:70] == 0).all()
     assert (shown[[0, -1]] == PAPER).all()

@@ -11,12 +11,12 @@ from trimesh.transformations import translation_matrix
 from trimesh.visual.color import linear_to_srgb
 
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.drawing.colors import Y_UP
 from pipeline.drawing.grasp_scene import GRID, LINK_FACES, OBJECT_FACES, TEXTURE, TEXTURED_FACES, GraspScenes
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.reconstruct.mesh_files import Y_UP
 
 HAND, SENSOR = load_hand("allegro_right"), load_sensor("gel_16mm")
 

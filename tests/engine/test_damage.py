@@ -13,7 +13,6 @@ import zarr
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from pipeline.engine.run import run as run_plan
 from pipeline.engine.unit import Unit
 from pipeline.errors import StoreError
 from pipeline.store import garbage
@@ -148,10 +147,10 @@ def test_dataset_stage_refuses_a_damaged_row(tmp_path):
     zarr.open_group(str(group(tmp_path)), mode="r+")["values"][2, 0, 0] = 7.0
     stage = Average()
     with pytest.raises(StoreError, match="c is damaged; `vt-pipeline run make-noise --check`"):
-        run_plan(plan_of(request(tmp_path, stage)), CONSOLE)
+        plan_of(request(tmp_path, stage)).make(CONSOLE)
     assert not stage.made
     run(request(tmp_path, check=True))
-    run_plan(plan_of(request(tmp_path, stage)), CONSOLE)
+    plan_of(request(tmp_path, stage)).make(CONSOLE)
     assert stage.made
 
 

@@ -22,7 +22,6 @@ from distributed import Security
 from pipeline.engine import dask_executor, local_cluster
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.run import run as run_plan
 from pipeline.engine.session import Work
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
@@ -229,7 +228,7 @@ def test_reused_workers_read_replaced_inputs_and_keep_temporary_files_in_dask_sc
     with Dask() as executor:
         for samples in (50, 60):
             run(request(tmp_path, settings={"samples": samples}))
-            assert run_plan(plan_of(request(tmp_path, TakeMean(), executor=executor)), CONSOLE).made == 5
+            assert plan_of(request(tmp_path, TakeMean(), executor=executor)).make(CONSOLE).objects == 5
         profiling = executor._connect(1).run(dask.config.get, "distributed.worker.profile.enabled")
         assert [*profiling.values()] == [False]  # profiling makes a worker grow by 0.1 MB per second
         (temporary,) = executor._connect(1).run(tempfile.mkdtemp).values()

@@ -2,16 +2,14 @@
 
 import os
 import stat
-from importlib import import_module
 
 import pytest
 
 from pipeline.config.manifest import Object
 from pipeline.engine.dask_executor import Dask
-from pipeline.engine.run import forecast
-from pipeline.engine.shard_units import failures
+from pipeline.engine.make import make
 from pipeline.errors import BugFound, InvalidInput
-from tests.engine.tiny_stages import MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
+from tests.engine.tiny_stages import CONSOLE, MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
 
 
 def test_rows_of_failed_objects_are_zeros_and_valid(tmp_path):
@@ -46,8 +44,7 @@ def test_dry_run_counts_unpublished_failures_that_retry_runs_again(tmp_path):
     items = objects(3, b=f"until {flag}")
     for name in "ab":
         leave_row(request(tmp_path, items=items), name)
-    missing = [[planned.missing for _, planned in forecast(request(tmp_path, items=items, **options))] for options in ({}, {"retry": True})]
-    assert missing == [[1], [2]]
+    assert [make(request(tmp_path, items=items, retry=retry), CONSOLE, dry_run=True)[0].objects for retry in (False, True)] == [1, 2]
     flag.touch()
     assert run(request(tmp_path, items=items, retry=True)) == 2
 
@@ -64,7 +61,8 @@ def test_strict_run_accepts_failures_of_earlier_stages_whether_or_not_it_is_up_t
     later = request(tmp_path, stage=TakeMean(), items=items, strict=True)
     assert run(later) == 2
     assert run(later) == 0
-    assert failures(plan_of(later)) == {}
+    (made,) = make(later, CONSOLE)
+    assert (made.text, made.failures) == ("up to date, 3 objects; 1 object failed in an earlier stage", {})
 
 
 def test_retry_of_an_object_is_up_to_date_though_another_has_failed(tmp_path):
@@ -74,22 +72,14 @@ def test_retry_of_an_object_is_up_to_date_though_another_has_failed(tmp_path):
     assert up_to_date == {"a": True, "b": False, None: False}
 
 
-def test_failures_are_listed_once_per_run(tmp_path, monkeypatch):
-    command, listed = import_module("pipeline.cli.run"), []
-    monkeypatch.setattr(command, "failures_of", lambda plan: listed.append(plan) or {})
-    for count in (1, 2):  # the second is up to date
-        command.run_plan(plan_of(request(tmp_path)))
-        assert len(listed) == count
-
-
 def test_failure_under_other_settings_is_ignored(tmp_path):
     mended = tmp_path / "mended"
     items = objects(3, b=f"until {mended}")
     run(request(tmp_path, items=items))
     mended.touch()
     with_more = request(tmp_path, items=items, settings={"samples": 60}, only="b")
-    assert run(with_more) == 1
-    assert failures(plan_of(with_more)) == {}
+    (made,) = make(with_more, CONSOLE)
+    assert (made.objects, made.failures) == (1, {})
 
 
 def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_path):

@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from pipeline.engine.run import run as run_plan
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.store.directory import DataDirectory
@@ -23,7 +22,7 @@ RECORD = Path("models/average.json")
 def make(data: Path, stage: Average | None = None, **changes: Any) -> bool:
     """Run a stage; return whether it made anything."""
     stage = stage or Average()
-    run_plan(plan_of(request(data, stage, **changes)), CONSOLE)
+    plan_of(request(data, stage, **changes)).make(CONSOLE)
     return stage.made > 0
 
 
@@ -135,10 +134,10 @@ def test_missing_input_is_named_with_the_command_that_makes_it(tmp_path):
     with pytest.raises(StoreError, match="no object in split train"):
         make(tmp_path, items=objects(5, split="valid"))
     with pytest.raises(StoreError, match=r"models/average has not been made; run `vt-pipeline run train-average` first"):
-        make(tmp_path, Average(reads=("models/average",)))
+        make(tmp_path, Average(trained=("models/average",)))
     further = "vt-pipeline run train-gcn --set train-gcn.configuration=touch --set train-gcn.training_seed=1"
     with pytest.raises(StoreError, match=rf"models/seed-1/gcn/touch has not been made; run `{further}` first"):
-        make(tmp_path, Average(reads=("models/seed-1/gcn/touch",)))
+        make(tmp_path, Average(trained=("models/seed-1/gcn/touch",)))
 
 
 def test_manifest_that_differs_from_the_rows_is_refused(tmp_path):
@@ -156,16 +155,16 @@ def test_manifest_that_differs_from_the_rows_is_refused(tmp_path):
 def test_model_of_outdated_inputs_is_refused_and_reported_by_status(tmp_path):
     run(request(tmp_path))
     make(tmp_path)
-    assert make(tmp_path, Average(reads=("models/average",)))
-    assert not make(tmp_path, Average(reads=("models/average",)))
+    assert make(tmp_path, Average(trained=("models/average",)))
+    assert not make(tmp_path, Average(trained=("models/average",)))
     run(request(tmp_path, seed=1))
     with pytest.raises(StoreError, match=r"made from other noise than the current ones; run average again"):
         check_origins(DataDirectory(tmp_path), ["models/average"])
     with pytest.raises(StoreError, match="run average again"):
-        make(tmp_path, Average(reads=("models/average",)))
+        make(tmp_path, Average(trained=("models/average",)))
     assert all("run average again" in str(folder.stale) for folder in read_account(tmp_path).folders)
     make(tmp_path)
-    assert make(tmp_path, Average(reads=("models/average",)))
+    assert make(tmp_path, Average(trained=("models/average",)))
     assert [folder.stale for folder in read_account(tmp_path).folders] == [None, None]
 
 

@@ -64,17 +64,17 @@ def test_changed_module_rehashes_the_stages_that_depend_on_it_only(tmp_path):
         "pipeline/contrib/toy_objects/knife.py": ["pipeline.contrib.toy_objects.knife"],
         "pipeline/rng.py": sorted(MODULES),
         "pipeline/store/shard.py": [],
-        "pipeline/engine/run.py": [],
+        "pipeline/engine/make.py": [],
         "pipeline/kernels/geometry/exterior_sampling.py": ["stages.sample_surfaces.stage"],
-        "pipeline/kernels/vision/camera.py": ["stages.render_vision.stage"],
+        "pipeline/kernels/vision/primitives.py": ["stages.render_vision.stage"],
         "pipeline/kernels/touch/tactile_image.py": [
             "stages.simulate_presses.stage",
             "stages.simulate_touch.stage",
             "stages.train_touch.stage",
         ],
-        "pipeline/kernels/networks/touch_losses.py": ["stages.train_unet.stage"],
+        "pipeline/kernels/networks/unet.py": ["stages.fit_charts.stage", "stages.train_touch.stage", "stages.train_unet.stage"],
         "pipeline/kernels/charts/chart_steps.py": ["stages.fit_charts.stage"],
-        "pipeline/kernels/metrics/touch_site_rings.py": ["stages.evaluate.stage"],
+        "pipeline/kernels/metrics/retrieval.py": ["stages.evaluate.stage"],
     }
     for package in ("pipeline", "stages", "schemas"):
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "*.obj"))
@@ -87,7 +87,7 @@ def test_source_files_are_decoded_by_their_declared_encoding(tmp_path: Path) -> 
     hashes = set()
     for encoding in ("utf-8", "latin-1"):
         (path := tmp_path / f"{encoding}.py").write_bytes(f"# -*- coding: {encoding} -*-\nMICRO = 'µ'\n".encode(encoding))
-        hashes.add(keys._parsed("package", path, 0))
+        hashes.add(keys._parse("package", path)[0])
     assert len(hashes) == 1
 
 

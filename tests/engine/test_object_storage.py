@@ -12,7 +12,6 @@ from uuid import uuid4
 import pytest
 
 from pipeline.engine.dask_executor import Dask
-from pipeline.engine.run import run as run_plan
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
@@ -98,9 +97,9 @@ def test_unfinished_run_is_continued_on_another_machine(data, tmp_path):
 def test_unfinished_folder_is_continued_on_another_machine(data, tmp_path):
     run(request(data))
     with pytest.raises(StageError, match="no more"):
-        run_plan(plan_of(request(data, Average(dies=True))), CONSOLE)
+        plan_of(request(data, Average(dies=True))).make(CONSOLE)
     clear(tmp_path / "cache")
-    run_plan(plan_of(request(data, Average())), CONSOLE)
+    plan_of(request(data, Average())).make(CONSOLE)
     assert DataDirectory(data).folder("models/average").facts == {"resumed": True}
     assert not [name for name in files_below(data) if name.startswith(".work")]
 
@@ -220,7 +219,7 @@ def test_unreachable_server_gives_an_error_with_a_remedy(data, faults, monkeypat
     plan = plan_of(request(data, settings={"samples": 9}))
     faults.fault = lambda method, path: Answer(503)
     with pytest.raises(StoreError, match=r"s3://.*/noise/0000-of-0001 cannot be written: .*503.*; see that it is reachable"):
-        run_plan(plan, CONSOLE)
+        plan.make(CONSOLE)
     faults.fault = lambda method, path: None
     run(request(data, settings={"samples": 9}))
     assert not any(problems_below(data).values())

@@ -15,9 +15,7 @@ from pipeline.config.manifest import Object
 from pipeline.dataset.labelled import open_artifact
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
-from pipeline.engine.run import forecast, make_plans
-from pipeline.engine.run import run as run_plan
-from pipeline.engine.shard_units import pending_units
+from pipeline.engine.make import make, plans
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
@@ -88,7 +86,7 @@ def test_interrupted_run_is_continued(tmp_path):
         run(request(tmp_path / "cut", executor=StopsAfterTwo()))
     plan = plan_of(request(tmp_path / "cut"))
     assert plan.output.shard is None
-    assert len(pending_units(plan)) == 3
+    assert len(plan.pending_units()) == 3
     assert run(request(tmp_path / "cut")) == 3
     assert digest(tmp_path / "cut") == digest(tmp_path / "whole")
 
@@ -211,10 +209,10 @@ def test_data_directory_that_may_not_be_written_to_is_named(tmp_path, monkeypatc
     plan = plan_of(request(tmp_path, settings={"samples": 7}))
     for path in (plan.output.lock, plan.output.lock.parent):  # root may write anywhere
         monkeypatch.setattr(
-            "pipeline.engine.run.exclusive_lock", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied", path))
+            "pipeline.engine.plan.exclusive_lock", Mock(side_effect=PermissionError(errno.EACCES, "Permission denied", path))
         )
         with pytest.raises(StoreError, match=r"cannot be written: Permission denied; make .* writable, then run again"):
-            run_plan(plan, CONSOLE)
+            plan.make(CONSOLE)
 
 
 def test_data_directory_of_other_objects_is_not_overwritten(tmp_path):
@@ -232,15 +230,17 @@ def test_missing_description_file_ends_a_dry_run(tmp_path):
         patch.object(MakeNoise, "assets", lambda *_: [description_path("sensor", "nope.yaml")]),
         pytest.raises(StageError, match=r"make-noise: there is no sensor 'nope\.yaml'; built in are"),
     ):
-        list(forecast(request(tmp_path)))
+        make(request(tmp_path), CONSOLE, dry_run=True)
 
 
 def test_dry_run_forecasts_the_chosen_shard(tmp_path):
     mean_request = request(tmp_path, stage=TakeMean(), shards=5)
-    assert [foreseen.total for _, foreseen in forecast(mean_request)] == [3, 0, 0, 1, 1], "before its inputs have been made"
-    assert [foreseen.missing for _, foreseen in forecast(mean_request, 0)] == [3]
+    foreseen = make(mean_request, CONSOLE, dry_run=True)
+    assert [shard.objects for shard in foreseen] == [3, 0, 0, 1, 1], "before its inputs have been made"
+    assert foreseen[0].text.startswith("would make 3 of 3 objects")
+    assert [shard.objects for shard in make(mean_request, CONSOLE, 0, dry_run=True)] == [3]
     with pytest.raises(StoreError, match="there is no shard 9 of 5"):
-        list(forecast(mean_request, 9))
+        make(mean_request, CONSOLE, 9, dry_run=True)
 
 
 def test_a_shard_without_objects_needs_no_inputs(tmp_path):
@@ -257,9 +257,8 @@ def test_shard_without_remaining_objects_is_withdrawn(tmp_path):
         run(request(tmp_path, stage=stage, shards=4))
     assert "b" in published(tmp_path)
     remaining = [item for item in objects(5) if item.object_id != "b"]
-    (foreseen,) = [planned for _, planned in forecast(request(tmp_path, items=remaining, shards=4), 1)]
-    assert not foreseen.up_to_date
-    assert foreseen.total == 0
+    (foreseen,) = make(request(tmp_path, items=remaining, shards=4), CONSOLE, 1, dry_run=True)
+    assert foreseen.text == "would be removed, all its objects have left the manifest"
     for stage in (MakeNoise(), TakeMean()):
         assert run(request(tmp_path, stage=stage, items=remaining, shards=4)) == 0
     assert sorted(published(tmp_path)) == sorted(published(tmp_path, MEAN)) == list("acde")
@@ -269,7 +268,7 @@ def test_shard_without_remaining_objects_is_withdrawn(tmp_path):
 
 def test_objects_of_another_manifest_are_not_dropped(tmp_path):
     run(request(tmp_path))
-    for function in (run, lambda asked: list(forecast(asked))):
+    for function in (run, lambda asked: make(asked, CONSOLE, dry_run=True)):
         with pytest.raises(InvalidInput, match=r"is of manifest tiny; other lacks 2 objects of it \(d, e\); name that --manifest"):
             function(request(tmp_path, items=objects(3), manifest="other"))
     assert list(published(tmp_path)) == list("abcde")
@@ -294,11 +293,11 @@ def test_records_of_inputs_are_read_once_for_all_shards(tmp_path, monkeypatch):
 
 def test_inputs_that_change_between_two_shards_are_noticed(tmp_path):
     run(request(tmp_path, shards=3))
-    plans = make_plans(request(tmp_path, TakeMean(), shards=3))
-    run_plan(next(plans), CONSOLE)
+    planned = plans(request(tmp_path, TakeMean(), shards=3))
+    next(planned).make(CONSOLE)
     run(request(tmp_path, shards=3, settings={"samples": 9}))
     with pytest.raises(StoreError, match="was replaced meanwhile; run again"):
-        [run_plan(plan, CONSOLE) for plan in plans]
+        [plan.make(CONSOLE) for plan in planned]
     assert run(request(tmp_path, TakeMean(), shards=3, settings={"samples": 9})) == 5
 
 

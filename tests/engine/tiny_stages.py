@@ -18,9 +18,8 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings, setting
 from pipeline.console import console_on
 from pipeline.engine.executor import Serial
+from pipeline.engine.make import make, plans
 from pipeline.engine.plan import Plan, Request
-from pipeline.engine.run import make_plans
-from pipeline.engine.run import run as run_plan
 from pipeline.engine.session import Work
 from pipeline.engine.stage import Cost, DatasetJob, DatasetStage, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
@@ -159,21 +158,21 @@ class Average(DatasetStage):
     summary = "average them all"
     settings_type = NoiseSettings
 
-    def __init__(self, dies: bool = False, reads: tuple[str, ...] = ()) -> None:
-        self.dies, self.reads = dies, reads
+    def __init__(self, dies: bool = False, trained: tuple[str, ...] = ()) -> None:
+        self.dies, self.trained = dies, trained
         self.made = 0
 
     def inputs(self, settings: NoiseSettings) -> tuple[Artifact, ...]:
         return (NOISE,)
 
     def models(self, settings: NoiseSettings) -> tuple[str, ...]:
-        return self.reads
+        return self.trained
 
     def splits(self, settings: NoiseSettings) -> tuple[str, ...]:
         return ("train",)
 
     def writes(self, settings: NoiseSettings) -> str:
-        return "models/second" if self.reads else "models/average"
+        return "models/second" if self.trained else "models/average"
 
     def cost(self, settings: NoiseSettings, objects: int) -> Cost:
         return Cost(0.01, 1)
@@ -195,7 +194,10 @@ class Average(DatasetStage):
 def objects(count: int, kind: str = "letter", split: str = "train", **troubles: str) -> list[Object]:
     """Make objects a, b, c …, some of them with a trouble."""
     names = [chr(ord("a") + number) for number in range(count)]
-    return [Object(name, kind, {"trouble": troubles.get(name), "name": name}, split) for name in names]
+    return [
+        Object(name, kind, {"kind": "procedural", "category": "bottle", "trouble": troubles.get(name), "name": name}, split)
+        for name in names
+    ]
 
 
 def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] | None = None, **changes: Any) -> Request:
@@ -208,14 +210,14 @@ def request(data: Path, stage: Any = None, count: int = 5, items: list[Object] |
 
 def plan_of(wanted: Request) -> Plan[Any]:
     """Make the only plan of a request."""
-    (plan,) = make_plans(wanted)
+    (plan,) = plans(wanted)
     return plan
 
 
 def run(wanted: Request, shard: int | None = None) -> int:
-    """Run every plan that is not up to date; return the number of objects made, without those that failed."""
+    """Run a stage; return the number of objects made, without those that failed."""
     with wanted.executor:
-        return sum(run_plan(plan, CONSOLE).made for plan in make_plans(wanted, shard) if not plan.up_to_date())
+        return sum(made.objects for made in make(wanted, CONSOLE, shard))
 
 
 def leave_row(wanted: Request, name: str) -> None:
@@ -227,12 +229,12 @@ def leave_row(wanted: Request, name: str) -> None:
 
 def pack(wanted: Request, row: Callable[[Unit], Row], failed: str = "") -> None:
     """Publish the rows that a function gives for each object, without starting workers; `failed` names failed objects."""
-    for plan in make_plans(wanted):
-        for unit in plan.units:
-            failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
-            values = {} if failure else conform(plan.output.artifact, row(unit))
-            plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
-        assert not run_plan(plan, CONSOLE).made
+    plan = plan_of(wanted)
+    for unit in plan.units:
+        failure = Failure(stage=plan.stage.name, reason="no room") if unit.name in failed else None
+        values = {} if failure else conform(plan.output.artifact, row(unit))
+        plan.output.rows.save(Result(name=unit.name, key=unit.key, failure=failure), values, unit.category)
+    assert not plan.make(CONSOLE).objects
 
 
 def publish(data: Path, name: str, folder: Path, stage: str, facts: dict[str, Any] | None = None) -> Path:

@@ -1,23 +1,20 @@
 """Cameras beside that of a network's training: the same side and size, wherever the azimuth wraps."""
 
-from __future__ import annotations
-
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.vision.view_transfer import moved_projection
-from pipeline.models.learned_view import has_learned_view
+from pipeline.models.reconstruction import Trained
 
 CAMERA = np.array([[0, 300.0, 0, 0], [0, 0, -300, 0], [-1, 0, 0, 0]]) + np.outer([64, 64, 1], [0, 0, 0, 1.0])
 """1 m along +x from the origin, which it looks at."""
 
 
-def model(camera: np.ndarray) -> Any:
-    return SimpleNamespace(camera=camera, resolution=(128, 128), config=SimpleNamespace(centre=(0.0, 0.0, 0.0), radius=0.25))
+def trained(camera: np.ndarray) -> Trained:
+    network = CONFIGURATIONS["occluded"].model_copy(update={"centre": (0.0, 0.0, 0.0)})
+    return Trained(configuration="occluded", network=network, camera=camera.tolist(), resolution=(128, 128), charts=None)
 
 
 def turned(degrees: float) -> np.ndarray:
@@ -28,10 +25,11 @@ def turned(degrees: float) -> np.ndarray:
 
 @pytest.mark.parametrize("training", [0.0, 100.0, 179.9])
 def test_camera_on_the_same_side_has_the_learned_view(training: float) -> None:
-    assert has_learned_view(model(turned(training)), turned(training + 0.2))
-    assert not has_learned_view(model(turned(training)), turned(training + 5))
+    assert trained(turned(training)).has_view(turned(training + 0.2))
+    assert not trained(turned(training)).has_view(turned(training + 5))
 
 
 def test_camera_of_another_zoom_has_not() -> None:
-    assert not has_learned_view(model(CAMERA), np.diag([2.0, 2.0, 1.0]) @ CAMERA)
-    assert not has_learned_view(SimpleNamespace(camera=None, resolution=None), CAMERA)  # type: ignore[arg-type]
+    assert not trained(CAMERA).has_view(np.diag([2.0, 2.0, 1.0]) @ CAMERA)
+    blind = Trained(configuration="touch", network=CONFIGURATIONS["touch"], camera=None, resolution=None, charts={})
+    assert not blind.has_view(CAMERA)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.charts.fit_options import StopRule
+from pipeline.kernels.charts.touch_chart import StopRule
 from pipeline.kernels.charts.vision_charts import vision_charts
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.deformation_reconstruction import DeformationReconstructor

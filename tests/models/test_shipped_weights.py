@@ -29,7 +29,7 @@ from pipeline.models.shipped_weights import (
 )
 from pipeline.models.touch_model import save_touch_model
 from pipeline.real_touch.read_touch import TouchReader
-from pipeline.reconstruct.predict import chosen_models
+from pipeline.reconstruct.predict import PredictOptions
 from stages.train_touch.settings import TouchTrainingSettings
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
@@ -92,20 +92,20 @@ def test_predict_without_models_uses_the_shipped_network(data, shipped, tmp_path
     done = CliRunner().invoke(app, ["predict", str(tmp_path / "out.ply"), "--data", str(bare), "--object", "b"])
     assert done.exit_code == 0, done.output
     assert trimesh.load(tmp_path / "out.ply").is_watertight
-    assert chosen_models(None, None, None) == (shipped, NETWORK)
-    assert chosen_models(models_place("shipped"), data, None) == (shipped, NETWORK)
-    assert chosen_models(None, data, None) == (data / "models", "occluded-touch")  # its own
-    assert chosen_models(None, bare, f"{NETWORK}-touch") == (shipped, f"{NETWORK}-touch")
-    with pytest.raises(StageError, match="the network that ships has one training; name models of training seed 1"):
-        chosen_models(None, data, None, training_seed=1)
+    assert PredictOptions().network() == (shipped, NETWORK)
+    assert PredictOptions(models_place("shipped")).network(data) == (shipped, NETWORK)
+    assert PredictOptions().network(data) == (data / "models", "occluded-touch")  # its own
+    assert PredictOptions(None, f"{NETWORK}-touch").network(bare) == (shipped, f"{NETWORK}-touch")
+    with pytest.raises(StageError, match="the pretrained network has one training; name models of training seed 1"):
+        PredictOptions(training_seed=1).network(data)
 
 
 def test_missing_shipped_weights_give_an_error_that_names_the_option(tmp_path, monkeypatch):
     for module in ("pipeline.models.shipped_weights", "pipeline.reconstruct.predict"):
         monkeypatch.setattr(f"{module}.SHIPPED", tmp_path / "none")
     with pytest.raises(StageError, match="name a folder of models with --models"):
-        chosen_models(None, None, None)
-    assert chosen_models(None, tmp_path, None) == (tmp_path / "models", "occluded-touch")
+        PredictOptions().network()
+    assert PredictOptions().network(tmp_path) == (tmp_path / "models", "occluded-touch")
 
 
 @pytest.mark.parametrize(("content", "words"), [("[", "cannot be read as a card"), ("network: 3\n", "network")])

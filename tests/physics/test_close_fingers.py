@@ -8,8 +8,8 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.collision_shapes import collision_boxes
-from pipeline.kernels.hand.link_overlaps import close_links
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.hand.self_collision import close_links
 from pipeline.physics import hand_body
 from pipeline.physics.simulation import Simulation
 from stages.simulate_grasps.prepare import FINGER_GAP, finger_gap

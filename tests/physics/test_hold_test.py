@@ -13,7 +13,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import Gel
 from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, OVERLAP, HoldTest, gel_spring
 from pipeline.physics.motion import REST, WITHIN, Motion, Track, is_held

@@ -19,12 +19,11 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.ball_contact import Circle, ball_impression
 from pipeline.kernels.touch.colour_fit import fit_background
+from pipeline.kernels.touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
-from pipeline.real_touch.photograph_faults import photograph_faults, untouched_faults
 from pipeline.real_touch.read_touch import TouchReader
-from pipeline.reconstruct.observation_checks import faults
-from pipeline.reconstruct.observation_file import load_observation
+from pipeline.reconstruct.observation_checks import check
 from tests.kernels.touch.test_photograph_alteration import SENSORS, grey, noisy, press
 from tests.reconstruct.robot import write_files, write_observation
 
@@ -183,17 +182,17 @@ def test_observation_names_altered_tactile_images_or_accepts_them(tmp_path: Path
         Image.fromarray(np.ascontiguousarray(image)).save(tmp_path / f"{name}.png")
     path = write_observation(tmp_path, entries | {"untouched": "untouched.png"})
     with pytest.raises(InvalidInput) as error:
-        load_observation(path, faults)
+        check(path)
     assert "touches.1, compared with the untouched one: colours exchanged" in str(error.value)
     assert "touches.0" not in str(error.value)
     assert "add accept_photographs: true" in str(error.value)
-    load_observation(write_observation(tmp_path, entries | {"untouched": "untouched.png", "accept_photographs": True}), faults)
+    check(write_observation(tmp_path, entries | {"untouched": "untouched.png", "accept_photographs": True}))
     with pytest.raises(InvalidInput, match=r"touches\.1, compared with the background of sensor gel_16mm: colours exchanged"):
-        load_observation(write_observation(tmp_path, entries), faults)
+        check(write_observation(tmp_path, entries))
     path = write_observation(tmp_path, entries | {"untouched": "untouched.png"})
     Image.fromarray(np.ascontiguousarray(untouched[::-1, ::-1])).save(tmp_path / "untouched.png")
     with pytest.raises(InvalidInput, match=r"the untouched photograph, .*: turned by 180°"):
-        load_observation(path, faults)
+        check(path)
 
 
 def write_presses(folder: Path, alter: Callable[[Pixels, int], Pixels]) -> None:

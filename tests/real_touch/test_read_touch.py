@@ -28,7 +28,7 @@ from pipeline.formats.image_file import read_depth, read_image
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.resample_sensor import resample
+from pipeline.kernels.touch.sensor import resample
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.shipped_weights import shipped_sensor_network
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model

@@ -1,7 +1,5 @@
 """A small robot that sees and touches a ball: observations in closed form, as entries of a file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +11,8 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
-from pipeline.reconstruct.model_inputs import ModelInputs
-from pipeline.reconstruct.observed_pose import Pose
+from pipeline.reconstruct.object_location import Target
+from pipeline.reconstruct.observation_entries import Pose
 
 CENTRE, RADIUS = np.array([0.4, -0.1, 0.2]), 0.06
 EYE = CENTRE + np.array([-0.5, 0.0, 0.0])
@@ -85,11 +83,19 @@ def scaled_pose(pose: Pose, scale: float) -> np.ndarray:
     return scaled
 
 
-def model(name: str = "occluded-touch", **changes: object) -> ModelInputs:
+def target(name: str = "occluded-touch", diagonals: tuple[float, float] | None = None, **changes: object) -> Target:
     config = CONFIGURATIONS[name].model_copy(update=changes)
     image = config.image is not None
-    fit = (TRAINING, (128, 128), (230, 232, 235)) if image else (None, None, None)
-    return ModelInputs(name, config, *fit, SENSOR if config.touch else None)
+    return Target(
+        configuration=name,
+        network=config,
+        camera=TRAINING.tolist() if image else None,
+        resolution=(128, 128) if image else None,
+        background=(230, 232, 235) if image else None,
+        charts={} if config.touch else None,
+        diagonals=diagonals,
+        sensor=SENSOR if config.touch else None,
+    )
 
 
 class _Plain(yaml.SafeDumper):

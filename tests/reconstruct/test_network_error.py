@@ -9,12 +9,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import StoreError
 from pipeline.models.shipped_weights import SHIPPED, read_card
 from pipeline.reconstruct.network_error import error_note
-from pipeline.reconstruct.predict import model_reader
+from pipeline.reconstruct.predict import PredictOptions
 from pipeline.store.directory import DataDirectory
 from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.stage import Evaluate
@@ -34,7 +34,7 @@ def data(tmp_path_factory):
 
 
 def note_of(data, name: str) -> str:
-    return error_note(model_reader(data / "models", name))
+    return error_note(PredictOptions(data / "models", name).reader())
 
 
 def test_note_of_an_unevaluated_network_shows_its_validation_loss(data):
@@ -49,7 +49,7 @@ def test_note_of_an_unevaluated_network_shows_its_validation_loss(data):
 
 @pytest.mark.parametrize("facts", [{}, {"best": None}, {"best": {"loss": "small"}}])
 def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch, facts):
-    reader = model_reader(data / "models", "none")
+    reader = PredictOptions(data / "models", "none").reader()
     record = DataDirectory(data / "models").folder("gcn/none").model_copy(update={"facts": facts})
     monkeypatch.setattr(DataDirectory, "folder", lambda *_: record)
     with pytest.raises(StoreError, match=r"none.json: it lacks the validation loss of a training; delete it and train the model again"):
@@ -59,8 +59,8 @@ def test_record_without_a_validation_loss_gives_a_clear_error(data, monkeypatch,
 def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data, tmp_path):
     settings = EvaluationSettings(points=500, configurations=("none",))
     objects = spheres.objects(3, SPLITS)
-    (plan,) = make_plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
-    run(plan, Console(file=io.StringIO()))
+    (plan,) = plans(Request(stage=Evaluate(), settings=settings, manifest="balls", objects=objects, preset="draft", seed=0, data=data))
+    plan.make(Console(file=io.StringIO()))
     command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "b", "--configuration", "none"]
     output = " ".join(CliRunner().invoke(app, command).output.split())
     warning = re.search(
@@ -76,5 +76,5 @@ def test_predict_warns_of_a_network_worse_than_looking_up_a_training_object(data
 
 def test_note_of_a_shipped_network_shows_the_error_of_its_card():
     errors = read_card("implicit-any").errors["implicit-any-touch"]["all"]
-    note = error_note(model_reader(SHIPPED, "implicit-any-touch"))
+    note = error_note(PredictOptions(SHIPPED, "implicit-any-touch").reader())
     assert f"implicit-any-touch: {1e3 * math.sqrt(errors.mean / 9000 / 2):.0f} mm" in note

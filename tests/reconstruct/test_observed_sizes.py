@@ -1,28 +1,20 @@
 """Objects are given to networks at one size, and their reconstructions returned in their own."""
 
-from __future__ import annotations
-
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pipeline.kernels.geometry.transforms import transform_points
-from pipeline.reconstruct.model_inputs import ModelInputs
-from pipeline.reconstruct.observation_checks import faults
-from pipeline.reconstruct.observation_file import RobotObservation, load_observation
+from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import place_observation
-from tests.reconstruct.robot import model, scaled_pose, write_files, write_observation
-
-
-def of_sizes(*diagonals: float) -> ModelInputs:
-    return replace(model(), diagonals=diagonals)
+from tests.reconstruct.robot import scaled_pose, target, write_files, write_observation
 
 
 @pytest.fixture
 def observation(tmp_path: Path) -> RobotObservation:
-    return load_observation(write_observation(tmp_path, write_files(tmp_path)))
+    return check(write_observation(tmp_path, write_files(tmp_path))).observation
 
 
 def enlarged(observation: RobotObservation, factor: float) -> RobotObservation:
@@ -41,7 +33,7 @@ def test_small_object_is_given_as_one_that_the_network_knows(observation: RobotO
     diagonal = observation.object.diagonal
     assert diagonal is not None
     factor = 0.5 / diagonal
-    small, large = (place_observation(item, of_sizes(0.5, 0.5)) for item in (observation, enlarged(observation, factor)))
+    small, large = (place_observation(check(item, target(diagonals=(0.5, 0.5)))) for item in (observation, enlarged(observation, factor)))
     assert small.image is not None
     assert small.camera is not None
     np.testing.assert_array_equal(small.image, large.image)
@@ -54,18 +46,20 @@ def test_small_object_is_given_as_one_that_the_network_knows(observation: RobotO
     assert "has learned from" not in "\n".join(large.remarks)
 
 
-@pytest.mark.parametrize("sizes", [(0.4, 0.8), (0.01, 0.1), ()])
-def test_object_is_scaled_to_the_size_at_which_networks_see_all(observation: RobotObservation, sizes: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("sizes", [(0.4, 0.8), (0.01, 0.1), None])
+def test_object_is_scaled_to_the_size_at_which_networks_see_all(observation: RobotObservation, sizes: tuple[float, float] | None) -> None:
     diagonal = observation.object.diagonal
     assert diagonal is not None
-    placed = place_observation(observation, of_sizes(*sizes) if sizes else model())
+    placed = place_observation(check(observation, target(diagonals=sizes)))
     np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), 0.5 / diagonal, rtol=1e-12)
-    assert not faults(enlarged(observation, 10), model())
+    check(enlarged(observation, 10), target())
 
 
-@pytest.mark.parametrize(("sizes", "factor"), [((0.1, 0.4), 2.5), ((0.5, 0.5), 1.0), ((), 1.0)])
-def test_unknown_size_is_taken_to_be_that_of_the_training(observation: RobotObservation, sizes: tuple[float, ...], factor: float) -> None:
+@pytest.mark.parametrize(("sizes", "factor"), [((0.1, 0.4), 2.5), ((0.5, 0.5), 1.0), (None, 1.0)])
+def test_unknown_size_is_taken_to_be_that_of_the_training(
+    observation: RobotObservation, sizes: tuple[float, float] | None, factor: float
+) -> None:
     unknown = observation.changed(object={"centre": observation.object.centre})
-    placed = place_observation(unknown, of_sizes(*sizes) if sizes else model())
+    placed = place_observation(check(unknown, target(diagonals=sizes)))
     np.testing.assert_allclose(np.linalg.norm(placed.to_network[:3, :3], axis=0), factor, rtol=1e-12)
     assert f"the object's size is not known, and taken to be {0.5 / factor:g} m, as in training" in placed.remarks

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
 from pipeline.errors import InvalidInput, PipelineError, StageError, StoreError
 from pipeline.formats.mesh_file import load_mesh
 from pipeline.kernels.charts.vision_charts import CHART_VERTICES, vision_charts
@@ -22,8 +23,8 @@ from pipeline.kernels.touch.tactile_image import untouched_image
 from pipeline.kernels.vision.camera import project_points
 from pipeline.models.reconstruction import join_vision_charts
 from pipeline.models.touch_model import save_touch_model
-from pipeline.reconstruct.mesh_files import TOUCH_COLOR, VISION_COLORS, write_closed
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.mesh_files import ClosedMesh, write_closed
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
@@ -80,7 +81,7 @@ def write(path: Path, described: dict) -> Path:
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
 def test_stored_grasp_gives_charts_and_a_joined_surface(data, tmp_path, suffix):
-    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", data=data, object_id="a", grasps=[2])
+    prediction = predict(tmp_path / f"ball{suffix}", StoredGrasps(data, "a", [2]), PredictOptions(data / "models", "occluded-touch"))
     assert [path.name for path in prediction.files] == [f"ball{suffix}", f"ball-joined{suffix}"]
     assert list(prediction.touched) == [True, True, False, True]
     apart, together = (trimesh.load_scene(path, process=False).to_mesh() for path in prediction.files)
@@ -111,7 +112,7 @@ def test_implicit_any_uses_the_inputs_that_an_observation_has(data, grasp, tmp_p
         (described["camera"] if name == "hand_mask" else described).pop(name, None)
     file = write(tmp_path / "g.yaml", described)
     predictions = [
-        predict(tmp_path / f"{number}.ply", data / "models", name, observation=file)
+        predict(tmp_path / f"{number}.ply", file, PredictOptions(data / "models", name))
         for number, name in enumerate(("implicit-any", f"implicit-any-{inputs}"))
     ]
     np.testing.assert_array_equal(predictions[0].reconstruction.vertices, predictions[1].reconstruction.vertices)
@@ -125,12 +126,12 @@ def test_implicit_any_uses_the_inputs_that_an_observation_has(data, grasp, tmp_p
 def test_observation_with_neither_photograph_nor_touch_is_refused(data, grasp, tmp_path):
     described = {"object": entries(grasp)["object"], "touches": []}
     with pytest.raises(InvalidInput, match="model implicit-any needs a photograph or touches"):
-        predict(tmp_path / "a.ply", data / "models", "implicit-any", observation=write(tmp_path / "g.yaml", described))
+        predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "implicit-any"))
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb"])
 def test_every_chart_is_named(data, tmp_path, suffix):
-    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "touch", data=data, object_id="a", grasps=[0, 1], surface="charts")
+    prediction = predict(tmp_path / f"ball{suffix}", StoredGrasps(data, "a", [0, 1]), PredictOptions(data / "models", "touch"), "charts")
     assert [path.name for path in prediction.files] == [f"ball{suffix}"]
     if suffix == ".obj":
         names = [line.split()[1] for line in prediction.files[0].read_text().splitlines() if line.startswith(("o ", "g "))]
@@ -140,7 +141,9 @@ def test_every_chart_is_named(data, tmp_path, suffix):
 
 
 def test_joined_surface_is_closed(data, tmp_path):
-    reconstruction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="joined").reconstruction
+    reconstruction = predict(
+        tmp_path / "ball.ply", StoredGrasps(data, "a"), PredictOptions(data / "models", "none"), "joined"
+    ).reconstruction
     surface = trimesh.Trimesh(*join_vision_charts(reconstruction), process=False)
     assert surface.is_watertight
     assert surface.is_winding_consistent
@@ -158,9 +161,6 @@ def test_slow_prediction_prints_its_steps(data, tmp_path, monkeypatch):
 
 def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
     command = ["predict", str(tmp_path / "ball.ply"), "--data", str(data), "--object", "a", "--resolution", "64"]
-    wrong = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "shut"])
-    assert wrong.exit_code == 1
-    assert "it is one of charts, joined, both, closed" in " ".join(wrong.output.split())
     guessed = CliRunner().invoke(app, [*command, "--configuration", "none", "--surface", "closed"])
     assert "no touch, so that no place of it is certain; no colour" in " ".join(guessed.output.split())
     touched = CliRunner().invoke(app, [*command, "--configuration", "touch", "--surface", "closed"])
@@ -169,8 +169,8 @@ def test_command_reports_the_inputs_of_the_closed_mesh(data, tmp_path):
 
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".glb"])
 def test_closed_mesh_passes_through_the_touches_and_has_the_colours_of_the_image(data, tmp_path, suffix):
-    options = {"data": data, "object_id": "a", "grasps": [2], "surface": "closed", "resolution": 64}
-    prediction = predict(tmp_path / f"ball{suffix}", data / "models", "occluded-touch", **options)
+    options = PredictOptions(data / "models", "occluded-touch", resolution=64)
+    prediction = predict(tmp_path / f"ball{suffix}", StoredGrasps(data, "a", [2]), options, "closed")
     mesh, shape = trimesh.load_scene(prediction.files[0], process=False).to_mesh(), prediction.reconstruction
     assert prediction.files == [tmp_path / f"ball{suffix}"]
     assert mesh.is_watertight
@@ -187,7 +187,7 @@ def test_closed_mesh_passes_through_the_touches_and_has_the_colours_of_the_image
 
 
 def test_closed_mesh_without_image_and_touch_is_grey(data, tmp_path):
-    prediction = predict(tmp_path / "ball.ply", data / "models", "none", data=data, object_id="a", surface="closed", resolution=64)
+    prediction = predict(tmp_path / "ball.ply", StoredGrasps(data, "a"), PredictOptions(data / "models", "none", resolution=64), "closed")
     assert not prediction.closed.seen.any()
     mesh = trimesh.load(prediction.files[0], process=False)
     assert (np.asarray(mesh.visual.vertex_colors) == VISION_COLORS[0]).all()
@@ -201,13 +201,13 @@ def in_base(vertices: np.ndarray) -> np.ndarray:
 
 def test_observation_file_gives_the_surface_of_the_stored_grasp_in_its_frame(data, data_without_charts, grasp, tmp_path):
     """The base differs from the world and the camera has OpenCV's convention: the surface is equal to the digits of the file."""
-    stored = predict(tmp_path / "a.ply", data / "models", "occluded-touch", data=data_without_charts, object_id="a", grasps=[2])
-    observed = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=grasp)
+    stored = predict(tmp_path / "a.ply", StoredGrasps(data_without_charts, "a", [2]), PredictOptions(data / "models", "occluded-touch"))
+    observed = predict(tmp_path / "b.ply", grasp, PredictOptions(data / "models", "occluded-touch"))
     assert (observed.touched == stored.touched).all()
     np.testing.assert_array_equal(observed.reconstruction.faces, stored.reconstruction.faces)
     np.testing.assert_allclose(observed.reconstruction.vertices, in_base(stored.reconstruction.vertices), atol=1e-6)
     assert any("views differ by 0.0°" in line for line in observed.remarks)
-    repeated = predict(tmp_path / "c.ply", data / "models", "occluded-touch", observation=grasp)
+    repeated = predict(tmp_path / "c.ply", grasp, PredictOptions(data / "models", "occluded-touch"))
     assert repeated.files[0].read_bytes() == observed.files[0].read_bytes()
 
 
@@ -227,7 +227,7 @@ def millimetres(grasp):
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
 def test_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data, grasp, millimetres, tmp_path, suffix):
     first, second = (
-        predict(tmp_path / f"{number}{suffix}", data / "models", "occluded-touch", observation=file, surface="charts")
+        predict(tmp_path / f"{number}{suffix}", file, PredictOptions(data / "models", "occluded-touch"), "charts")
         for number, file in enumerate((grasp, millimetres))
     )
     np.testing.assert_allclose(second.reconstruction.vertices, 1e3 * first.reconstruction.vertices, atol=1e-3)
@@ -237,15 +237,15 @@ def test_file_in_millimetres_gives_a_mesh_in_millimetres_and_gltf_in_metres(data
 
 def test_gltf_is_upright_whatever_axis_of_the_observation_is_up(data, grasp, tmp_path):
     file = write(grasp.parent / "sideways.yaml", entries(grasp, up=[1.0, 0.0, 0.0]))
-    observed = predict(tmp_path / "up.glb", data / "models", "occluded-touch", observation=file, surface="charts")
+    observed = predict(tmp_path / "up.glb", file, PredictOptions(data / "models", "occluded-touch"), "charts")
     size = np.ptp(observed.reconstruction.vertices, axis=0)
     extents = trimesh.load_scene(observed.files[0], process=False).to_mesh().extents
     assert extents[1] == pytest.approx(size[0], rel=1e-5)  # glTF's y is up
 
 
 def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millimetres, tmp_path):
-    options = {"surface": "closed", "resolution": 64}
-    prediction = predict(tmp_path / "b.ply", data / "models", "occluded-touch", observation=millimetres, **options)
+    options = PredictOptions(data / "models", "occluded-touch", resolution=64)
+    prediction = predict(tmp_path / "b.ply", millimetres, options, "closed")
     seen = prediction.closed.seen
     assert 0.2 < seen.mean() < 0.6
     world = (prediction.closed.vertices[seen] / 1e3 - BASE[:3, 3]) @ BASE[:3, :3]
@@ -259,7 +259,7 @@ def test_closed_mesh_of_an_observation_has_the_colours_of_its_image(data, millim
 def test_shipped_example_is_reconstructed_by_a_model_of_another_camera(data, tmp_path):
     """Its camera looks down on the object, unlike that of the balls: the view is rotated, with a warning."""
     example = Path(__file__).parents[2] / "examples" / "robot_grasp" / "grasp.yaml"
-    prediction = predict(tmp_path / "bottle.ply", data / "models", "occluded-touch", observation=example)
+    prediction = predict(tmp_path / "bottle.ply", example, PredictOptions(data / "models", "occluded-touch"))
     assert prediction.touched.all()
     assert np.linalg.norm(prediction.reconstruction.vertices - [0.62, -0.17, 0.25], axis=1).max() < 0.5
     assert any(
@@ -273,7 +273,7 @@ def test_depth_of_a_camera_replaces_touches(data, grasp, tmp_path):
     described["camera"] |= {name: str(grasp.parent / value) for name, value in described["camera"].items() if str(value).endswith(".png")}
     file = write(tmp_path / "rgbd.yaml", described)
     models = shutil.copytree(data / "models", tmp_path / "models", ignore=shutil.ignore_patterns("unet*"))
-    prediction = predict(tmp_path / "ball.ply", models, "touch", observation=file)
+    prediction = predict(tmp_path / "ball.ply", file, PredictOptions(models, "touch"))
     assert not len(prediction.touched)
     visible = prediction.reconstruction.vertices[prediction.reconstruction.vision :]
     assert len(visible) > 10 * spheres.SIDE**2
@@ -285,75 +285,80 @@ def test_depth_of_a_camera_replaces_touches(data, grasp, tmp_path):
 def test_touches_without_a_statement_are_recognised_from_images(data, grasp, tmp_path):
     described = entries(grasp)
     stated = [touch.pop("touched") for touch in described["touches"]]
-    prediction = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
+    prediction = predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "touch"))
     assert list(prediction.touched) == stated
     described["touches"] = [touch | {"touched": True} for touch in described["touches"]]
-    prediction = predict(tmp_path / "a.ply", data / "models", "touch", observation=write(tmp_path / "g.yaml", described))
+    prediction = predict(tmp_path / "a.ply", write(tmp_path / "g.yaml", described), PredictOptions(data / "models", "touch"))
     names = ", ".join(touch["name"] for touch, felt in zip(described["touches"], stated, strict=True) if not felt)
     assert f"warning: {names}: touched: true, but the tactile image shows no contact, so no touch is given" in prediction.remarks
     assert "model touch takes no image: the photograph only colours a closed mesh" in prediction.remarks
 
 
-@pytest.mark.parametrize(("configuration", "asked"), [("none", {"object_id": "typo"}), ("unoccluded", {"object_id": "a", "grasps": [99]})])
-def test_missing_object_or_grasp_is_an_error_for_networks_without_touch(data, tmp_path, configuration, asked):
-    with pytest.raises(StoreError, match=r"no object typo|no grasp 99"):
-        predict(tmp_path / "a.ply", data / "models", configuration, data=data, **asked)
-
-
 def test_stored_charts_are_used_unchanged(data, tmp_path):
-    reconstruction = predict(tmp_path / "a.obj", data / "models", "touch", data=data, object_id="a", grasps=[1]).reconstruction
+    reconstruction = predict(tmp_path / "a.obj", StoredGrasps(data, "a", [1]), PredictOptions(data / "models", "touch")).reconstruction
     charts = GraspDataset(data, ["vertices", "stop_rule"], "test")[1]
     fitted = charts["vertices"][charts["stop_rule"] > 0].reshape(-1, 3).double().numpy()
     np.testing.assert_allclose(reconstruction.vertices[reconstruction.vision :], fitted, atol=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("asked", "error", "words"),
+    ("out", "source", "options", "error", "words"),
     [
-        ({"configuration": "occluded"}, StageError, r"no model occluded: its models are implicit-any, none, occluded-touch"),
-        ({"out": "ball.stl"}, InvalidInput, r"\.stl"),
-        ({"out": "taken.ply"}, InvalidInput, "taken.ply is a folder"),
-        ({"grasps": [5]}, StoreError, "no grasp 5; there are grasps 0 to 4"),
-        ({"grasps": []}, StageError, "at least"),
-        ({"object_id": "z"}, StoreError, "no object z"),
-        ({"out": "taken.txt/ball.ply"}, InvalidInput, "taken.txt is a file; name a folder"),
-        ({"grasps": [1, 0, 1]}, StoreError, "a: grasps 1, 0, 1; name each once"),
-        ({"view": 3}, StageError, "model touch takes no renderings, which view 3 is one of; choose grasps"),
-        ({"object_id": None}, StageError, "data directory .* needs an object; name one"),
-        ({"observation": Path("grasp.yaml")}, StageError, "not both"),
         (
-            {"data": None, "object_id": None, "observation": Path("no.yaml"), "models": Path("none")},
-            InvalidInput,
-            "file no.yaml cannot be read",
+            "ball.ply",
+            ("a", [0]),
+            {"configuration": "occluded"},
+            StageError,
+            "no model occluded: its models are implicit-any, none, occluded-",
         ),
-        ({"data": None}, StageError, "object a needs a data directory"),
-        ({"data": None, "object_id": None}, StageError, "needs touches: give an observation"),
-        ({"data": None, "object_id": None, "configuration": "unoccluded"}, StageError, "needs an image: give"),
-        ({"data": None, "object_id": None, "configuration": "implicit-any"}, StageError, "needs an image or touches: give"),
-        ({"accelerator": "abacus"}, StageError, "abacus"),
+        ("ball.stl", ("a", [0]), {}, InvalidInput, ".stl"),
+        ("taken.ply", ("a", [0]), {}, InvalidInput, "taken.ply is a folder"),
+        ("taken.txt/ball.ply", ("a", [0]), {}, InvalidInput, "taken.txt is a file"),
+        ("ball.ply", ("a", [5]), {}, StoreError, "no grasp 5; there are grasps 0 to 4"),
+        ("ball.ply", ("a", [99]), {"configuration": "unoccluded"}, StoreError, "no grasp 99"),
+        ("ball.ply", ("a", []), {}, StageError, "at least"),
+        ("ball.ply", ("a", [1, 0, 1]), {}, StoreError, "a: grasps 1, 0, 1"),
+        ("ball.ply", ("z",), {}, StoreError, "no object z"),
+        ("ball.ply", ("z",), {"configuration": "none"}, StoreError, "no object z"),
+        ("ball.ply", ("a", None, 3), {}, StageError, "model touch takes grasps: use --grasp, not --view 3"),
+        ("ball.ply", Path("no.yaml"), {"models": Path("none")}, InvalidInput, "no.yaml cannot be read"),
+        ("ball.ply", None, {}, StageError, "needs touches"),
+        ("ball.ply", None, {"configuration": "unoccluded"}, StageError, "needs an image: give"),
+        ("ball.ply", None, {"configuration": "implicit-any"}, StageError, "needs an image or touches"),
+        ("ball.ply", None, {"accelerator": "abacus"}, StageError, "abacus"),
     ],
 )
-def test_invalid_arguments_are_errors(data, tmp_path, asked, error, words):
-    arguments = {
-        "out": "ball.ply",
-        "models": data / "models",
-        "configuration": "touch",
-        "data": data,
-        "object_id": "a",
-        "grasps": [0],
-    } | asked
-    out = tmp_path / "out" / arguments.pop("out")
-    (tmp_path / "out" / "taken.ply").mkdir(parents=True)
-    (tmp_path / "out" / "taken.txt").touch()
-    with pytest.raises(error, match=words):
-        predict(out, arguments.pop("models"), arguments.pop("configuration"), **arguments)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"taken.ply", "taken.txt"}
+def test_invalid_arguments_are_errors(data, tmp_path, out, source, options, error, words):
+    folder = tmp_path / "out"
+    (folder / "taken.ply").mkdir(parents=True)
+    (folder / "taken.txt").touch()
+    source = StoredGrasps(data, *source) if isinstance(source, tuple) else source
+    with pytest.raises(error) as raised:
+        predict(folder / out, source, PredictOptions(**{"models": data / "models", "configuration": "touch"} | options))
+    assert words in str(raised.value)
+    assert {path.name for path in folder.iterdir()} == {"taken.ply", "taken.txt"}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--data", "D"], "needs an object"),
+        (["--data", "D", "--object", "a", "--observation", "g.yaml"], "not both"),
+        (["--object", "a"], "--object is of a data directory"),
+        (["--grasp", "1"], "--grasp is of a data directory"),
+        (["--surface", "shut"], "it is one of charts, joined, both, closed"),
+    ],
+)
+def test_options_of_the_command_that_exclude_each_other_are_errors(tmp_path, options, words):
+    result = CliRunner().invoke(app, ["predict", str(tmp_path / "ball.ply"), *options])
+    assert result.exit_code == 1
+    assert words in " ".join(result.output.split())
 
 
 def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path):
     def refused(words, configuration="touch", models=data / "models", **changes):
         with pytest.raises(PipelineError, match=words):
-            predict(tmp_path / "ball.ply", models, configuration, observation=write(tmp_path / "g.yaml", entries(grasp, **changes)))
+            predict(tmp_path / "ball.ply", write(tmp_path / "g.yaml", entries(grasp, **changes)), PredictOptions(models, configuration))
 
     Image.new("RGB", (100, 50)).save(tmp_path / "flat.png")
     Image.new("RGBA", (100, 100)).save(tmp_path / "clear.png")
@@ -374,13 +379,16 @@ def test_observations_that_do_not_fit_the_model_are_errors(data, grasp, tmp_path
 def test_training_seed_selects_the_model(data, grasp, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     spheres.make_model(copy, "touch", training_seed=1)
-    options = {"observation": grasp}
-    first, second = (predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=seed, **options) for seed in (0, 1))
+
+    def predicted(name, seed=0):
+        return predict(tmp_path / "ball.ply", grasp, PredictOptions(copy / "models", name, training_seed=seed))
+
+    first, second = (predicted("touch", seed) for seed in (0, 1))
     assert not np.array_equal(first.reconstruction.vertices, second.reconstruction.vertices)
     with pytest.raises(StageError, match=r"seed-2 has no model touch: there are none at all; train it with"):
-        predict(tmp_path / "ball.ply", copy / "models", "touch", training_seed=2, **options)
+        predicted("touch", 2)
     with pytest.raises(StageError, match=r"has no model tuch: its models are .*; did you mean touch\?"):
-        predict(tmp_path / "ball.ply", copy / "models", "tuch", **options)
+        predicted("tuch")
 
 
 def test_stored_charts_of_another_size_are_refused(data, tmp_path):
@@ -390,7 +398,7 @@ def test_stored_charts_of_another_size_are_refused(data, tmp_path):
     shutil.copytree(data / "models", tmp_path / "models")
     publish(tmp_path, "models/gcn/touch", folder, "train-gcn")
     with pytest.raises(StageError, match=r"have 9 vertices, model touch takes 25; run fit-charts with fit-charts.side=5"):
-        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", data=data, object_id="a")
+        predict(tmp_path / "ball.ply", StoredGrasps(data, "a"), PredictOptions(tmp_path / "models", "touch"))
 
 
 @pytest.mark.parametrize("file", ["models/gcn/touch", "models/unet"])
@@ -401,13 +409,13 @@ def test_model_with_a_flipped_bit_is_refused(data, grasp, tmp_path, file):
     content[-1] ^= 1
     weights.write_bytes(content)
     with pytest.raises(StoreError, match=r"model.safetensors differs from what was written; delete .* and run train-"):
-        predict(tmp_path / "ball.ply", copy / "models", "touch", observation=grasp)
+        predict(tmp_path / "ball.ply", grasp, PredictOptions(copy / "models", "touch"))
 
 
 def test_extra_file_in_a_model_folder_is_allowed(data, tmp_path):
     copy = shutil.copytree(data, tmp_path / "data")
     (DataDirectory(copy).folder_path("models/gcn/none") / "notes.txt").write_text("mine")
-    assert predict(tmp_path / "ball.ply", copy / "models", "none").files
+    assert predict(tmp_path / "ball.ply", None, PredictOptions(copy / "models", "none")).files
 
 
 @pytest.mark.parametrize(
@@ -420,14 +428,14 @@ def test_invalid_chart_settings_of_a_model_are_errors(data, grasp, tmp_path, cha
     shutil.copytree(data / "models", tmp_path / "models")
     publish(tmp_path, "models/gcn/touch", folder, "train-gcn")
     with pytest.raises(StoreError, match=words):
-        predict(tmp_path / "ball.ply", tmp_path / "models", "touch", observation=grasp)
+        predict(tmp_path / "ball.ply", grasp, PredictOptions(tmp_path / "models", "touch"))
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
 def test_colours_are_those_that_a_reader_of_the_format_sees(tmp_path, suffix):
     ball = trimesh.creation.icosphere(2, 0.1)
     colors = np.random.default_rng(0).integers(40, 256, (len(ball.vertices), 3)).astype(np.uint8)
-    write_closed(tmp_path / f"ball{suffix}", ball.vertices, ball.faces, colors, np.full(len(colors), True))
+    write_closed(tmp_path / f"ball{suffix}", ClosedMesh(ball.vertices, ball.faces, colors, np.full(len(colors), True)))
     look = load_mesh(tmp_path / f"ball{suffix}").look
     assert np.abs(look.vertex_color[:, :3] - colors.astype(int)).max() <= 2
 

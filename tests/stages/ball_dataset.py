@@ -28,6 +28,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
 from pipeline.models.families import model_name
 from pipeline.models.model_files import save_model
+from pipeline.models.reconstruction import Trained
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -226,7 +227,10 @@ def stages() -> list[Given]:
 def objects(count: int, splits: Sequence[str] = ("test",)) -> list[Object]:
     """Balls named a, b, …, bottles and knives in turn, in these splits in turn."""
     turns = [(("bottle", "knife")[number % 2], splits[number % len(splits)]) for number in range(count)]
-    return [Object(chr(ord("a") + number), kind, {"number": number}, split) for number, (kind, split) in enumerate(turns)]
+    return [
+        Object(chr(ord("a") + number), kind, {"kind": "procedural", "category": "bottle", "number": number}, split)
+        for number, (kind, split) in enumerate(turns)
+    ]
 
 
 def make_data(data: Path, count: int, splits: Sequence[str] = ("test",), ungrasped: str = "", shards: int = 1) -> None:
@@ -267,8 +271,8 @@ def _save(data: Path, name: str, network: Any, training_seed: int = 0) -> Path:
     folder.mkdir(parents=True)
     camera = projection_matrix(CAMERA).tolist() if config.image else None
     resolution = [CAMERA.resolution] * 2 if config.image else None
-    description = {"configuration": name, "network": config.model_dump(mode="json"), "camera": camera}
-    save_model(folder, network, description | {"resolution": resolution, "charts": {"side": config.side} if config.touch else None})
+    charts = {"side": config.side} if config.touch else None
+    save_model(folder, network, Trained(configuration=name, network=config, camera=camera, resolution=resolution, charts=charts))
     hardware = {"device": "test CPU", "processes": 1, "threads": 1, "precision": "32-true"}
     facts = {
         "parameters": 1000,

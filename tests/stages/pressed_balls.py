@@ -12,9 +12,8 @@ import numpy as np
 from pipeline.config.settings import Settings
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
 from pipeline.engine.unit import Unit
-from pipeline.kernels.touch.contact import touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.store.rows import Row
 from schemas.base import Artifact

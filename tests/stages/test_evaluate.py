@@ -14,8 +14,8 @@ from rich.console import Console
 
 from pipeline.console import show_tables
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import StageError, StoreError
 from pipeline.kernels.charts.vision_charts import vision_charts
@@ -48,9 +48,9 @@ def request(data: Path, **settings: Any) -> Request[Any]:
 
 
 def evaluate(data: Path, place: str = "evaluation", **settings: Any) -> tuple[Path, str]:
-    (plan,) = make_plans(replace(request(data, **settings), folder=place))
+    (plan,) = plans(replace(request(data, **settings), folder=place))
     console = Console(file=io.StringIO(), record=True, width=200)
-    run(plan, console)
+    plan.make(console)
     folder = plan.directory.folder_path(plan.units[0].name)
     show_tables(console, evaluation_tables(folder))
     return folder, console.export_text()
@@ -272,8 +272,8 @@ def test_evaluation_repeats_to_the_bit_and_depends_on_the_seed(data, evaluation)
     assert hashes_of(again) == hashes_of(evaluation[0])
     by_seven = figures(evaluate(data, "by-seven", batch_size=7, configurations=("occluded",))[0], "occluded")
     np.testing.assert_allclose(by_seven.per_case("chamfer"), figures(again, "occluded").per_case("chamfer"), rtol=1e-5)
-    (plan,) = make_plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
-    run(plan, Console(quiet=True))
+    (plan,) = plans(replace(request(data, configurations=("none",)), seed=1, folder="other"))
+    plan.make(Console(quiet=True))
     other = figures(plan.directory.folder_path("other"), "none")
     assert (other.per_case("chamfer") != figures(again, "none").per_case("chamfer")).all()
 
@@ -291,7 +291,7 @@ def test_killed_run_resumes_with_the_next_configuration(data, evaluation, monkey
     monkeypatch.setattr(Reconstructor, "reconstruct", counted)
     with pytest.raises(KeyboardInterrupt):
         evaluate(data, "killed", configurations=("none", "occluded"))
-    (plan,) = make_plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
+    (plan,) = plans(replace(request(data, configurations=("none", "occluded")), folder="killed"))
     work = plan.directory.work("killed") / plan.key[:16]
     assert [path.name for path in (work / MEASURED / "rows").iterdir()] == ["none"]
     reconstructed.clear()
@@ -393,8 +393,8 @@ def test_trainings_that_differ_by_seed_are_evaluated_apart_and_shown_together(tm
         for name in ("none", "touch"):
             spheres.make_model(balls, name, training_seed=seed)
         base_request = request(balls, configurations=("none", "touch"), grasps=(1, 2), training_seed=seed)
-        (plan,) = make_plans(replace(base_request, objects=spheres.objects(4, ("train", "test", "test", "test"))))
-        run(plan, console)
+        (plan,) = plans(replace(base_request, objects=spheres.objects(4, ("train", "test", "test", "test"))))
+        plan.make(console)
     directory = DataDirectory(balls)
     (balls / "evaluation-single-image.json").write_text("{}")  # another experiment's
     assert evaluations(directory) == ["evaluation", "evaluation-seed-1"]

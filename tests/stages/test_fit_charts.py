@@ -11,11 +11,10 @@ from pydantic import ValidationError
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
 from pipeline.kernels.networks.local_network import LocalNetwork
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.depth_maps import local_points, touch_success
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import save_touch_model

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.models.families import model_name
 from pipeline.store.directory import DataDirectory
 from stages.registry import load_stage, resolve
@@ -26,8 +26,8 @@ def best(data: Path, stage: str, precision: str) -> float:
     """Train for two epochs; the validation loss."""
     stated = (*SETTINGS[stage], "epochs=2", "samples_per_object=6", f"precision={precision}", "accelerator=cpu")
     settings = resolve(stage, "draft", [f"{stage}.{text}" for text in stated])
-    (plan,) = make_plans(Request(load_stage(stage), settings, "balls", OBJECTS, "draft", 0, data))
-    run(plan, Console(record=True, width=200))
+    (plan,) = plans(Request(load_stage(stage), settings, "balls", OBJECTS, "draft", 0, data))
+    plan.make(Console(record=True, width=200))
     configuration = SETTINGS[stage][0].removeprefix("configuration=")
     return float(DataDirectory(data).folder(model_name(configuration)).facts["best"]["loss"])
 

@@ -17,10 +17,10 @@ from checks.fuzz.target import seal
 from pipeline.cli import app
 from pipeline.config.settings import Settings
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.reconstruct.score import files_digest
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.results import results_tables
@@ -53,8 +53,8 @@ def data(tmp_path_factory) -> Path:
     spheres.make_data(folder, 6, SPLITS)
     spheres.make_implicit_model(folder, NETWORK, touch_reach=0.05)
     settings = EvaluationSettings(points=500, grasps=(1, 2), configurations=(NETWORK,), tau=2e-4)
-    (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
-    run(plan, Console(quiet=True))
+    (plan,) = plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
+    plan.make(Console(quiet=True))
     return folder
 
 
@@ -67,7 +67,7 @@ def predictions(data, tmp_path_factory) -> Path:
         for object_id in TESTED:
             grasps = [(first + step) % 5 for step in range(given)]
             suffix = ".glb" if object_id == TESTED[0] else ".ply"
-            predict(place / f"{object_id}{suffix}", data / "models", NETWORK, data=data, object_id=object_id, grasps=grasps)
+            predict(place / f"{object_id}{suffix}", StoredGrasps(data, object_id, grasps), PredictOptions(data / "models", NETWORK))
     return folder
 
 

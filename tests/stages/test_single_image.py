@@ -17,15 +17,13 @@ from pipeline.config.manifest import Manifest, load_manifest
 from pipeline.console import show_tables
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard_units import failures
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import cloud_distances
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
-from pipeline.store.publish import FolderOutput
 from schemas.surfaces import SURFACES
 from stages.evaluate.evaluation_files import read_figures
 from stages.evaluate.single_image_protocol import figures_of
@@ -62,9 +60,8 @@ def objects() -> Manifest:
 
 def run_on(folder: Path, data: Path, objects: Manifest, name: str) -> int:
     """Run a stage; how many objects failed."""
-    (plan,) = make_plans(Request(load_stage(name), resolve(name, "draft", SMALL), objects.name, objects.objects(folder), "draft", 0, data))
-    run(plan, QUIET)
-    return 0 if isinstance(plan.output, FolderOutput) else len(failures(plan))
+    request = Request(load_stage(name), resolve(name, "draft", SMALL), objects.name, objects.objects(folder), "draft", 0, data)
+    return len(make(request, QUIET)[0].failures)
 
 
 @pytest.fixture(scope="module")
@@ -138,12 +135,10 @@ def test_empty_image_is_named(folder, objects, tmp_path):
 def test_objects_without_renderings_fail_with_the_remedy(tmp_path):
     procedural = manifest(1, 1, 1)
     run_stage(tmp_path, "sample-surfaces", procedural)
-    (plan,) = make_plans(
-        Request(load_stage("read-renderings"), resolve("read-renderings", "draft", []), "tiny", procedural.objects(), "draft", 0, tmp_path)
-    )
-    run(plan, QUIET)
-    assert len(failures(plan)) == 3
-    assert "take the manifest single-image" in next(iter(failures(plan).values())).reason
+    settings = resolve("read-renderings", "draft", [])
+    (made,) = make(Request(load_stage("read-renderings"), settings, "tiny", procedural.objects(), "draft", 0, tmp_path), QUIET)
+    assert len(made.failures) == 3
+    assert "take the manifest single-image" in next(iter(made.failures.values())).reason
 
 
 def test_evaluation_shows_published_rows_and_names_its_objects(data):
@@ -166,26 +161,28 @@ def test_evaluation_shows_published_rows_and_names_its_objects(data):
 
 def test_each_view_of_an_object_gives_a_mesh(data, tmp_path):
     models, object_id = data / "models", ObjectRows(data, ["rendering"], "test").object_ids[0]
-    made = [predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=view) for view in (0, 3)]
+    made = [
+        predict(tmp_path / "out.ply", StoredGrasps(data, object_id, view=view), PredictOptions(models, "single-image")) for view in (0, 3)
+    ]
     with pytest.raises(StageError, match="has no model single-image"):
-        predict(tmp_path / "out.ply", models, "single-image", training_seed=1, data=data, object_id=object_id, view=0)
+        predict(tmp_path / "out.ply", StoredGrasps(data, object_id, view=0), PredictOptions(models, "single-image", training_seed=1))
     assert made[0].reconstruction.vertices.shape == made[1].reconstruction.vertices.shape
     assert (made[0].reconstruction.vertices != made[1].reconstruction.vertices).any()
     coloured = predict(
-        tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=3, surface="closed", resolution=64
+        tmp_path / "out.ply", StoredGrasps(data, object_id, view=3), PredictOptions(models, "single-image", resolution=64), "closed"
     ).closed
     assert coloured is not None
     assert coloured.seen.any()
     with pytest.raises(StoreError, match=f"{object_id} has no viewpoint 24; there are viewpoints 0 to 23"):
-        predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, view=24)
-    with pytest.raises(StageError, match="model single-image takes no grasps, which 1 is one of; choose a view"):
-        predict(tmp_path / "out.ply", models, "single-image", data=data, object_id=object_id, grasps=[1])
+        predict(tmp_path / "out.ply", StoredGrasps(data, object_id, view=24), PredictOptions(models, "single-image"))
+    with pytest.raises(StageError, match="model single-image takes a rendering: use --view, not --grasp 1"):
+        predict(tmp_path / "out.ply", StoredGrasps(data, object_id, [1]), PredictOptions(models, "single-image"))
     with pytest.raises(InvalidInput, match=r"was trained on renderings from many sides, .*: name --data, an object and a --view"):
-        predict(tmp_path / "out.ply", models, "single-image", observation=GRASP)
+        predict(tmp_path / "out.ply", GRASP, PredictOptions(models, "single-image"))
     with pytest.raises(StageError, match="needs an image: give an observation, or a data directory and an object"):
-        predict(tmp_path / "out.ply", models, "single-image")
+        predict(tmp_path / "out.ply", None, PredictOptions(models, "single-image"))
     with pytest.raises(StageError, match=r"has no model touch: its models are single-image; choose one of these, or train it with"):
-        predict(tmp_path / "out.ply", models, "touch", data=data, object_id=object_id)
+        predict(tmp_path / "out.ply", StoredGrasps(data, object_id), PredictOptions(models, "touch"))
 
 
 def test_figures_of_two_points_equal_hand_computed_values():

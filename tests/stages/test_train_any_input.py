@@ -10,12 +10,12 @@ import torch
 import trimesh
 from rich.console import Console
 
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_reconstructor, model_name, trained_models
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.tables.training_seeds import trainings_table
@@ -38,8 +38,8 @@ SETTINGS = (
 
 
 def run_stage(data: Path, stage: str) -> None:
-    (plan,) = make_plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
-    run(plan, Console(record=True, width=200))
+    (plan,) = plans(Request(load_stage(stage), resolve(stage, "draft", SETTINGS), "balls", OBJECTS, "draft", 0, data))
+    plan.make(Console(record=True, width=200))
 
 
 @pytest.fixture(scope="module")
@@ -128,16 +128,16 @@ def test_network_is_evaluated_in_every_row_of_the_tables(data):
 
 @pytest.mark.parametrize("way", INPUT_CHOICES)
 def test_network_predicts_from_each_combination_of_inputs(data, tmp_path, way):
-    done = predict(tmp_path / "out.ply", data / "models", f"{NAME}-{way}", data=data, object_id="c", grasps=[0, 1])
+    done = predict(tmp_path / "out.ply", StoredGrasps(data, "c", [0, 1]), PredictOptions(data / "models", f"{NAME}-{way}"))
     assert trimesh.load(done.files[0]).is_watertight
     assert bool(len(done.touched)) == INPUT_CHOICES[way].touch
 
 
 def test_network_predicts_from_available_inputs_and_without_input(data, tmp_path):
-    both = predict(tmp_path / "a.ply", data / "models", NAME, data=data, object_id="c", grasps=[0])
-    same = predict(tmp_path / "b.ply", data / "models", f"{NAME}-occluded-touch", data=data, object_id="c", grasps=[0])
+    both = predict(tmp_path / "a.ply", StoredGrasps(data, "c", [0]), PredictOptions(data / "models", NAME))
+    same = predict(tmp_path / "b.ply", StoredGrasps(data, "c", [0]), PredictOptions(data / "models", f"{NAME}-occluded-touch"))
     np.testing.assert_array_equal(both.reconstruction.vertices, same.reconstruction.vertices)
-    assert len(predict(tmp_path / "c.ply", data / "models", f"{NAME}-none").reconstruction.faces)
+    assert len(predict(tmp_path / "c.ply", None, PredictOptions(data / "models", f"{NAME}-none")).reconstruction.faces)
 
 
 def test_missing_images_do_not_affect_other_items_of_the_batch(data):

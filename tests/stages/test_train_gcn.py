@@ -14,8 +14,7 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.geometry.mesh import mesh_edges
 from pipeline.kernels.metrics.chamfer import chamfer
 from pipeline.kernels.metrics.cloud_distances import sampled_area, sampling_floor
-from pipeline.kernels.metrics.surface_regularisers import edge_length
-from pipeline.kernels.metrics.surface_sampling import sample_surface
+from pipeline.kernels.metrics.surface_sampling import edge_length, sample_surface
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
@@ -206,8 +205,7 @@ def test_fewer_items_than_grasps_begin_with_each_grasp_eventually(data):
 def test_observation_without_a_required_input_is_an_error(data):
     folder = run_stage(data, "train-gcn", OBJECTS, "train-gcn.configuration=none", *SMALL)
     assert folder is not None
-    reconstructor = load_reconstructor("none", folder)
-    reconstructor.config = CONFIGURATIONS["occluded"]
+    reconstructor = load_reconstructor("none", folder).restricted_to(CONFIGURATIONS["occluded"])
     with pytest.raises(InvalidInput, match="some are missing or differ"):
         reconstructor.reconstruct([Observation(None)])
 

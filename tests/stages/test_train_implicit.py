@@ -11,15 +11,15 @@ import torch
 import trimesh
 from rich.console import Console
 
-from pipeline.contrib.report.reconstruction_gallery import predicted_mesh
+from pipeline.contrib.report.report_source import predicted_mesh
 from pipeline.dataset.object_rows import ObjectRows
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.errors import InvalidInput, StageError
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
-from pipeline.reconstruct.predict import predict
+from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
 from pipeline.training.reconstruction import setting_remarks
@@ -46,8 +46,8 @@ SETTINGS = (
 def run_stage(data: Path, stage: str, *assignments: str, folder: str | None = None) -> None:
     loaded = load_stage(stage)
     request = Request(loaded, resolve(stage, "draft", [*SETTINGS, *assignments]), "balls", OBJECTS, "draft", 0, data, folder=folder)
-    (plan,) = make_plans(request)
-    run(plan, Console(record=True, width=200))
+    (plan,) = plans(request)
+    plan.make(Console(record=True, width=200))
 
 
 @pytest.fixture(scope="module")
@@ -161,15 +161,15 @@ def test_prediction_is_drawn_and_written_as_one_mesh(data, tmp_path):
     table = read_surfaces(folder_of(data, "evaluation"), NAME)
     drawn = predicted_mesh(DataDirectory(data).collection(CHARTS), "d", table, 1)
     assert (len(drawn.vertices), len(drawn.faces)) == (table["vertex_count"][0, 1], table["face_count"][0, 1])
-    done = predict(tmp_path / "out.glb", data / "models", NAME, data=data, object_id="d", grasps=[0, 1])
+    done = predict(tmp_path / "out.glb", StoredGrasps(data, "d", [0, 1]), PredictOptions(data / "models", NAME))
     for path in done.files:
         scene = trimesh.load(path)
         (mesh,) = scene.geometry.values()
         assert mesh.is_watertight
-    predict(tmp_path / "closed.ply", data / "models", NAME, data=data, object_id="d", surface="closed", resolution=64)
+    predict(tmp_path / "closed.ply", StoredGrasps(data, "d"), PredictOptions(data / "models", NAME, resolution=64), "closed")
     assert trimesh.load(tmp_path / "closed.ply").is_watertight
     with pytest.raises(StageError, match=r"no model touch: its models are implicit-touch; choose one of these, or train it with"):
-        predict(tmp_path / "out.glb", data / "models", "touch", data=data, object_id="d")
+        predict(tmp_path / "out.glb", StoredGrasps(data, "d"), PredictOptions(data / "models", "touch"))
 
 
 def test_settings_without_effect_and_missing_grasps_are_named(data):

@@ -14,8 +14,7 @@ from pipeline.errors import InvalidInput, StoreError
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions
 from pipeline.kernels.touch.pressed_gel import scaled_gel
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import Gel
+from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch.train_sensor import save_sensor_network
 from stages.train_touch.learner import PressLearner, train_local_network

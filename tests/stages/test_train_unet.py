@@ -20,7 +20,7 @@ from pipeline.engine.plan import Request
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput, StoreError
 from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.contact import touch_success
+from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import load_touch_model

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from pipeline.config.manifest import Manifest
 from pipeline.console import errors
+from pipeline.engine.make import make
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
-from pipeline.engine.shard_units import failures
-from pipeline.store.publish import FolderOutput
+from pipeline.store.directory import DataDirectory
 from stages.registry import load_stage, resolve
 
 ASSIGNMENTS = ("sample-surfaces.points=2000", "simulate-grasps.attempts=4", "simulate-grasps.ik_samples=512")
@@ -26,7 +25,6 @@ def run_stage(data: Path, name: str, objects: Manifest, *assignments: str, seed:
     """Run a stage; the folder, where it is a dataset stage."""
     stage = load_stage(name)
     settings = resolve(name, "draft", [*ASSIGNMENTS, *assignments])
-    (plan,) = make_plans(Request(stage, settings, objects.name, objects.objects(), "draft", seed, data))
-    run(plan, errors)
-    assert isinstance(plan.output, FolderOutput) or not failures(plan)
-    return plan.directory.folder_path(plan.units[0].name) if isinstance(plan.output, FolderOutput) else None
+    (made,) = make(Request(stage, settings, objects.name, objects.objects(), "draft", seed, data), errors)
+    assert not made.failures
+    return None if stage.per_object else DataDirectory(data).folder_path(stage.writes(settings))

@@ -1,4 +1,4 @@
-"""The generated pages in `docs/` are what `make docs` writes."""
+"""The generated pages in `docs/` are what `make docs` writes; arrays and settings are complete."""
 
 import re
 from pathlib import Path
@@ -10,7 +10,8 @@ from pipeline.config.manifest import Manifest
 from pipeline.formats.description_file import description_path
 from pipeline.store.record import FolderRecord, RowRecord, ShardRecord
 from schemas.catalogue import ARTIFACTS
-from tools.reference_pages import MARKER, PAGES, regenerated
+from stages.registry import STAGES, load_settings_type
+from tools.reference_pages import MARKER, PAGES, SITE_PAGES, regenerated
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -22,10 +23,17 @@ def test_reference_page_is_current(name):
 
 
 def test_data_format_names_every_array_and_every_field_of_records():
-    page = (DOCS / "data-format.md").read_text()
+    page = (DOCS / "data-format.md").read_text() + SITE_PAGES["data-format.md"]()
     arrays = {name for artifact in ARTIFACTS.values() for name in (*artifact.arrays, *artifact.ragged)}
     fields = {field for kind in (FolderRecord, RowRecord, ShardRecord) for field in kind.model_fields}
     assert not {name for name in arrays | fields if f"`{name}`" not in page}
+
+
+def test_settings_page_names_every_setting():
+    page = SITE_PAGES["settings.md"]()
+    settings = {(name, field) for name in STAGES for field in load_settings_type(name).model_fields}
+    sections = dict(zip(STAGES, re.split("^## .*$", page, flags=re.MULTILINE)[1:], strict=True))
+    assert not {(name, field) for name, field in settings if f"| `{field}` |" not in sections[name]}
 
 
 def test_regenerating_keeps_text_above_the_marker_and_needs_a_marker():

@@ -1,15 +1,13 @@
 """The pictures of the stages that make data."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.contrib.report.paper_figures import procedure_steps
+from pipeline.contrib.report.figures import procedure_steps
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.drawing.contact_sheet_page import COLORS, depth_colors
+from pipeline.drawing.colors import COLORS, depth_colors
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.store.directory import DataDirectory
 from schemas.catalogue import ARTIFACTS
@@ -77,7 +75,7 @@ def draw_distances(subject: Subject, path: Path) -> None:
 
 def draw_grasps(subject: Subject, path: Path) -> None:
     """Draw the steps of the grasp."""
-    steps = procedure_steps(subject.source, subject.renderer, subject.scene, subject.object_id, subject.grasp)
+    steps = procedure_steps(subject.source, subject.renderer, subject.object_id, subject.grasp)
     titles = ("1. the palm is placed", "2. posture found, drawn back", "3. closed in physics", "4. what touches")
     draw_row([(title, image) for title, (_, image) in zip(titles, steps, strict=True)], path)
 

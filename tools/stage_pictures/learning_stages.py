@@ -1,7 +1,5 @@
 """The pictures of the stages that learn, and of the charts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,11 +7,11 @@ from typing import Any
 import matplotlib
 import numpy as np
 
-from pipeline.contrib.report.paper_figures import colored_charts, draw_local_points
-from pipeline.contrib.report.reconstruction_gallery import draw_gallery, two_coloured
-from pipeline.drawing.contact_sheet_page import depth_colors, spread_evenly
-from pipeline.kernels.touch.contact import local_points
-from pipeline.kernels.touch.gel_surface import in_gel
+from pipeline.contrib.report.figures import colored_charts, draw_gallery, draw_local_points
+from pipeline.contrib.report.report_source import two_coloured
+from pipeline.drawing.colors import depth_colors
+from pipeline.drawing.picture_sheet import spread_evenly
+from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from schemas.catalogue import ARTIFACTS
 from tools.picture_row import Panel, draw_row
@@ -133,4 +131,4 @@ def draw_reconstructions(subject: Subject, path: Path) -> None:
     """Draw reconstructions of some test objects by each network."""
     evaluation = subject.source.evaluation
     assert evaluation is not None
-    draw_gallery(subject.source.directory, evaluation, path, spread_evenly(evaluation.object_ids, OBJECTS), evaluation.configurations)
+    draw_gallery(subject.source, path, spread_evenly(evaluation.object_ids, OBJECTS), evaluation.configurations)

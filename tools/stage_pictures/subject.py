@@ -1,7 +1,5 @@
 """Load the subject of the pictures of stages: one object, in one grasp, of a dataset that went through every stage."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,13 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.contrib.report.paper_figures import PIXELS, clearest_grasp
-from pipeline.contrib.report.reconstruction_gallery import render_mesh
+from pipeline.contrib.report.figures import PIXELS, clearest_grasp
 from pipeline.contrib.report.report_source import ReportSource
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.vision_scene import dataset_scene
-from pipeline.drawing.contact_sheet_page import surroundings
+from pipeline.drawing.grasp_pictures import surroundings
+from pipeline.drawing.views import render_mesh
 from pipeline.errors import StageError
 from pipeline.kernels.vision.scene import Scene
 from pipeline.models.families import FAMILIES, family_of, load_reconstructor
@@ -69,7 +66,7 @@ def open_subject(data: Location, object_id: str | None = None) -> Iterator[Subje
     if object_id not in (None, *candidates):
         raise StageError(f"{object_id} is no object of the test split; these are {', '.join(candidates)}")
     object_id, grasp = clearest_grasp(source, [object_id] if object_id else candidates)
-    scene = dataset_scene(source.attributes("vision"))
+    scene = source.scene()
     networks = _networks(source, object_id, grasp)  # before OpenGL is opened: what torch imports for them must be loaded before Mesa
     with Renderer(scene, PIXELS) as renderer:
         yield Subject(source, networks, renderer, scene, object_id, grasp)

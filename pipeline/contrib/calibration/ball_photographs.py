@@ -17,7 +17,7 @@ from pipeline.formats.file_content import read_text
 from pipeline.formats.image_file import image_files, read_image
 from pipeline.kernels.touch.ball_contact import Circle, Photograph
 from pipeline.kernels.touch.find_contact import SMALLEST, contact_aspect, find_contact
-from pipeline.real_touch.photograph_faults import photograph_faults, stop_at
+from pipeline.kernels.touch.photograph_faults import photograph_faults, stop_at
 
 CIRCLES = "circles.csv"
 """File of known contacts: name, x, y, radius in pixels, from the centre of pixel (0, 0). Other contacts are detected."""

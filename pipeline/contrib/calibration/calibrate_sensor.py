@@ -10,10 +10,13 @@ from typing import Any
 
 import numpy as np
 import yaml
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.console import pluralise
 from pipeline.contrib.calibration.ball_photographs import MIN_PHOTOGRAPHS, reasons
+from pipeline.drawing.picture_sheet import spread_evenly
+from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.touch.ball_contact import RING, Photograph, ball_impression, distance_from
@@ -24,6 +27,8 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.atomic import write_atomically
 
 SENSOR_NAME = re.compile(r"[A-Za-z0-9._-]{1,120}")
+SHOWN_PHOTOGRAPHS, GAIN = 3, 4
+"""Photographs in a picture of a calibration, spread evenly, and the factor by which differences are enlarged."""
 
 
 @dataclass(frozen=True)
@@ -204,3 +209,19 @@ def write_sensor(result: CalibrationResult, path: Path, untouched_path: Path, *,
     optics = {**calibration.model_dump(mode="json"), "background": background}
     text = yaml.safe_dump({**described, "calibrated": optics}, sort_keys=False, default_flow_style=None, width=140)
     write_atomically(path, ("".join(f"# {line}\n" for line in note.splitlines()) + text).encode())
+
+
+def draw_calibration(photographs: Sequence[Photograph], models: Sequence[NDArray[np.uint8]], path: Path) -> None:
+    """Draw a row per photograph as a PNG: the photograph, the model's image of it, and their difference × `GAIN` around grey."""
+    pairs = spread_evenly(list(zip(photographs, models, strict=True)), SHOWN_PHOTOGRAPHS)
+    figure = Figure((9, 3 * len(pairs)), dpi=72, layout="constrained")
+    for row, (photograph, model) in zip(figure.subplots(len(pairs), 3, squeeze=False), pairs, strict=True):
+        contact, reach = photograph.contact, RING * photograph.contact.radius
+        part = tuple(slice(max(0, int(at - reach)), int(at + reach) + 1) for at in (contact.y, contact.x))
+        difference = np.clip(128 + GAIN * (model.astype(int) - photograph.image), 0, 255).astype(np.uint8)
+        panels = {f"photograph {photograph.name}": photograph.image, "model": model, f"model - photograph, × {GAIN}": difference}
+        for axes, (title, image) in zip(row, panels.items(), strict=True):
+            axes.imshow(image[part])
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(title, fontsize=9)
+    save_figure(figure, path)

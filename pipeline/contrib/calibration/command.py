@@ -47,10 +47,15 @@ def calibrate_sensor(
     to the contacts above all, with an elastic gel.
     """
     from pipeline.contrib.calibration.ball_photographs import read_photographs
-    from pipeline.contrib.calibration.calibrate_sensor import calibrate, check_name, render_contact, uncalibrated_sensor, write_sensor
-    from pipeline.drawing.plots import draw_calibration
-    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions
-    from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
+    from pipeline.contrib.calibration.calibrate_sensor import (
+        calibrate,
+        check_name,
+        draw_calibration,
+        render_contact,
+        uncalibrated_sensor,
+        write_sensor,
+    )
+    from pipeline.kernels.touch.colour_fit import FIT_FOR_DEPTH, ColourFitOptions, fitted_range, missing_photographs
 
     check_name(out, untouched)
     row_scale = mm_per_row and mm_per_row / mm_per_pixel

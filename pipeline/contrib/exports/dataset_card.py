@@ -14,8 +14,10 @@ from rich.markup import escape
 from pipeline.config.manifest import without_controls
 from pipeline.console import Table, errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
+from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.dataset.touch_statistics import sensors_of, tally
 from pipeline.drawing.contact_sheet import SHOWN, draw_contact_sheet
+from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.errors import PipelineError
 from pipeline.store.directory import DataDirectory
 from pipeline.store.record import Provenance
@@ -136,7 +138,8 @@ def write_card(data: Location, facts: Facts, about: About, folder: Path) -> None
     drawn = {artifact.name for artifact in DataDirectory(data).artifacts()}.issuperset(SHOWN)
     if drawn:
         try:
-            draw_contact_sheet(data, SHOWN_OBJECTS, folder / PICTURE)
+            source = CompletedObjects(data, SHOWN)
+            draw_contact_sheet(source, spread_evenly(source.object_ids, SHOWN_OBJECTS), folder / PICTURE)
         except PipelineError as error:
             errors.print(f"[yellow]warning:[/] the card has no picture: {escape(str(error))}")
             drawn = False

@@ -3,15 +3,15 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from pipeline.console import Meter, abbreviate, errors
-from pipeline.contrib.report.report_source import ReportSource
+from pipeline.console import Meter, errors
+from pipeline.dataset.completed_objects import CompletedObjects
 from pipeline.drawing.grasp_scene import GraspScenes
 from pipeline.errors import InvalidInput
 from pipeline.store.atomic import atomic_writes, write_atomically
 
 
 def write_scenes(
-    source: ReportSource,
+    source: CompletedObjects,
     out: Path,  # folder for `OBJECT.glb`, or a .glb file for one object
     objects: Sequence[str],  # names; empty for all
 ) -> int:  # the number of objects
@@ -20,8 +20,8 @@ def write_scenes(
     Meshes are as stored. Lengths are m; glTF is y up: each top node turns the world, z up.
     """
     object_ids = list(objects) or source.object_ids
-    if unknown := [name for name in object_ids if name not in source.object_ids]:
-        raise InvalidInput(f"{unknown[0]} is not a usable object of {source.directory.root}; it has {abbreviate(source.object_ids)}")
+    for name in object_ids:
+        source.check_known(name)
     one_file = out.suffix.lower() == ".glb"
     if one_file and len(object_ids) > 1:
         raise InvalidInput(f"{out} is one file, and there are {len(object_ids)} objects; name one with --object, or a folder")

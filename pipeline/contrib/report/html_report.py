@@ -1,7 +1,5 @@
 """Write the report, a folder of static pages that open from a disk: overview, gallery, objects, figures, results and origin."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shutil
@@ -21,16 +19,15 @@ from rich.console import Console
 
 import pipeline
 from pipeline.console import Meter, Row, Table, pluralise, visible
+from pipeline.contrib.report.figures import CANDIDATES, clearest_grasp, draw_figures, overview_panels
 from pipeline.contrib.report.object_page import ObjectPages
-from pipeline.contrib.report.overview import overview_panels
-from pipeline.contrib.report.paper_figures import CANDIDATES, clearest_grasp, draw_figures
 from pipeline.contrib.report.provenance import commands, contents_table, outside_sweeps, records, settings_tables, versions_tables
-from pipeline.contrib.report.report_pages import WRITTEN, ObjectCard, Pages, read_pages, refuse_report_links
 from pipeline.contrib.report.report_source import ReportSource
-from pipeline.contrib.report.trade_pictures import report_trades
 from pipeline.dataset.touch_statistics import PAPER, Tally, has_paper_sizes, sensors_of
-from pipeline.drawing.contact_sheet_page import spread_evenly
+from pipeline.drawing.picture_sheet import spread_evenly
 from pipeline.drawing.plots import draw_bars, draw_curves, draw_errors, draw_histogram
+from pipeline.drawing.written_files import PAGES as WRITTEN
+from pipeline.drawing.written_files import ObjectCard, Pages, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
 from pipeline.physics.motion import REST, WITHIN
@@ -42,35 +39,28 @@ from pipeline.store.storage import Location, exists, remove
 from pipeline.tables.results import results_tables, trained_models, training_losses
 from pipeline.tables.results_summary import GIVEN, summarise
 from pipeline.tables.touch_tables import supplement_touches, touch_tables, touches_per_grasp
+from pipeline.tradeoff.measured import END_TO_END, read_trades
+from pipeline.tradeoff.trade_pictures import draw_trade, used_point
+from stages.registry import TRADED
 
 ASSETS = Path(pipeline.__file__).parent / "assets" / "report"
 COPIED = ("style.css", "viewer.js", "gallery.js", "tables.js", "three.min.js", "three.LICENSE")
 PAGES = {"index.html": "Overview", "gallery.html": "Gallery", "figures.html": "Figures", "results.html": "Results", "about.html": "About"}
 UNITS = "mm²|mm|µm|m²|m|grasps?|kB"
 """Units that are kept on the line of their number."""
-
 CARDS = 8
 """Objects on the first page."""
 
 
 def write_report(data: Location, console: Console, max_objects: int = 10) -> Location:
-    """Write the report of a data directory into its folder `report`; pages of objects that are up to date are left alone.
+    """Write the report of a data directory into its folder `report`, with at most `max_objects` reconstructions in a figure.
 
-    A figure shows at most `max_objects` reconstructions.
-
-    Returns
-    -------
-    Its first page.
-
-    Raises
-    ------
-    StoreError
-        An artifact that a report needs is missing or out of date, or the folder is or holds a symbolic link.
+    Pages of objects that are up to date are kept. Returns its first page.
     """
     source, report = ReportSource(data), data / "report"
-    refuse_report_links(report)
+    refuse_links(report)
     try:
-        before = read_pages(report)
+        before = read_list(report / WRITTEN, Pages)
     except StoreError:  # there is none, or it is damaged
         before = Pages()
     with atomic_writes(report) as folder:
@@ -79,14 +69,21 @@ def write_report(data: Location, console: Console, max_objects: int = 10) -> Loc
         for name in COPIED:
             shutil.copyfile(ASSETS / name, folder / name)
         objects = _write_objects(source, folder, console, before, changed_files(report, before.every_file()))
-        common = {"objects": len(objects), "evaluated": source.evaluation is not None, "has_images": "vision" in source.collections}
         cards = [{"id": name, **card.model_dump()} for name, card in objects.items()]
         paper = has_paper_sizes(data)
-        tables = touch_tables(source.tallies, sensors_of(data), paper=paper)
-        plots = _plots(source, objects, folder, paper)
-        first_cards = spread_evenly(cards, CARDS)
-        hero, tiles = _overview(source, folder), _tiles(source)
-        _write(source, folder, "index.html", hero=hero, cards=first_cards, tables=tables, plots=plots, tiles=tiles, **common)
+        _write(
+            source,
+            folder,
+            "index.html",
+            hero=_overview(source, folder),
+            cards=spread_evenly(cards, CARDS),
+            tables=touch_tables(source.tallies, sensors_of(data), paper=paper),
+            plots=_plots(source, objects, folder, paper),
+            tiles=_tiles(source),
+            objects=len(objects),
+            evaluated=source.evaluation is not None,
+            has_images="vision" in source.collections,
+        )
         categories, splits = (sorted({card[key] for card in cards}) for key in ("category", "split"))
         _write(source, folder, "gallery.html", cards=cards, categories=categories, splits=splits)
         _write(source, folder, "figures.html", figures=draw_figures(source, folder / "figures", max_objects))
@@ -107,8 +104,7 @@ def _write_objects(source: ReportSource, folder: Path, console: Console, previou
     common = {"up": "../", "current": "", "name": source.name, "pages": PAGES}
     shared_hashes = [sources_hash(__name__), *(hashlib.sha256(file.read_bytes()).hexdigest() for file in sorted(ASSETS.iterdir()))]
     evaluated = [source.directory.folder(name).files for name in source.measured]
-    ids = source.object_ids
-    cards = {}
+    ids, cards = source.object_ids, {}
     with Meter(console, "report", len(ids), "objects") as meter, ExitStack() as opened:
         pages = ObjectPages(source, template, folder / "objects", opened)
         for object_id, before, after in zip(ids, [None, *ids[:-1]], [*ids[1:], None], strict=True):
@@ -263,9 +259,20 @@ def _tables_with_lines(tables: Sequence[Table]) -> list[tuple[Table, list[str]]]
 
 
 def _trades(source: ReportSource, folder: Path) -> list[dict[str, str]]:
-    """Draw the measured trades of speed for accuracy, if the data directory is on a disk."""
+    """Draw the measured trades of speed for accuracy, the used settings marked, if the data directory is on a disk."""
+    if not isinstance(source.directory.root, Path):
+        return []
     settings = {origin.stage: origin.settings for origin in outside_sweeps(records(source.directory)).values()}
-    return report_trades(source.directory.root, settings, folder / "figures") if isinstance(source.directory.root, Path) else []
+    pictures = []
+    for trade in read_trades(source.directory.root, (*TRADED, END_TO_END)):
+        used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
+        file = f"figures/trade-{trade.stage}.svg"
+        draw_trade(trade, folder / file, used)
+        points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
+        mark = f"; used here: {used.label}" if used else "; the settings used here were not measured" if trade.stage in settings else ""
+        caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{mark}."
+        pictures.append({"file": file, "alt": f"{trade.metric}: {points}", "caption": caption})
+    return pictures
 
 
 def _about(source: ReportSource) -> dict[str, Any]:

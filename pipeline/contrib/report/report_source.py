@@ -1,30 +1,25 @@
 """Read the content of a report: artifacts of a data directory, and the figures of each object in its evaluation."""
 
-import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import trimesh
 
 from pipeline.console import Row, Table, pluralise
-from pipeline.dataset.grasping_hand import grasping_hand
-from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.dataset.completed_objects import CompletedObjects
+from pipeline.dataset.touch_charts import is_surface
 from pipeline.dataset.touch_statistics import Tally, tally
-from pipeline.dataset.vision_scene import dataset_scene
-from pipeline.errors import StoreError
-from pipeline.formats.scene_file import load_scene
-from pipeline.kernels.hand.model import Hand
+from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS
+from pipeline.drawing.views import painted_mesh
+from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.touch.sensor import Sensor
-from pipeline.kernels.vision.scene import Scene
-from pipeline.store.directory import DataDirectory
+from pipeline.store.collection import Collection
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import Location
 from pipeline.tables.training_seeds import scores
-from schemas.catalogue import ARTIFACTS
-from schemas.vision import VISION
 from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import (
     Arrays,
@@ -40,77 +35,32 @@ from stages.evaluate.evaluation_files import (
 from stages.evaluate.settings import SHIPPED_SCORES
 from stages.evaluate.tables import ACCURACY
 
-NEEDED, SHOWN = ("surfaces", "grasps", "touch"), ("vision", "charts")
-"""Artifacts that a report needs, and those that it shows if they have been made."""
-
 SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
 """The metrics of single objects, and the factors to their units."""
 
 
-class ReportSource:
-    """The artifacts of a data directory that a report shows.
+class ReportSource(CompletedObjects):
+    """The artifacts of a data directory that a report shows, its evaluations (one per training seed) and the scores of other methods.
 
-    `evaluated` are the names of the evaluations, one per training seed, `scored` those of the scores of other methods.
-    `measured` are those of them that keep surfaces, which are shown: the first evaluation, and the score of the network
-    that ships; `evaluation` is their content, None if no network has been evaluated.
+    `measured` are those that keep surfaces, which are shown: the first evaluation, and the score of the pretrained
+    network; `evaluation` is their content, None if no network has been evaluated.
     """
 
     def __init__(self, data: Location) -> None:
-        self.directory = DataDirectory(data)
-        collections = {name: self.directory.collection(ARTIFACTS[name]) for name in (*NEEDED, *SHOWN)}
-        self.collections = {name: collection for name, collection in collections.items() if name in NEEDED or collection.shards}
-        for collection in self.collections.values():
-            collection.first  # noqa: B018 (an error where it has not been made)
+        super().__init__(data, ("surfaces", "grasps", "touch"), ("vision", "charts"))
         self.evaluated, self.scored = evaluations(self.directory), scores(self.directory)
-        check_origins(self.directory, [*self.collections, *self.evaluated])
-        names = [*self.collections["surfaces"], *self.collections["surfaces"].missing]
-        failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
-        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}  # of the others
-        self.object_ids = [name for name in names if name not in failures]  # that failed in none of the artifacts
-        if not self.object_ids:
-            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
+        check_origins(self.directory, self.evaluated)
         self.measured = [*self.evaluated[:1], *(name for name in self.scored if name == SHIPPED_SCORES)]
         self.evaluation = Evaluation([self.directory.verified_folder(name) for name in self.measured]) if self.measured else None
-
-    def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
-        """Open an object's rows, by artifact; each array is read once."""
-        return {name: collection.view(object_id) for name, collection in self.collections.items()}
-
-    def attributes(self, artifact: str) -> Mapping[str, Any]:
-        """Read the attributes of an artifact."""
-        return self.collections[artifact].first.attributes
 
     @cached_property
     def tallies(self) -> dict[str, Tally]:
         """The touches of all grasps, by category."""
         return tally(self.directory.root)
 
-    @property
-    def name(self) -> str:
-        """The manifest's name, and the preset's."""
-        return f"{self.attributes('grasps')['manifest']} · {self.collections['grasps'].first.record.preset}"
-
-    def hand(self) -> Hand:
-        """Load the hand that grasped."""
-        return grasping_hand({name: self.attributes(name) for name in self.collections})
-
-    def sensors(self) -> tuple[Sensor, ...]:
-        """List the sensor of each finger."""
-        return touch_sensors(self.attributes("touch"))
-
-    def digests(self, object_id: str) -> dict[str, str]:
-        """Collect the digests of an object's rows, by artifact."""
-        return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
-
-
-def shown_scene(directory: DataDirectory) -> Scene:
-    """Read the scene that a dataset's images show; load the supplement's for a dataset without images."""
-    images = directory.collection(VISION).shards
-    return dataset_scene(images[0].attributes) if images else load_scene("supplement")
-
 
 class Prediction(NamedTuple):
-    """Hold the reconstruction of an object from its first grasps."""
+    """The reconstruction of an object from its first grasps."""
 
     network: str  # configuration
     grasps: int  # that its figures are of
@@ -124,14 +74,23 @@ class Prediction(NamedTuple):
         return f"{self.network}-{self.grasps}"
 
     @property
+    def error(self) -> str:
+        """Write its mean distance."""
+        return f"{1e3 * self.figures['mean_distance']:.1f} mm"
+
+    @property
+    def inputs(self) -> str:
+        """Name the network and the grasps that it was given."""
+        return self.network + (f", {pluralise(self.grasps, 'grasp')}" if self.felt else "")
+
+    @property
     def label(self) -> str:
         """Name the reconstruction for a reader."""
-        given = f", {pluralise(self.grasps, 'grasp')}" if self.felt else ""
-        return f"{self.network}{given}, {1e3 * self.figures['mean_distance']:.1f} mm"
+        return f"{self.inputs}, {self.error}"
 
 
 class Evaluation:
-    """Read the results of single objects: surfaces (`tables`) and `figures`, by network whose surfaces are stored."""
+    """The results of single objects: surfaces (`tables`) and `figures`, by network whose surfaces are stored."""
 
     def __init__(
         self,
@@ -149,35 +108,63 @@ class Evaluation:
         self.configurations = list(self.tables)
 
     def predictions(self, object_id: str) -> list[Prediction]:
-        """List the reconstructions of an object with its first grasps; none if it was not evaluated."""
+        """List the reconstructions of an object with its first grasps, by network from few grasps to many; none if it was not evaluated."""
         if object_id not in self.object_ids:
             return []
         row, predictions = self.object_ids.index(object_id), []
         for name, table in self.tables.items():
             cases = [case for case, first_grasp in enumerate(table["first_grasp"]) if first_grasp == 0]
             for case in sorted(cases, key=lambda case: int(table["grasps_given"][case])):
-                grasp_count = max(int(table["grasps_given"][case]), 1)
-                figures = {metric: float(self.figures[name].per_case(metric, grasp_count)[row, 0]) for metric in SHOWN_METRICS}
-                predictions.append(Prediction(name, grasp_count, bool(table["grasps_given"][case]), case, figures))
+                count = max(int(table["grasps_given"][case]), 1)
+                figures = {metric: float(self.figures[name].per_case(metric, count)[row, 0]) for metric in SHOWN_METRICS}
+                predictions.append(Prediction(name, count, bool(table["grasps_given"][case]), case, figures))
         return predictions
 
     def ranked(self, names: Sequence[str]) -> list[str]:
         """Sort the objects by the mean distance of these networks' reconstructions from their first grasps, the nearest first."""
 
         def error(object_id: str) -> float:
-            return float(
-                np.mean([prediction.figures["mean_distance"] for prediction in self.predictions(object_id) if prediction.network in names])
-            )
+            predictions = [prediction for prediction in self.predictions(object_id) if prediction.network in names]
+            return float(np.mean([prediction.figures["mean_distance"] for prediction in predictions]))
 
         return sorted(self.object_ids, key=error)
 
-    def surfaces(self, object_id: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """Read the vertices (V, 3), m, and faces (F, 3) of these reconstructions, by name."""
-        surfaces = {}
-        for prediction in self.predictions(object_id):
-            table = self.tables[prediction.network]
-            surfaces[prediction.name] = surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
-        return surfaces
+    def surface(self, object_id: str, prediction: Prediction) -> tuple[np.ndarray, np.ndarray]:  # (V, 3) m, (F, 3)
+        """Read the surface of a reconstruction."""
+        table = self.tables[prediction.network]
+        return surface_of(table, table["object_id"].tolist().index(object_id), prediction.case)
+
+    def mesh(self, object_id: str, prediction: Prediction, fitted: Collection | None) -> Mesh:
+        """Make the mesh of a reconstruction, with the touch charts of its input if these are `fitted`."""
+        return predicted_mesh(fitted, object_id, self.tables[prediction.network], prediction.case)
+
+
+def predicted_mesh(
+    fitted: Collection | None,  # the artifact `charts`; None if there are none
+    object_id: str,
+    table: Arrays,  # the network's group below `predictions` or `meshes`
+    case: int,  # number of the choice of grasps
+) -> Mesh:
+    """Make a mesh of a prediction: in grey, with the touch charts of its input in orange."""
+    vertices, faces = ([part] for part in surface_of(table, table["object_id"].tolist().index(object_id), case))
+    count, first_grasp = int(table["grasps_given"][case]), int(table["first_grasp"][case])
+    if count and fitted is not None and "position" in table:  # touch charts are not part of a mesh
+        row = fitted.view(object_id)
+        charts, touched = row["vertices"], is_surface(row["stop_rule"])  # (grasp, sensor, S, 3), (grasp, sensor)
+        grasps = [(first_grasp + step) % len(charts) for step in range(count)]
+        vertices += list(charts[grasps][touched[grasps]])
+        faces += [row["chart_faces"]] * (len(vertices) - 1)
+    points, triangles = trimesh.util.append_faces(vertices, faces)
+    return two_coloured(points, triangles, len(faces[0]))
+
+
+def two_coloured(
+    vertices: np.ndarray,  # (V, 3) m
+    faces: np.ndarray,  # (F, 3)
+    grey: int,  # number of the first faces that are grey; the others, of touch charts, are orange
+) -> Mesh:
+    """Make a mesh of vision charts and touch charts."""
+    return painted_mesh(vertices, faces, np.arange(len(faces)) >= grey, [VISION_COLORS[0], TOUCH_COLOR])
 
 
 def best(predictions: Iterable[Prediction]) -> Prediction:

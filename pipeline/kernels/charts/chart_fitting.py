@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, descend, planar_grid, take_steps
-from pipeline.kernels.charts.fit_options import FitOptions, StopRule
-from pipeline.kernels.charts.touch_chart import chart_square
+from pipeline.kernels.charts.touch_chart import FitOptions, StopRule, chart_square
 from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface
 from pipeline.kernels.metrics.cloud_distances import checked_cloud, sampling_floor
 

@@ -23,10 +23,9 @@ def visible_charts(
     """Fit charts to the visible surface.
 
     The camera frame has +x along columns, +y along rows, +z ahead. Vertices are ordered as those of touch charts, so
-    that their normals point away from the camera, into the object.
-
-    The image is cut into windows that are `width` wide at the object's median depth. A quadric is fitted to the depths of each, by least
-    squares: a chart is smooth where the camera's depth is noisy.
+    that their normals point away from the camera, into the object. The image is cut into windows that are `width` wide
+    at the object's median depth. A quadric is fitted to the depths of each, by least squares: a chart is smooth where
+    the camera's depth is noisy.
     """
     usable = binary_erosion(mask, iterations=RIM) & np.isfinite(depth)
     if not usable.any():

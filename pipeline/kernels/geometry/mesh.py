@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from trimesh import graph
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Array32, Floats, Indices, Integers
@@ -60,7 +59,9 @@ def mesh_edges(faces: Integers) -> tuple[Integers, Integers]:
 
 def is_watertight(faces: Integers) -> bool:
     """Whether each edge of (F, 3) faces is shared by exactly two of them."""
-    return bool(graph.is_watertight(directed_edges(faces))[0])
+    edges = np.sort(directed_edges(faces).astype(np.int64), axis=1)
+    _, counts = np.unique(edges[:, 0] << 32 | edges[:, 1], return_counts=True)
+    return bool((counts == 2).all())
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,8 @@ def signed_distances(
 
     They err by at most 1e-13 of the largest coordinate, beside slivers by 4e-6 of their length. Inside, where parts of
     the mesh overlap, a distance is that to the nearest face of any part: no more than that to the surface of the whole.
-
-    The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not be closed. Both
-    sides of an open sheet are outside.
+    The generalised winding number (Jacobson et al., 2013; Barill et al., 2018) decides on the side, so a mesh need not
+    be closed. Both sides of an open sheet are outside.
     """
     inside = is_inside(points, vertices, faces)
     distances = np.sqrt(_squared_distances(points, vertices, faces))

@@ -27,11 +27,10 @@ def wrap_surface(
     """Wrap any set of triangles in one closed mesh, normals outwards.
 
     Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half. Of the
-    result, the largest part is kept; parts inside it or apart from it are dropped.
-
-    The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
-    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets behind each
-    other, wound alike, enclose what is between them and as much before them.
+    result, the largest part is kept; parts inside it or apart from it are dropped. The level set of the distance at
+    `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however thin. Its
+    vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets
+    behind each other, wound alike, enclose what is between them and as much before them.
     """
     check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)

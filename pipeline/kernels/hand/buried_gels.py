@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.model import Hand, Link
-from pipeline.kernels.touch.gel_surface import gel_top
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
 
 ROUNDED = 5e-4  # m, that a sensor plane may lie below its link's surface: origins are rounded, and meshes have facets

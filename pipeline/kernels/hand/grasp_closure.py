@@ -7,10 +7,8 @@ from scipy.optimize import linprog
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.transforms import length, solve_3x3
-from pipeline.kernels.touch.contact import pressed_pixels
-from pipeline.kernels.touch.face_culling import BoxedFaces
-from pipeline.kernels.touch.gel_surface import gel_surface
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import gel_surface, pressed_pixels
+from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, masked_points
 
 CONE_EDGES = 8  # edges of the pyramid that approximates a friction cone
@@ -84,11 +82,10 @@ def closure_margin(
 
     Contacts are soft fingers with Coulomb friction: each resists a force within its friction cone and a moment about
     its normal. The margin is the share of an even distribution that every edge of every friction cone carries at least.
-    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure.
-
-    Of m edges with wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m.
-    Positive t and wrenches that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment
-    about a normal is 2/3 μ times the radius of a disc of the contact's area, as of a constant pressure.
+    It is 0 where they cannot cancel, or cannot resist every force and moment: no force closure. Of m edges with
+    wrenches w, of normal force 1 each, it is the greatest t with Σ λ w = 0, Σ λ = 1, λ ≥ t / m. Positive t and wrenches
+    that span all six dimensions are force closure (Murray, Li, Sastry, 1994, 5.2). The moment about a normal is 2/3 μ
+    times the radius of a disc of the contact's area, as of a constant pressure.
     """
     if len(contacts) < 2 or friction <= 0:
         return 0.0

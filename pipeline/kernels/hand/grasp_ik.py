@@ -1,11 +1,10 @@
 """Inverse kinematics on a distance field: joint angles that bring every gel to the object and keep every rigid link out of it.
 
-Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object allow it". Where
-they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled once per hand. The samples are
-ranked on the object's distance grid, the best are refined by random steps that shrink, and one posture per finger is chosen so that
-fingers do not collide.
-
-A posture's value is that of its gel's contact, less what its rigid links lack in clearance.
+Supplement 1.3 has the sensors "meet the surface of the object, so long as physical integration of the hand and object
+allow it". Where they meet it is not given, so there is no point to aim at. Instead each finger's joint space is sampled
+once per hand. The samples are ranked on the object's distance grid, the best are refined by random steps that shrink,
+and one posture per finger is chosen so that fingers do not collide. A posture's value is that of its gel's contact,
+less what its rigid links lack in clearance.
 """
 
 from collections.abc import Sequence

@@ -9,9 +9,8 @@ from scipy.stats import qmc
 from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
-from pipeline.kernels.hand.link_overlaps import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import finger_conflicts, fingers_clear_of_palm
+from pipeline.kernels.hand.self_collision import LinkOverlap, finger_conflicts, fingers_clear_of_palm, frequent_overlaps, remedy
 
 LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
 """rad kept from the joint limits, so that a motor's residual error does not cross them; at most this share of the joint's range."""

@@ -81,3 +81,10 @@ def _check(vertices: Tensor, faces: Tensor, uniform: Tensor) -> None:
         raise ValueError(f"faces reach from {int(faces.min())} to {int(faces.max())}; there are vertices 0 to {len(vertices) - 1}")
     if not bool(torch.isfinite(vertices).all()):
         raise InvalidInput(f"vertices hold NaN or infinity in {int((~torch.isfinite(vertices)).sum())} of {vertices.numel()} coordinates")
+
+
+def edge_length(vertices: Tensor, edges: Tensor) -> Tensor:
+    """Compute the mean squared length of edges (E, 2), in the vertices' unit squared: (B,)."""
+    check_full_precision("vertices", vertices)
+    first, second = vertices[:, edges].unbind(dim=2)
+    return (first - second).square().sum(dim=-1).mean(dim=-1)

@@ -8,12 +8,10 @@ from torch import Tensor, nn
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
-from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder
+from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, chart_graph
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, pool_features, project_to_pixels
 from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkConfig
-from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 from pipeline.kernels.tensor_checks import COLOURS, check_full_precision
 
 VISION, TOUCHED, NOT_TOUCHED = 0.0, 1.0, -1.0
@@ -25,10 +23,9 @@ INITIAL_OUTPUT_SCALE = 0.1
 class DeformationNetwork(nn.Module):
     """Moves a sphere of vision charts so that, with the touch charts, it becomes the object's surface.
 
-    One graph network moves the vertices `config.passes` times. It is given each vertex's position in radii of the sphere from its centre,
-    with touch the vertex's mask feature, and with an image the image features pooled at the vertex. Touch charts never move; with tied
-    seams, vision vertices that coincide keep doing so to the bit.
-
+    One graph network moves the vertices `config.passes` times. It is given each vertex's position in radii of the
+    sphere from its centre, with touch the vertex's mask feature, and with an image the image features pooled at the
+    vertex. Touch charts never move; with tied seams, vision vertices that coincide keep doing so to the bit.
     `generator` draws the initial weights: equal generators give equal networks. Torch's own if None.
     """
 

@@ -12,10 +12,9 @@ from torch.nn import functional
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.initial_weights import draw_weights
 from pipeline.kernels.networks.network_configurations import NetworkInputs
-from pipeline.kernels.networks.perceptual_pooling import pool_features, project_to_pixels
 from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, touches_by_item
 from pipeline.kernels.tensor_checks import COLOURS
 

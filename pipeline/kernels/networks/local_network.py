@@ -1,18 +1,73 @@
-"""A small network that reads a tactile image pixel by pixel: slopes from colours, depth from slopes, contact from depth.
+"""Depth from slopes: Poisson's equation by sine transforms, differentiable."""
 
-It sees a neighbourhood of 0.8 mm, so that it learns the meaning of colours and not the shapes of the training set.
-"""
-
+import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits, interpolate, smooth_l1_loss
 
-from pipeline.kernels.networks.slope_integration import integrate_slopes, surface_slopes
+from pipeline.errors import InvalidInput
 from pipeline.kernels.tensor_checks import COLOURS
+from pipeline.kernels.touch.calibrated_shading import powers
 
 CHANGE_SCALE = 50.0  # levels of 255 that are scaled to 1 for the network: the usual change of colours in a contact
 CONTACT_FEATURES = 8  # features of the layers that find the contact
+DEPTH, IN_CONTACT, SLOPES, CONTACT = 4.0, 4.0, 8.0, 0.3
+"""Weight of the depth error, mm; additional weight of a pixel in the contact; weights of slopes and contact."""
+SMALL = 0.1
+"""Error of a slope below which its square counts. If small errors cost little, gentle slopes are read too steep, to make up for the depth
+that is lost at walls."""
+STEEPEST = 4.0  # slope to which true slopes are clamped: colours do not show how steep a wall is
+SIDE = 40  # pixels per side to which changes are averaged: drift is smooth
+DEGREE = 2  # degree of the polynomial in the position: the contacts of one sensor are too small to be taken for drift
+SCALE = 4.0
+"""Levels, the usual size of the drift: pixels that differ from it by much more, as in contacts, hardly count."""
+ROUNDS = 12  # rounds of weighted least squares
+
+
+def integrate_slopes(
+    slopes: Tensor,  # (B, 2, H, W) dz/dx and dz/dy at the pixel centres; +x along columns, +y along rows
+    pitch: tuple[float, float],  # size of a pixel along y and x, in the unit of the result
+) -> Tensor:  # (B, H, W) z, of the slopes' type, differentiable; 0 one pixel beyond the image's rim
+    """Compute the surface whose slopes are nearest, in the least-squares sense, to given ones.
+
+    Between two pixels the surface rises by the mean of their slopes times the pitch. The normal equations of these differences are
+    Poisson's equation on the grid, which sine transforms make diagonal; these are products with matrices of at most a few hundred rows,
+    which cost less than fast transforms of both axes would.
+    """
+    if slopes.ndim != 4 or slopes.shape[1] != 2:
+        raise ValueError(f"slopes have shape {tuple(slopes.shape)}; they must be (B, 2, H, W)")
+    rows, cols = slopes.shape[2:]
+    (down, down_eigen), (across, across_eigen) = (_sines(count, slopes.dtype, slopes.device) for count in (rows, cols))
+    divergence = _divergence(slopes[:, 0], -1) / pitch[1] + _divergence(slopes[:, 1], -2) / pitch[0]
+    eigen = down_eigen[:, None] / pitch[0] ** 2 + across_eigen[None] / pitch[1] ** 2
+    return down @ ((down @ divergence @ across) / eigen) @ across
+
+
+def surface_slopes(depth: Tensor, pitch: tuple[float, float]) -> Tensor:
+    """Compute (B, 2, H, W) slopes along x and y of (B, H, W) depth by central differences; `pitch` along y and x, in depth's unit."""
+    down, across = torch.gradient(depth, spacing=(pitch[0], pitch[1]), dim=(1, 2))
+    return torch.stack([across, down], dim=1)
+
+
+def _divergence(slope: Tensor, axis: int) -> Tensor:
+    """Difference, along an axis, of the slopes half a pixel after and before each pixel; beyond the rim slopes are 0."""
+    count = slope.shape[axis]
+    nothing = torch.zeros_like(slope.narrow(axis, 0, 1))
+    padded = torch.cat([nothing, slope, nothing], dim=axis)
+    return (padded.narrow(axis, 2, count) - padded.narrow(axis, 0, count)) / 2
+
+
+@lru_cache(maxsize=16)
+def _sines(count: int, dtype: torch.dtype, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Make the sine transform of a length, (n, n), its own inverse, and the eigenvalues of second differences."""
+    with torch.inference_mode(False):  # they are cached, and a training may follow in this process
+        numbers = torch.arange(1, count + 1, dtype=torch.float64)
+        angles = math.pi * torch.outer(numbers, numbers) / (count + 1)
+        eigen = 2 * torch.cos(math.pi * numbers / (count + 1)) - 2
+        return (math.sqrt(2 / (count + 1)) * torch.sin(angles)).to(device, dtype), eigen.to(device, dtype)
 
 
 class LocalShape(NamedTuple):
@@ -26,9 +81,8 @@ class LocalShape(NamedTuple):
 class LocalNetwork(nn.Module):
     """Convolutions of 3 × 3, 3 × 3 dilated by 2, and 1 × 1 twice give slopes; their integral is the depth.
 
-    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in depth and slopes.
-
-    `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
+    Depth alone does not tell contact, as the gel around an object is drawn in too: separate convolutions find it in
+    depth and slopes. `width` counts the features of the hidden layers; 20 make 6,500 parameters, 26 kB.
     """
 
     def __init__(self, width: int = 20) -> None:
@@ -87,3 +141,52 @@ def pixel_positions(rows: int, cols: int) -> Tensor:  # (1, 2, rows, cols) float
     """Compute the positions of pixels for a `LocalNetwork`: x and y, -1 to 1 from rim to rim."""
     x, y = (2 * (torch.arange(count, dtype=torch.float32) + 0.5) / count - 1 for count in (cols, rows))
     return torch.stack([x.expand(rows, cols), y[:, None].expand(rows, cols)])[None]
+
+
+class GelState(NamedTuple):
+    """The true state of a batch of presses."""
+
+    depth: Tensor  # (B, H, W) of the gel's surface below its rest, mm
+    contact: Tensor  # (B, H, W) bool
+
+
+def local_loss(
+    shape: LocalShape,
+    truth: GelState,
+    pitch: tuple[float, float],  # size of a pixel along y and x, mm
+) -> Tensor:
+    """Compute the loss of a batch: a scalar, the mean over all pixels."""
+    if not bool(torch.isfinite(shape.slopes).all()):
+        raise InvalidInput("the network reads NaN or infinite slopes: it has diverged; lower the learning rate")
+    depth = ((shape.depth - truth.depth).abs() * (1 + IN_CONTACT * truth.contact)).mean()
+    slopes = smooth_l1_loss(shape.slopes, surface_slopes(truth.depth, pitch).clamp(-STEEPEST, STEEPEST), beta=SMALL)
+    contact = binary_cross_entropy_with_logits(shape.contact, truth.contact.to(shape.contact.dtype))
+    return DEPTH * depth + SLOPES * slopes + CONTACT * contact
+
+
+def without_drift(change: Tensor) -> Tensor:
+    """Subtract the drift from changes (B, 3, H, W), image minus untouched image, levels.
+
+    The drift is a polynomial of the position, fitted to the pixels without contact by iteratively reweighted least
+    squares from a drift of 0: a pixel r levels away weighs 1 / (1 + (r / SCALE)²)².
+    """
+    levels = interpolate(change, size=(SIDE, SIDE), mode="area").flatten(2).transpose(1, 2)  # (B, n, 3)
+    terms = _terms(SIDE, SIDE, change.dtype, change.device)  # (n, k)
+    drift = torch.zeros_like(levels)
+    for _ in range(ROUNDS):
+        weight = (1 + (levels - drift).square().sum(dim=2) / SCALE**2) ** -2  # (B, n)
+        weighted = weight[:, :, None] * terms
+        ridge = torch.eye(terms.shape[1], dtype=change.dtype, device=change.device)  # weighs as one pixel: if all are pressed, none counts
+        coefficients = torch.linalg.solve(weighted.transpose(1, 2) @ terms + ridge, weighted.transpose(1, 2) @ levels)  # (B, k, 3)
+        drift = terms @ coefficients
+    rows, cols = change.shape[2:]
+    fitted: Tensor = _terms(rows, cols, change.dtype, change.device) @ coefficients
+    return change - fitted.transpose(1, 2).reshape(change.shape)
+
+
+@lru_cache(maxsize=8)
+def _terms(rows: int, cols: int, dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Make the terms of the polynomial at every pixel, (rows * cols, k)."""
+    with torch.inference_mode(False):  # they are cached, and a training may follow in this process
+        y, x = (2 * (torch.arange(count, dtype=dtype, device=device) + 0.5) / count - 1 for count in (rows, cols))
+        return torch.stack([(x[None] ** i * y[:, None] ** j).flatten() for i, j in powers(DEGREE)], dim=1)

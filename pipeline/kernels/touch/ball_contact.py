@@ -1,22 +1,28 @@
-"""The contact of a ball with a gel: its circle in a photograph, and the impression behind it.
+"""The contact of a ball with a gel: its circle in a photograph, the impression behind it, and its pixels as equations.
 
 Valid range: balls larger than their contacts.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels.arrays import Array
+from pipeline.kernels.arrays import Array, Indices
+from pipeline.kernels.touch.calibrated_shading import fitted_positions, polynomial_terms
+from pipeline.kernels.touch.optics import Box
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 RING = 3.0  # radius of the region around a contact that is fitted and compared, in contact radii
-HALVINGS = 14  # halvings of the interval in which a ball's depth is searched: accurate to a ten-thousandth
+HALVINGS = 14  # of the interval in which a ball's depth is searched: accurate to a ten-thousandth
 
-Box = tuple[float, float, float, float]
+CONTACT_WEIGHT = 3.0  # of a pixel in the contact, where colours change more, relative to one in the ring around it
+SAMPLES = 11  # pixels per radius of a contact that are fitted: neighbours hold the same information
+RIDGE = 1e-6  # share of the mean diagonal of the normal equations, for terms that the photographs do not separate
 
 
 @dataclass(frozen=True)
@@ -74,3 +80,75 @@ def contact_box(sensor: Sensor, contacts: Sequence[Circle]) -> Box:
     low, high = np.maximum((at - reach).min(axis=0), -rim), np.minimum((at + reach).max(axis=0), rim)
     left, top, right, bottom = np.round([*low, *high], 5).tolist()
     return left, top, right, bottom
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Pixels of a photograph: n of them."""
+
+    bump: Array  # (rows, cols) m: the gel's indentation in the whole image
+    at: tuple[Indices, ...]  # rows and columns of the pixels
+    distance: Array  # (n,) from the contact's middle, contact radii: less than 1 in the contact
+    features: Array  # (n, k) without unit
+    change: Array  # (n, 3) levels that the photograph differs from the untouched one
+    contact_weight: float = CONTACT_WEIGHT  # of a pixel in the contact, relative to one around it
+
+    @cached_property
+    def equations(self) -> Array:  # (k, k + 3)
+        """Compute the normal equations: their matrix, and beside it their right-hand sides."""
+        weighted = np.where(self.distance < 1, self.contact_weight, 1.0)[:, None] * np.hstack([self.features, self.change])
+        return np.asarray(weighted.T @ weighted)[: self.features.shape[1]]  # symmetric: numpy computes half of the product
+
+    def error(self, coefficients: Array) -> float:
+        """Compute the mean error of colours by coefficients (k, 3): that in the contact plus that in the ring, levels.
+
+        In the ring all radii weigh alike, not all pixels: the gel's depth is the sum of its slopes along a radius.
+        """
+        size = np.abs(self.change - self.features @ coefficients).mean(axis=1)
+        inside = self.distance < 1
+        weight = np.where(inside, 1.0, 1 / np.maximum(self.distance, 1))
+        parts = [part for part in (inside, ~inside) if part.any()]
+        return sum(float(np.average(size[part], weights=weight[part])) for part in parts)
+
+
+def sample_photographs(
+    sensor: Sensor,  # gives the geometry and the gel
+    photographs: Sequence[Photograph],
+    untouched: NDArray[np.uint8],  # (rows, cols, 3)
+    *,
+    ball_radius: float,  # m
+    degrees: tuple[int, int],  # of the polynomials in the normal and in the position
+    within: Box,  # from `contact_box`
+    contact_weight: float = CONTACT_WEIGHT,
+) -> list[Sample]:  # one per photograph, with features in the order of `Calibration.coefficients`, then those of its `depth`
+    """Take the pixels of contacts and of the rings around them."""
+    stride = max(1, round(float(np.median([photograph.contact.radius for photograph in photographs])) / SAMPLES))
+    x, y = fitted_positions(sensor, within)
+    samples = []
+    for photograph in photographs:
+        distance = distance_from(sensor, photograph.contact)[::stride, ::stride] / (photograph.contact.radius * sensor.pitch[1])
+        row, col = np.nonzero(distance < RING)
+        share = distance[row, col]
+        row, col = stride * row, stride * col
+        bump = gel_under(ball_impression(sensor, photograph.contact, ball_radius), sensor).indentation
+        slope_y, slope_x = (change[row, col] / size for change, size in zip(np.gradient(bump), sensor.pitch, strict=True))
+        size = np.sqrt(1 + slope_x**2 + slope_y**2)
+        normal = polynomial_terms(slope_x / size, slope_y / size, degrees[0])[1:] + [MM * bump[row, col]]
+        position = polynomial_terms(x[col], y[row], degrees[1])
+        features = np.stack([slope * spot for slope, spot in product(normal, position)], axis=1)
+        change = photograph.image[row, col].astype(np.float64) - untouched[row, col].astype(np.float64)
+        samples.append(Sample(bump, (row, col), share, features, change, contact_weight))
+    return samples
+
+
+def solve(equations: Array) -> Array:
+    """Solve a sum of `Sample.equations` (k, k + 3) for the coefficients (k, 3), levels."""
+    matrix, right = equations[:, :-3], equations[:, -3:]
+    ridge = RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix))
+    return np.linalg.solve(matrix + ridge, right)
+
+
+def left_out_error(samples: Sequence[Sample]) -> float:
+    """Average the error of each photograph by a fit to all others, levels: contacts plus rings."""
+    total = np.sum([sample.equations for sample in samples], axis=0)
+    return float(np.mean([sample.error(solve(total - sample.equations)) for sample in samples]))

@@ -1,18 +1,63 @@
-"""The colours of a calibrated sensor, compiled: a polynomial of the gel's normal, and its depth; coefficients depend on the position."""
+"""The colours of a calibrated sensor, compiled: a polynomial of the gel's normal and depth, whose coefficients depend on the position.
 
+Lamps cast shadows behind bumps of the gel: they are found by a sweep along each lamp's direction.
+"""
+
+import math
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.compiled import compiled
-from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Calibration
+from pipeline.kernels.touch.optics import POSITION_TERMS, SLOPE_TERMS, Box, Calibration
 from pipeline.kernels.touch.pressed_gel import gel_under
 from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
 
 FLAT = 1e-7
 """m: pixels at the ends of a row whose indentation is smaller, as it is above and below them, are not shaded."""
+
+
+def shade_depth(
+    bump: Array,  # (rows, cols) height towards the camera, m; negative where an elastic gel rises
+    pitch: tuple[float, float],  # size of a pixel along y and x, m
+    *,
+    direction: float,  # towards the lamp, rad from +x to +y
+    slope: float,  # height over length of the lamp's rays, > 0
+) -> Array:  # (rows, cols) m, >= 0: below the edge of the shade, along the height
+    """Compute how deep each point of the gel lies in the shade of a distant lamp; beyond the image the gel is at rest, at height 0.
+
+    The edge of the shade is carried from line to line towards the far side, with linear interpolation within a line.
+    """
+    step_y, step_x = math.sin(direction) / pitch[0], math.cos(direction) / pitch[1]  # pixels per m towards the lamp
+    swapped = abs(step_x) > abs(step_y)
+    image = np.ascontiguousarray(bump.T if swapped else bump)
+    major, minor = (step_x, step_y) if swapped else (step_y, step_x)
+    if major > 0:
+        image = image[::-1].copy()
+    shade = np.empty_like(image)
+    _sweep(image, minor / abs(major), slope / abs(major), shade)
+    if major > 0:
+        shade = shade[::-1]
+    return shade.T if swapped else shade
+
+
+@compiled
+def _sweep(image: Array, shift: float, drop: float, shade: Array) -> None:
+    """Sweep from line 0, nearest to the lamp; the line before lies `shift` pixels aside, rays fall `drop` per line."""
+    lines, length = image.shape
+    offset = math.floor(shift)
+    share = shift - offset
+    edge, padded = np.full(length, -drop), np.zeros(length + 4)
+    for line in range(lines):
+        row, out = image[line], shade[line]
+        for i in range(length):
+            out[i] = max(edge[i] - row[i], 0.0)
+            padded[i + 2] = max(edge[i], row[i])
+        near, far = padded[offset + 2 : offset + 2 + length], padded[offset + 3 : offset + 3 + length]
+        for i in range(length):
+            edge[i] = near[i] + share * (far[i] - near[i]) - drop
 
 
 def calibrated_change(
@@ -45,10 +90,7 @@ def indentation_change(
     return change
 
 
-def fitted_positions(
-    sensor: Sensor,
-    within: tuple[float, float, float, float] | None,  # as in `Calibration`
-) -> tuple[Array, Array]:  # x (cols,) and y (rows,), sensor widths
+def fitted_positions(sensor: Sensor, within: Box | None) -> tuple[Array, Array]:  # x (cols,) and y (rows,), sensor widths
     """Compute where the coefficients of pixels are evaluated: at the nearest position in the fitted part of the gel."""
     x, y = pixel_centres(sensor)
     if within is not None:
@@ -57,15 +99,13 @@ def fitted_positions(
 
 
 @lru_cache(maxsize=8)
-def polynomial_background(
-    sensor: Sensor,
-    coefficients: tuple[tuple[float, float, float], ...],  # levels by term of the position
-) -> Array:  # (rows, cols, 3) levels, read-only
-    """Compute an untouched image from its polynomial."""
+def polynomial_background(sensor: Sensor, coefficients: tuple[tuple[float, float, float], ...]) -> Array:
+    """Compute an untouched image (rows, cols, 3), levels, from its coefficients by term of the position; it is read-only."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
     image = np.zeros((*sensor.shape, 3))
-    for (i, j), levels in zip(powers(POSITION_TERMS[len(coefficients)]), coefficients, strict=True):
-        image += (x[None] ** i * y[:, None] ** j)[:, :, None] * np.array(levels)
+    terms = polynomial_terms(x[None], y[:, None], POSITION_TERMS[len(coefficients)])
+    for term, levels in zip(terms, coefficients, strict=True):
+        image += term[:, :, None] * np.array(levels)
     image.flags.writeable = False
     return image
 
@@ -73,6 +113,11 @@ def polynomial_background(
 def powers(degree: int) -> list[tuple[int, int]]:
     """List the powers of two variables in the terms of a polynomial: 1, a, b, a², a b, b², …."""
     return [(i, total - i) for total in range(degree + 1) for i in range(total, -1, -1)]
+
+
+def polynomial_terms(x: Any, y: Any, degree: int) -> list[Any]:
+    """Compute the terms of a polynomial of two arrays or tensors, in the order of `powers`."""
+    return [x**i * y**j for i, j in powers(degree)]
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Fit a sensor's membrane and colours to photographs of a ball that is pressed into it.
+"""Fit a sensor's gel and colours to photographs of a ball that is pressed into it, and say which photographs are missing.
 
 Valid range: contacts of 8 pixels radius or more.
 """
@@ -12,22 +12,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.ball_contact import Photograph, contact_box
-from pipeline.kernels.touch.calibrated_shading import powers
-from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, Sample, left_out_error, sample_photographs, solve
-from pipeline.kernels.touch.optics import Calibration, Levels, Shadow
+from pipeline.kernels.touch.ball_contact import (
+    CONTACT_WEIGHT,
+    Circle,
+    Photograph,
+    Sample,
+    contact_box,
+    left_out_error,
+    sample_photographs,
+    solve,
+)
+from pipeline.kernels.touch.calibrated_shading import polynomial_terms, powers, shade_depth
+from pipeline.kernels.touch.optics import POSITION_TERMS, Box, Calibration, Levels, Shadow
 from pipeline.kernels.touch.sensor import MM, Gel, Sensor, pixel_centres
 
-MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, in contact radii
-THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-"""Thicknesses of an elastic gel that are tried, in contact radii; the last is nearly a half-space."""
-MODULUS = 2e5  # pa, of an elastic gel whose forces were not measured: its shape does not depend on it
+MEMBRANES = (0.0, 0.15, 0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)  # widths of the membrane that are tried, contact radii
+THICKNESSES = (0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)  # of an elastic gel, contact radii; the last is nearly a half-space
+MODULUS = 2e5  # Pa, of an elastic gel whose forces were not measured: its shape does not depend on it
 POSITION_DEGREES = (0, 1, 2, 3, 4, 5)  # degrees of the polynomial in the position that are tried
 GAIN = 0.02  # share of the least error by which a later choice must improve to be preferred
-USUAL_DEGREE = 2  # degree with which the gel is chosen if no degree is given: the best gel hardly depends on it
-DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)
-"""Shadows that are tried: degrees, and height over length."""
+USUAL_DEGREE = 2  # with which the gel is chosen if no degree is given: the best gel hardly depends on it
+DIRECTIONS, SLOPES = tuple(range(0, 360, 30)), (0.1, 0.2, 0.4)  # shadows that are tried: degrees, height over length
+STEEP = 45.0  # degrees of slope of a pressed edge: steeper ones are photographed with a ball that is pressed in deeply
+ROWS, COLUMNS = ("upper", "middle", "lower"), ("left", "middle", "right")  # thirds of the gel in its image
 
 
 @dataclass(frozen=True)
@@ -39,8 +46,7 @@ class ColourFitOptions:
     shadows: int = 3  # how many to fit
     elastic: bool | None = None  # an elastic layer of fitted thickness, or a membrane; None for what predicts best
     poisson: float = 0.48  # Poisson's ratio of an elastic gel
-    contact_weight: float = CONTACT_WEIGHT
-    """Weight of a pixel in the contact (slopes of the ball) relative to one around it (slopes of the gel model)."""
+    contact_weight: float = CONTACT_WEIGHT  # of a pixel in the contact (slopes of the ball) over one around it (of the gel)
 
 
 FIT_FOR_DEPTH = ColourFitOptions(elastic=True, poisson=0.3, contact_weight=30.0)
@@ -50,7 +56,7 @@ gel is the one that best predicts the rings around them. A membrane leaves a ste
 
 @dataclass(frozen=True, eq=False)
 class ColourFit:
-    """Hold the result of a fit."""
+    """The result of a fit."""
 
     sensor: Sensor  # with its membrane or elastic gel
     calibration: Calibration  # its optics; the background is the untouched photograph's mean, a constant
@@ -81,17 +87,24 @@ def fit_colours(
 ) -> ColourFit:
     """Fit the gel, coefficients and shadows.
 
-    The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best,
-    on average over the photographs; a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`.
-    Then all photographs are fitted, and shadows are added, each the one that explains most of what is left.
+    The gel, and then the degree in the position, are those with which a fit to all photographs but one predicts that one best, on average;
+    a wider membrane, a thicker gel or a higher degree is taken only if it gains more than `GAIN`. Then all photographs are fitted, and
+    shadows are added, each the one that explains most of what is left.
     """
     radius = float(np.median([photograph.contact.radius for photograph in photographs])) * sensor.pitch[1]
     within = contact_box(sensor, [photograph.contact for photograph in photographs])
 
     def sampled(candidate: Sensor, degree: int) -> list[Sample]:
         degrees = options.normal_degree, degree
-        samples = sample_photographs(candidate, photographs, untouched, ball_radius=ball_radius, degrees=degrees, within=within)
-        return [replace(sample, contact_weight=options.contact_weight) for sample in samples]
+        return sample_photographs(
+            candidate,
+            photographs,
+            untouched,
+            ball_radius=ball_radius,
+            degrees=degrees,
+            within=within,
+            contact_weight=options.contact_weight,
+        )
 
     position_degree = options.position_degree
     usual = USUAL_DEGREE if position_degree is None else position_degree
@@ -140,7 +153,7 @@ def _up_to_degree(samples: Sequence[Sample], degree: int, terms: int) -> list[Sa
     """Keep the features up to some degree in the position, of samples with `terms` of normal and depth."""
     stored_terms, kept_terms = samples[0].features.shape[1] // terms, len(powers(degree))
     columns = (stored_terms * np.arange(terms)[:, None] + np.arange(kept_terms)).ravel()
-    return [sample.with_features(sample.features[:, columns]) for sample in samples]
+    return [replace(sample, features=sample.features[:, columns]) for sample in samples]
 
 
 def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[list[Sample], list[tuple[int, float]]]:
@@ -156,7 +169,7 @@ def _with_shadows(samples: list[Sample], sensor: Sensor, count: int) -> tuple[li
             gains[shadow] = float(np.square(shade @ errors).sum() / max(float(shade @ shade), 1e-12))
         shadows.append(max(sorted(gains), key=gains.__getitem__))
         pairs = zip(samples, shades[shadows[-1]], strict=True)
-        samples = [sample.with_features(np.column_stack([sample.features, shade])) for sample, shade in pairs]
+        samples = [replace(sample, features=np.column_stack([sample.features, shade])) for sample, shade in pairs]
     return samples, shadows
 
 
@@ -173,7 +186,7 @@ def _calibration(
     shadows: Sequence[tuple[int, float]],
     shape: tuple[int, int],
     background: tuple[Levels, ...],
-    within: tuple[float, float, float, float],
+    within: Box,
 ) -> Calibration:
     coefficients = _solved(samples)
     count = shape[0] * shape[1]
@@ -194,7 +207,44 @@ def _calibration(
 def fit_background(image: NDArray[np.uint8], sensor: Sensor, degree: int) -> tuple[Levels, ...]:  # by term
     """Fit a polynomial of the position to an untouched image (rows, cols, 3)."""
     x, y = (centres / sensor.width for centres in pixel_centres(sensor))
-    terms = np.stack([np.broadcast_to(x[None] ** i * y[:, None] ** j, sensor.shape).ravel() for i, j in powers(degree)], axis=1)
+    terms = np.stack([term.ravel() for term in polynomial_terms(x[None], y[:, None], degree)], axis=1)
     levels = np.linalg.lstsq(terms, image.reshape(-1, 3).astype(float), rcond=None)[0]
     red, green, blue = np.round(levels.T, 3).tolist()
     return tuple(zip(red, green, blue, strict=True))
+
+
+def fitted_range(calibration: Calibration) -> list[str]:
+    """Describe the slopes, depths and positions in which colours were fitted, as lines of text."""
+    slopes = f"fitted: slopes up to {slope_degrees(calibration):.0f} degrees"
+    if calibration.within is None:
+        return [f"{slopes}; the file does not say where contacts were (`within`): colours elsewhere are extrapolated, calibrate again"]
+    left, top, right, bottom = (MM * side for side in calibration.within)
+    depth = f"contacts up to {MM * calibration.deepest:.2f} mm deep"
+    return [
+        f"{slopes}, {depth}, x {left:.1f} to {right:.1f} mm, y {top:.1f} to {bottom:.1f} mm",
+        "beyond, colours are those of the nearest slope, depth and position in this range",
+    ]
+
+
+def missing_photographs(sensor: Sensor, calibration: Calibration, contacts: Sequence[Circle]) -> list[str]:
+    """List the photographs that a calibration lacks, as lines of text, given the contacts that it was fitted to.
+
+    They name the parts of the gel without the middle of a contact, unless colours do not depend on the position, and missing slopes.
+    """
+    thirds = {(math.floor(3 * (circle.y + 0.5) / sensor.rows), math.floor(3 * (circle.x + 0.5) / sensor.cols)) for circle in contacts}
+    empty = [(row, column) for row in range(3) for column in range(3) if (row, column) not in thirds]
+    lines = []
+    if empty and POSITION_TERMS[len(calibration.coefficients[0][0])] > 0:
+        lines.append(f"no contact in the {', '.join(_third(*cell) for cell in empty)} of the gel: press there")
+    if (steepest := slope_degrees(calibration)) < STEEP:
+        lines.append(f"no slope steeper than {steepest:.0f} degrees: press deeper, or use a smaller ball")
+    return lines
+
+
+def slope_degrees(calibration: Calibration) -> float:
+    """Compute the steepest fitted slope, degrees."""
+    return math.degrees(math.asin(calibration.steepest))
+
+
+def _third(row: int, column: int) -> str:
+    return "middle" if (row, column) == (1, 1) else f"{ROWS[row]} {COLUMNS[column]}"

@@ -16,10 +16,8 @@ from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.elastic_layer import influence, layer_factor
 from pipeline.kernels.touch.sensor import Gel, Sensor
 
-MAX_CELLS = 160
-"""Most cells along the longer side of an image, on which contact is solved; with more pixels, several share a cell."""
-TOLERANCE = 1e-4
-"""Largest gap between gel and object in the contact, as a share of the deepest impression. The force errs by as much."""
+MAX_CELLS = 160  # along the longer side of an image, on which contact is solved; with more pixels, several share a cell
+TOLERANCE = 1e-4  # largest gap in the contact over the deepest impression; the force errs by as much
 MAX_STEPS = 300  # ten times the most that any press has needed
 
 
@@ -30,12 +28,8 @@ class ElasticContact(NamedTuple):
     pressure: Array  # (rows, cols) Pa; 0 outside the contact
 
 
-def press_elastic(
-    pressed: Array,  # (rows, cols) the impression D': how deep the object lies below the gel's rest, m, 0 elsewhere
-    sensor: Sensor,
-    gel: Gel,  # the sensor's own
-) -> ElasticContact:
-    """Press a rigid object into an elastic gel; nothing presses outside the image.
+def press_elastic(pressed: Array, sensor: Sensor, gel: Gel) -> ElasticContact:
+    """Press a rigid object of impression D' (rows, cols), m, into a sensor's elastic gel; nothing presses outside the image.
 
     Pressure p >= 0 minimises p·Gp/2 - p·D' over the cells with D' > 0, where G is `influence`: the gel's surface Gp is nowhere above the
     object, and meets it where p > 0. So the force, the derivative of a minimum by the depth, grows with the depth. Where images have more
@@ -66,7 +60,7 @@ def press_elastic(
 
 
 def contact_cells(sensor: Sensor) -> tuple[int, tuple[float, float]]:
-    """Compute how many pixels the cells have, per side, on which contact is solved, and the cells' height and width, m."""
+    """Compute the pixels per side of the cells on which contact is solved, and the cells' height and width, m."""
     factor = -(-max(sensor.shape) // MAX_CELLS)
     return factor, (sensor.pitch[0] * factor, sensor.pitch[1] * factor)
 

@@ -1,7 +1,6 @@
 """The displacements of a soft layer's surface under pressure on one cell of a grid.
 
-Valid range: linear elasticity, small slopes; cells no larger than the layer is thick. Where it is much thicker than the grid is wide, the
-layer is a half-space.
+Valid range: linear elasticity, small slopes; cells no larger than the layer is thick. A layer much thicker than the grid is a half-space.
 """
 
 from functools import lru_cache
@@ -13,8 +12,7 @@ from scipy.special import j0
 
 from pipeline.kernels.arrays import Array, Floats
 
-REACH = 30.0
-"""Thicknesses away from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement."""
+REACH = 30.0  # thicknesses from a load at which a layer no longer moves: less than 1e-9 of a half-space's displacement
 KNOTS_PER_THICKNESS = 100
 WAVES, NODES = 16.0, 400
 """Greatest wave number times thickness at which a layer differs from a half-space, by 1e-13, and nodes of the quadrature up to it."""
@@ -30,9 +28,8 @@ def influence(
 ) -> Array:  # (rows, cols) m, read-only
     """Compute the displacements that a uniform pressure on one cell causes in the cells of a grid.
 
-    [i, j] is the displacement into the layer in the middle of the cell i rows and j columns away, of a pressure of 1 Pa
-    where the layer's plane-strain modulus E / (1 - poisson²) is 1 Pa. The layer's base is bonded to a rigid plate, its
-    surface is free of friction.
+    [i, j] is the displacement into the layer in the middle of the cell i rows and j columns away, of a pressure of 1 Pa where the layer's
+    plane-strain modulus E / (1 - poisson²) is 1 Pa. The base is bonded to a rigid plate, the surface is free of friction.
 
     The half-space's part is exact (Boussinesq's solution integrated over a rectangle; Love 1929). The layer's is the inverse Hankel
     transform of `layer_factor` - 1, which is smooth on the scale of the thickness.
@@ -47,17 +44,11 @@ def influence(
     return np.asarray(displacement)
 
 
-def layer_factor(
-    wave: Floats,  # (...) wave number times thickness, > 0
-    poisson: float,  # 0 to 0.5
-) -> Array:  # (...) 0 to 1
-    """Compute the displacement of a bonded layer under a wave of pressure, relative to that of a half-space.
+def layer_factor(wave: Floats, poisson: float) -> Array:  # (...) 0 to 1
+    """Compute the displacement of a bonded layer under a wave of pressure, relative to a half-space's, 2 p / (q E / (1 - poisson²)).
 
-    The displacement's amplitude over that of a half-space, 2 p / (q E / (1 - poisson²)), in plane strain, on a rigid
-    base, is
-
-    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²), k = 3 - 4 poisson, a = wave (Johnson, Contact Mechanics, 1985,
-    5.8).
+    `wave` is the wave number times the thickness. In plane strain, on a rigid base, it is (Johnson, Contact Mechanics, 1985, 5.8)
+    (2k sinh 2a - 4a) / (2k cosh 2a + 1 + k² + 4a²), k = 3 - 4 poisson, a = wave.
     """
     k, small = 3 - 4 * poisson, np.exp(-2 * np.asarray(wave, np.longdouble))  # extended: the same bits on every processor
     above = k * (1 - small**2) - 4 * wave * small

@@ -3,8 +3,6 @@
 Valid range: one contact of 8 pixels radius or more, whose rim shows as a change of colour, two fifths of it or more in the image.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -18,44 +16,23 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.touch.ball_contact import Circle
 
-SMALLEST = 8.0  # smallest radius of a contact that is searched for, pixels
-LEAST_CHANGE = 6.0  # least change from the untouched image, levels, where a contact differs most
+SMALLEST = 8.0  # radius of a contact that is searched for, pixels
+LEAST_CHANGE = 6.0  # from the untouched image, levels, where a contact differs most
 LEAST_SEEN = 0.4  # share of a contact's rim that must lie in the image
-LEAST_FILLED = 0.4
-"""Share of a contact that must differ by a third of its largest change; with less, at the rim, the circle may be wrong."""
+LEAST_FILLED = 0.4  # share of a contact that must differ by a third of its largest change; else the circle may be wrong
 MARGIN = 20  # pixels around a region of changed colours, in which the change fades
 ANGLES, PER_PIXEL = 180, 4  # directions in which the rim is searched, and samples per pixel of radius
-FADES = (0.3, 0.15)
-"""Largest shifts of the rim, in radii, of the rounds that search where the strength of the change falls most."""
-REFINED = 0.05
-"""Largest shift of the rim, in radii, of the round that searches where colours jump most: in the middle of a blurred rim."""
-ROUNDNESS, LEAST_ROUND, ROUNDS = 0.2, 0.8, 10
-"""Largest shift of the rim, in radii, where its width and height are measured; share that must be in the image; rounds of the fit."""
-RIM = 2.0
-"""Largest distance of a point of the rim from the circle, pixels; and pixels on either side of it that are compared."""
+FADES = (0.3, 0.15)  # largest shifts of the rim, radii, of the rounds that search where the change fades most
+REFINED = 0.05  # the same of the round that searches where colours jump most: in the middle of a blurred rim
+ROUNDNESS, LEAST_ROUND, ROUNDS = 0.2, 0.8, 10  # of `contact_aspect`: largest shift, radii; share in the image; rounds
+RIM = 2.0  # largest distance of a point of the rim from the circle, pixels; and pixels on either side that are compared
 
 Round = tuple[float, float, float]
 
 
 def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circle:
-    """Find the contact of a ball; the image's rim may cut it.
+    """Find the contact of a ball in a photograph (rows, cols, 3), given the one with nothing in the gel; the image's rim may cut it.
 
-    Parameters
-    ----------
-    image, untouched
-        (rows, cols, 3) uint8, the photograph, and the one with nothing in the gel.
-
-    Returns
-    -------
-    Its centre and radius, pixels; the centre of pixel (0, 0) is (0, 0), and that of the contact may lie outside the image.
-
-    Raises
-    ------
-    InvalidInput
-        The photograph shows no contact, too little of one, or several.
-
-    Notes
-    -----
     Opposite sides of a ball slope oppositely, and their colours change oppositely: the centre is first sought where the change of
     colour is most nearly an odd function, and the rim as the circle around it where colours fade fastest. Lamps and the image's rim
     shift that centre. So a circle is fitted by RANSAC to the points, one in each direction that the image shows, where the strength
@@ -94,21 +71,8 @@ def find_contact(image: NDArray[np.uint8], untouched: NDArray[np.uint8]) -> Circ
 
 
 def contact_aspect(image: NDArray[np.uint8], untouched: NDArray[np.uint8], contact: Circle) -> float | None:
-    """Measure width over height of a contact's rim, in pixels.
+    """Measure width over height of a contact's rim, in pixels; None if less than `LEAST_ROUND` of the rim shows.
 
-    Parameters
-    ----------
-    image, untouched
-        As in `find_contact`.
-    contact
-        The circle next to the rim.
-
-    Returns
-    -------
-    About 1 where pixels are square; None if less than `LEAST_ROUND` of the rim shows.
-
-    Notes
-    -----
     The rim lies, in each direction θ, where colours jump most within a fifth of the radius. a + b cos 2θ and the terms of 2θ and θ
     that shift and turn it are fitted to its radius by reweighted least squares; the ratio is (a + b)/(a - b).
     """

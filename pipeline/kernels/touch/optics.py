@@ -8,6 +8,7 @@ Lateral = Annotated[float, Field(ge=-1000, le=1000)]
 Position = tuple[Lateral, Lateral, Annotated[float, Field(gt=0, le=1000)]]
 Level = Annotated[float, Field(ge=-1e7, le=1e7)]
 Levels = tuple[Level, Level, Level]
+Box = tuple[float, float, float, float]  # least x and y, greatest x and y, m
 Place = Annotated[float, Field(ge=-10, le=10)]
 
 POSITION_TERMS = {(degree + 1) * (degree + 2) // 2: degree for degree in range(7)}

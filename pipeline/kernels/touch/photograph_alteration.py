@@ -3,8 +3,6 @@
 Valid range: photographs of which a press covers less than half. One that covers all of the gel may hide an alteration.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
@@ -15,20 +13,16 @@ from numpy.typing import NDArray
 
 from pipeline.kernels.arrays import Array
 
-GRID = 32
-"""Cells per side in which photographs are averaged before they are compared: noise and single pixels do not count."""
+GRID = 32  # cells per side in which photographs are averaged before they are compared: noise does not count
 SAMPLES = 4  # pixels per side of a cell that are enough
 ALIKE = 2.0  # levels: photographs that differ by no more are not searched for an alteration
-EXPLAINED = 0.6  # an alteration is found if it leaves less than this share of the difference, and no more than `UNLIKE`
-UNLIKE = 8.0
-"""Levels: an untouched gel that differs by more is another one. Another unit of the same sensor differs by 4."""
-SIMPLER = 1.0
-"""Levels: the likeliest of the alterations counts that leave at most this much more than the least: symmetric gels have several."""
+EXPLAINED = 0.6  # an alteration leaves less than this share of the difference, and no more than `UNLIKE`
+UNLIKE = 8.0  # levels: a gel that differs by more is another one; another unit of the same sensor differs by 4
+SIMPLER = 1.0  # levels more than the least that the likeliest alteration may leave: symmetric gels have several
 DARK, BRIGHT = 8, 250  # levels between which ratios of brightness are measured
 PRESSED = 8.0  # levels by which a cell of a contact differs
-HUES = np.exp(2j * np.pi * np.arange(3) / 3)
-"""Directions of red, green and blue on the colour circle: their sum with a colour is 0 if it is grey."""
-ROUNDS = 10  # rounds of weighted least squares
+HUES = np.exp(2j * np.pi * np.arange(3) / 3)  # red, green and blue on the colour circle: their sum with a grey is 0
+ROUNDS = 10  # of weighted least squares
 LUMA = np.array([0.299, 0.587, 0.114])  # shares of red, green and blue in a grey level
 
 Orientation = Literal[
@@ -52,35 +46,17 @@ COLOURS = ("RGB", "BGR", "grey", *("".join(order) for order in permutations("RGB
 
 @dataclass(frozen=True)
 class Alteration:
-    """How a photograph is made from its reference.
+    """How a photograph is made from its reference. Differences are medians over cells, in levels."""
 
-    Attributes
-    ----------
-    colours, orientation
-        One of `COLOURS`, and how the reference is turned.
-    gain
-        Brightness over the reference's.
-    gains
-        The same of red, green and blue.
-    unscaled, difference, balanced
-        Median differences of the cells' colours from those of the altered reference, levels: as it is, as bright as the photograph, and
-        with the brightness of each colour.
-    chroma
-        Complex factor of the cells' chromas over those of the altered reference, as bright as the photograph: its size is that of contrast
-        and saturation, its angle that of hue.
-    chroma_left
-        Share of the median difference of chromas that this factor leaves.
-    """
-
-    colours: str
-    orientation: Orientation
-    gain: float
-    gains: tuple[float, float, float]
-    unscaled: float
-    difference: float
-    balanced: float
-    chroma: complex
-    chroma_left: float
+    colours: str  # one of `COLOURS`
+    orientation: Orientation  # how the reference is turned
+    gain: float  # brightness over the reference's
+    gains: tuple[float, float, float]  # the same of red, green and blue
+    unscaled: float  # difference from the altered reference as it is,
+    difference: float  # from it made as bright as the photograph,
+    balanced: float  # and from it with the brightness of each colour
+    chroma: complex  # factor of chromas over the reference's: size of contrast and saturation, angle of hue
+    chroma_left: float  # share of the median difference of chromas that this factor leaves
 
     @property
     def is_none(self) -> bool:
@@ -89,16 +65,9 @@ class Alteration:
 
 
 def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8]) -> Alteration:
-    """Find what turns a reference into a photograph: of the same gel, perhaps pressed.
+    """Find what turns a reference into a photograph (rows, cols, 3) of the same gel, perhaps pressed; sizes may differ.
 
-    Parameters
-    ----------
-    photograph, reference
-        (rows, cols, 3) uint8 with any numbers of pixels. Quarter turns are tried if their sides fit.
-
-    Returns
-    -------
-    The alteration, and what it leaves; none if no alteration explains the difference clearly better.
+    Quarter turns are tried if the sides fit. It is none if no alteration explains the difference clearly better.
     """
     cells, reference_cells = cell_means(photograph), cell_means(reference)
     aspects = [image.shape[1] / image.shape[0] for image in (photograph, reference)]
@@ -123,14 +92,8 @@ def find_alteration(photograph: NDArray[np.uint8], reference: NDArray[np.uint8])
 def pressed_share(untouched: NDArray[np.uint8], photograph: NDArray[np.uint8], background: NDArray[np.uint8]) -> float:
     """Compute the share of the cells that differ most between two photographs in which the untouched one is the pressed one.
 
-    Parameters
-    ----------
-    untouched, photograph, background
-        (rows, cols, 3) uint8, with any numbers of pixels; the latter shows the sensor's gel with nothing on it.
-
-    Returns
-    -------
-    0 if the untouched photograph has no contact, 1 if it has the only one, else between; 0 if nothing is pressed.
+    All are (rows, cols, 3) of any size; `background` shows the gel with nothing on it. 0: the untouched photograph has no contact, or
+    nothing is pressed; 1: it has the only one.
     """
     first, second, rest = (cell_means(image) for image in (untouched, photograph, background))
     first, second = (cells / np.maximum(_gain(cells, rest), 0.1) for cells in (first, second))

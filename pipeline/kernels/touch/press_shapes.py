@@ -1,4 +1,4 @@
-"""Shapes that are pressed into a gel without a hand: random ones to train on, and any relief at a given depth.
+"""Shapes that are pressed into a gel without a hand: random ones to train on, patches of objects, and any relief at a given depth.
 
 A relief is an array of heights along the sensor's -z, from an object towards the gel; -inf where the object has no surface.
 """
@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array
-from pipeline.kernels.geometry.transforms import sin_cos
-from pipeline.kernels.touch.gel_surface import gel_surface
+from pipeline.kernels.arrays import Array, Floats
+from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
+from pipeline.kernels.touch.depth_maps import gel_surface
+from pipeline.kernels.touch.ray_depth import BoxedFaces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
 WALLS = (3.0, 30.0)  # height over length of a solid's walls: nearly upright, so that they fall within a few pixels
@@ -44,8 +45,7 @@ def press_relief(
 ) -> Array:  # (rows, cols) D from the sensor plane, m; +inf where nothing is met within the sensor's range
     """Press a relief into a gel; a constant added to the relief changes nothing.
 
-    A relief without surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is
-    `InvalidInput`.
+    No surface, or a depth that is not between 0 and the gel's thickness at the deepest point, is `InvalidInput`.
     """
     if relief.shape != sensor.shape:
         raise ValueError(f"relief has shape {relief.shape}; sensor {sensor.name!r} has {sensor.shape} (rows, cols)")
@@ -68,11 +68,10 @@ def random_press(
     ranges: PressRanges | None = None,  # by default those of `PressRanges`
     shapes: Sequence[str] | None = None,  # names from `SHAPES` to choose from; by default all
 ) -> Press:
-    """Draw a press: a shape of random size, place, turn, tilt and depth.
+    """Draw a press: a shape of random size, position, turn, tilt and depth. Shapes may be cut by the gel's rim.
 
-    Positions lie anywhere on the gel: shapes may be cut by its rim. Equal states of `rng` give equal presses, also with
-    other pixel counts, except for a shape at the rim that lies between the pixels, or deeper than the gel is thick
-    there: another is drawn in its place, up to `ATTEMPTS` times.
+    Equal states of `rng` give equal presses, also with other pixel counts, except for a shape at the rim that lies between the pixels, or
+    deeper than the gel is thick there: another is drawn instead, up to `ATTEMPTS` times.
 
     >>> sensor = load_sensor("gelsight", shape=(240, 320))
     >>> press = random_press(sensor, np.random.default_rng(0))
@@ -232,3 +231,43 @@ SHAPES: Mapping[str, Callable[[Array, Array, ShapeDraw], Array]] = {
     "relief": _relief,
 }
 """The shapes of random presses by name: each makes a relief (rows, cols), m, from the positions of pixels in its own frame, m."""
+
+
+def random_patch(
+    faces: BoxedFaces,
+    points: Floats,  # (N, 3) of the object's surface, frame of the faces, m
+    normals: Floats,  # (N, 3) outward unit normals there
+    sensor: Sensor,
+    rng: np.random.Generator,
+    *,
+    ranges: PressRanges | None = None,  # of depth and tilt; by default those of `PressRanges`
+    scale: tuple[float, float] = (0.04, 0.5),  # least and greatest size of the pressed object, of its own size
+) -> Press:
+    """Draw a press, of shape "patch", of a patch of an object, made smaller so that more of it fits on the gel."""
+    ranges = ranges or PressRanges()
+    low, high = (faces.centre - faces.half).min(axis=1), (faces.centre + faces.half).max(axis=1)
+    distance = float(length(high - low))  # from a point of the object, as far as no part of it is
+    for _ in range(ATTEMPTS):
+        size = draw_mostly_small(scale, rng)
+        sides = {"width": sensor.width / size, "given_height": sensor.height / size, "range": 2 * distance}
+        pose = _facing(points, normals, distance, ranges.tilt, rng)
+        distances = ray_depth(faces, pose, sensor.model_copy(update=sides))
+        depth = rng.uniform(*ranges.depth)
+        try:
+            return Press("patch", press_relief(-size * distances, sensor, depth))
+        except InvalidInput as error:  # rays pass thin parts between two pixels, or the gel is thin there
+            refused = error
+    raise InvalidInput(f"none of {ATTEMPTS} patches that were drawn can be pressed: {refused}")
+
+
+def _facing(points: Floats, normals: Floats, distance: float, tilt: float, rng: np.random.Generator) -> Array:
+    """Draw the pose (4, 4) of a sensor that faces a point of a surface from a distance, tilted by up to an angle, turned at random."""
+    index = int(rng.integers(len(points)))
+    away = -np.asarray(normals[index], np.float64)
+    aside = np.cross(away, rng.normal(size=3))
+    aside = unit_vectors(aside)  # any direction across the normal: it turns the sensor, and the tilt is about it
+    z = unit_vectors(away + rng.uniform(0, math.tan(tilt)) * np.cross(aside, away))
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([aside, np.cross(z, aside), z], axis=1)
+    pose[:3, 3] = np.asarray(points[index], np.float64) - distance * z
+    return pose

@@ -1,27 +1,118 @@
 """Orthographic depth by exact intersection: with parallel rays on a grid, ray tracing is scan conversion in float64.
 
-Valid range: objects and sensors within 100 m of the origin, sensors from 10 µm to 10 m wide, faces of any shape, open and inside-out
-meshes.
+Valid range: objects and sensors within 100 m of the origin, sensors 10 µm to 10 m wide; any faces, open and inside-out meshes.
 """
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.kernels.arrays import Array
-from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
-from pipeline.kernels.touch.scan_conversion import scan_convert
-from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.arrays import Array, Mask, check_shape
+from pipeline.kernels.compiled import compiled
+from pipeline.kernels.geometry.mesh import check_coordinates
+from pipeline.kernels.touch.sensor import Sensor, check_pose
+
+PLANE_TOLERANCE = 1e-9  # m behind the sensor plane within which a surface lies on it (depth 0): rounding must not lose it
+
+Point = tuple[float, float, float]  # x in columns, y in rows (pixel centres: integers), z in m
+SLACK = 1e-9  # m, by which boxes are enlarged: far above rounding errors within the valid range
 
 
-def ray_depth(
-    faces: BoxedFaces,
-    pose: np.ndarray,  # (4, 4) sensor frame to world frame
-    sensor: Sensor,
-) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
-    """Compute the depth map of a sensor by exact intersection.
+@compiled
+def _edge_at_row(low: Point, high: Point, row: float) -> tuple[float, float]:
+    """Compute the column and depth at which an edge crosses a row."""
+    if row == high[1]:
+        return high[0], high[2]
+    share = (row - low[1]) / (high[1] - low[1])
+    return low[0] + share * (high[0] - low[0]), low[2] + share * (high[2] - low[2])
 
-    D is the distance along +z to the first surface (supplement 1.5). Front and back of a face count alike, and its rim
-    belongs to it. A face seen exactly edge-on may be met at its nearest point or not; the rims of its neighbours are
-    met.
+
+@compiled
+def _face_at_row(a: Point, b: Point, c: Point, row: float) -> tuple[float, float, float, float]:
+    """Compute the columns left <= right, each with its depth, between which a row of pixel centres crosses a face.
+
+    An edge is followed from its lower to its upper row and meets its corners exactly: no ray passes between two faces that share it.
+    """
+    long = _edge_at_row(a, c, row)
+    short = _edge_at_row(b, c, row) if row > b[1] else _edge_at_row(a, b, row)
+    return (*short, *long) if short[0] < long[0] else (*long, *short)
+
+
+@compiled
+def scan_convert(faces: Array, width: float, height: float, depth: Array) -> None:
+    """Lower a depth map (rows, cols), m, where faces (3 axes, 3 corners, N), sensor frame, m, are nearer; arrays are contiguous."""
+    rows, cols = depth.shape
+    for face in range(faces.shape[2]):
+        a, b, c = [((x / width + 0.5) * cols - 0.5, (y / height + 0.5) * rows - 0.5, z) for x, y, z in faces[:, :, face].T]
+        if b[1] < a[1]:  # in the order of their rows
+            a, b = b, a
+        if c[1] < b[1]:
+            b, c = c, b
+        if b[1] < a[1]:
+            a, b = b, a
+        if a[1] == c[1]:
+            continue
+        for row in range(int(max(math.ceil(a[1]), 0.0)), int(min(math.floor(c[1]), rows - 1.0)) + 1):
+            left, z_left, right, z_right = _face_at_row(a, b, c, float(row))
+            if right > left:
+                slope = (z_right - z_left) / (right - left)
+            else:
+                slope, z_left = 0.0, min(z_left, z_right)
+            line = depth[row]
+            for col in range(int(max(math.ceil(left), 0.0)), int(min(math.floor(right), cols - 1.0)) + 1):
+                z = z_left + slope * (col - left)
+                line[col] = min(line[col], max(0.0, z) if z >= -PLANE_TOLERANCE else math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxedFaces:
+    """The faces of a mesh with their axis-aligned bounding boxes, world frame, m."""
+
+    corners: Array  # (3 axes, 3 corners, F)
+    centre: Array  # (3, F) of each box
+    half: Array  # (3, F) half extent
+
+
+def box_faces(triangles: np.ndarray) -> BoxedFaces:
+    """Compute the bounding boxes of the faces (F, 3, 3), world, m, of a mesh, once per object; F may be 0."""
+    triangles = np.asarray(triangles, np.float64)
+    check_shape("triangles", triangles, "F", 3, 3)
+    check_coordinates(triangles.reshape(-1, 3), "corners of faces")
+    corners = np.ascontiguousarray(triangles.transpose(2, 1, 0))
+    low, high = corners.min(axis=1), corners.max(axis=1)  # (3, F)
+    return BoxedFaces(corners, (low + high) / 2, (high - low) / 2)
+
+
+def cull_faces(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:  # (3 axes, 3 corners, N) sensor frame, m
+    """Select the faces that rays of a sensor at a pose (4, 4) can meet within its range, and few others.
+
+    The same corner has the same bits in every face, so shared edges stay shared.
+    """
+    pose = check_pose(pose)
+    rotation, origin = pose[:3, :3], pose[:3, 3]
+    prism_half = np.array([sensor.width, sensor.height, sensor.range])[:, None] / 2 + SLACK
+    prism_centre = np.array([0.0, 0.0, sensor.range / 2])[:, None]
+    centre = rotation.T @ (faces.centre - origin[:, None])  # (3, F)
+    reach = np.abs(rotation.T) @ faces.half + prism_half
+    candidates = np.flatnonzero(_all_axes(np.abs(centre - prism_centre) <= reach))
+    offset = faces.corners[:, :, candidates] - origin[:, None, None]
+    local = np.stack([r[0] * offset[0] + r[1] * offset[1] + r[2] * offset[2] for r in rotation.T])
+    a, b, c = local[:, 0], local[:, 1], local[:, 2]  # (3, n): three numbers are compared faster by name than reduced along an axis
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    return local[:, :, _all_axes((low <= prism_centre + prism_half) & (high >= prism_centre - prism_half))]
+
+
+def _all_axes(holds: Mask) -> Mask:
+    """Combine conditions of three axes, (3, N), to (N,): true where all hold."""
+    return np.asarray(holds[0] & holds[1] & holds[2])
+
+
+def ray_depth(faces: BoxedFaces, pose: np.ndarray, sensor: Sensor) -> Array:
+    """Compute the depth map of a sensor at a pose (4, 4): (rows, cols) m, +inf where nothing is met within its range.
+
+    D is the distance along +z to the first surface (supplement 1.5). Front and back of a face count alike, and its rim belongs to it. A
+    face seen exactly edge-on may be met at its nearest point or not; the rims of its neighbours are met.
 
     >>> floor = np.array([[[-1, -1, 0.005], [3, -1, 0.005], [-1, 3, 0.005]]])
     >>> depth = ray_depth(box_faces(floor), np.eye(4), load_sensor("gel_16mm"))  # 5 mm everywhere
@@ -29,11 +120,8 @@ def ray_depth(
     return local_depth(cull_faces(faces, pose, sensor), sensor)
 
 
-def local_depth(
-    local: Array,  # (3 axes, 3 corners, N) sensor frame, m, from `cull_faces`
-    sensor: Sensor,
-) -> Array:  # (rows, cols) m; +inf where nothing is met within the sensor's range
-    """Compute the depth map of faces in the sensor frame; see `ray_depth`."""
+def local_depth(local: Array, sensor: Sensor) -> Array:
+    """Compute the depth map of faces from `cull_faces`; see `ray_depth`."""
     depth = np.full(sensor.shape, np.inf)
     scan_convert(np.ascontiguousarray(local), sensor.width, sensor.height, depth)
     depth[depth > sensor.range] = np.inf

@@ -4,10 +4,12 @@ The sensor frame has its origin at the centre of the sensor plane, the base of t
 rows, +z is the outward normal. Lengths are metres.
 """
 
+import io
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
@@ -175,22 +177,15 @@ def pixel_centres(sensor: Sensor) -> tuple[Array, Array]:
     return x, y
 
 
-def masked_points(
-    depth: np.ndarray,  # (rows, cols) D, m
-    mask: Mask,  # (rows, cols) true at n pixels
-    sensor: Sensor,
-) -> Array:  # (n, 3) sensor frame, m, in row-major order of the pixels
-    """Compute the points that the pixels of a mask see."""
+def masked_points(depth: np.ndarray, mask: Mask, sensor: Sensor) -> Array:  # (n, 3) sensor frame, m, in row-major order
+    """Compute the points that the n pixels of a mask (rows, cols) see at depth D (rows, cols), m."""
     row, col = np.nonzero(mask)
     x, y = pixel_centres(sensor)
     return np.stack([x[col], y[row], depth[row, col]], axis=1, dtype=np.float64)
 
 
 def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
-    """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion; `name` is for messages.
-
-    A wrong shape is a `ValueError`; other faults are `InvalidInput`.
-    """
+    """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion: else it is `InvalidInput`."""
     pose = np.asarray(pose, np.float64)
     if pose.shape != (4, 4):
         raise ValueError(f"{name} has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
@@ -211,14 +206,27 @@ def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     return pose
 
 
-def sensor_to_world(
-    pose: Array,  # (4, 4) sensor frame to world frame
-    x: np.ndarray,  # coordinates that broadcast to one shape (...), sensor frame, m
-    y: np.ndarray,
-    z: np.ndarray,
-) -> Array:  # (..., 3) world, m
-    """Transform points from the sensor frame to the world frame.
-
-    Element by element, not by a matrix product: a point has the same bits in an array of any size.
-    """
+def sensor_to_world(pose: Array, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> Array:  # (..., 3) world, m
+    """Transform points of coordinates (...), sensor frame, m, by a pose (4, 4): element by element, with the same bits in any array."""
     return np.stack([row[3] + (row[0] * x + row[1] * y + row[2] * z) for row in pose[:3]], axis=-1)
+
+
+def resample(sensor: Sensor, rows: int, cols: int) -> Sensor:
+    """Change a sensor's number of pixels; gel, optics, noise per pixel and the view of its background, a resized photograph, stay."""
+    if not all(isinstance(count, int | np.integer) and 2 <= count <= MAX_PIXELS_PER_SIDE for count in (rows, cols)):
+        raise InvalidInput(f"a sensor has from 2 to {MAX_PIXELS_PER_SIDE} rows and columns of pixels; these are {rows} x {cols}")
+    if (rows, cols) == sensor.shape:
+        return sensor
+    changes: dict[str, Any] = {"rows": int(rows), "cols": int(cols)}
+    if sensor.photograph is not None:
+        photograph = Image.open(io.BytesIO(sensor.photograph)).convert("RGB")
+        with io.BytesIO() as file:
+            photograph.resize((cols, rows), Image.Resampling.BILINEAR).save(file, "PNG")  # its support widens where it averages
+            changes["photograph"] = file.getvalue()
+    return sensor.model_copy(update=changes)
+
+
+def resample_longer_side(sensor: Sensor, pixels: int) -> Sensor:
+    """Give a sensor square pixels, `pixels` of them along its longer side; otherwise as `resample`."""
+    pitch = max(sensor.width, sensor.height) / pixels
+    return resample(sensor, *(max(2, round(side / pitch)) for side in (sensor.height, sensor.width)))

@@ -1,7 +1,4 @@
-"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5).
-
-Valid range: that of `ray_depth`.
-"""
+"""Orthographic depth by sphere tracing on the unsigned distance, the supplement's method (1.5). Valid range: that of `ray_depth`."""
 
 import igl
 import numpy as np
@@ -9,15 +6,11 @@ import numpy as np
 from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.mesh import face_cross_products, flatness
 from pipeline.kernels.geometry.transforms import unit_vectors
-from pipeline.kernels.touch.face_culling import BoxedFaces, cull_faces
-from pipeline.kernels.touch.ray_depth import local_depth
-from pipeline.kernels.touch.scan_conversion import PLANE_TOLERANCE
+from pipeline.kernels.touch.ray_depth import PLANE_TOLERANCE, BoxedFaces, cull_faces, local_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 
-TOLERANCE = 1e-7
-"""m: greatest distance before the surface at which a ray may stop. A tenth of the stated accuracy, for a fifth more time."""
-MAX_STEPS = 100
-"""Rays that are still under way then (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls."""
+TOLERANCE = 1e-7  # m before the surface at which a ray may stop: a tenth of the stated accuracy, for a fifth more time
+MAX_STEPS = 100  # rays still under way (0.4 % on twenty real meshes, 7 % of the worst sensor) run along walls
 SLIVER = 1e-3
 """Flatter faces are intersected exactly. libigl's distance to a face has an error of some 1e-16 / flatness² of its length: more than
 `TOLERANCE` from 1e-5 on, all of it at 1e-8, and a ray that trusts it steps through the face."""
@@ -32,8 +25,8 @@ def sphere_traced_depth(
 ) -> Array:  # (rows, cols) m from the sensor plane; +inf where nothing is met within the sensor's range
     """Compute the depth map of a sensor by sphere tracing; the result is that of `ray_depth` to within `tolerance`.
 
-    The distance is that to the faces the sensor can see: never less than that to the mesh, and never more than the free length of
-    the ray. Rays that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
+    The distance is that to the faces the sensor can see: no less than that to the mesh, no more than the free length of the ray. Rays
+    that `trace_spheres` leaves unsettled (along walls, past silhouettes) are intersected exactly, and so are slivers.
     """
     local = cull_faces(faces, pose, sensor)
     sliver = flatness(local.transpose(2, 1, 0)) < SLIVER
@@ -51,8 +44,8 @@ def trace_spheres(
 ) -> tuple[Array, Mask]:  # depth (rows, cols) m, +inf for a miss; settled (rows, cols)
     """Trace spheres along every ray, without exact intersection of unsettled rays.
 
-    A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when
-    the ray has passed every face or the range.
+    A hit is settled when the face at which the ray stops lies across the ray, at most `tolerance` ahead; a miss when the ray has passed
+    every face or the range.
     """
     if not tolerance > 0 or max_steps < 1:
         raise ValueError(f"sphere tracing needs tolerance > 0 and max_steps >= 1, not {tolerance} and {max_steps}")

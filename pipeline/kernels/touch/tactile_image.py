@@ -1,9 +1,7 @@
-"""The tactile image: the view of a sensor's camera of the impression in the gel.
-
-Valid range: sensors of any size from 10 µm to 10 m, lamps at any position above the sensor plane, depths from 0 to +inf.
-"""
+"""Equations 2 to 5 per pixel, compiled: from the impression to the intensities of three lamps."""
 
 import io
+import math
 from functools import lru_cache
 from typing import Any
 
@@ -11,14 +9,66 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from pipeline.kernels.arrays import Array
+from pipeline.kernels.arrays import WHITE, Array
 from pipeline.kernels.compiled import compiled
 from pipeline.kernels.touch.calibrated_shading import indentation_change, polynomial_background
-from pipeline.kernels.touch.gel_surface import gel_surface
-from pipeline.kernels.touch.lamp_shading import WHITE, shade
+from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.optics import Calibration, Lights
 from pipeline.kernels.touch.pressed_gel import press_gel
 from pipeline.kernels.touch.sensor import Sensor
+
+
+@compiled
+def shade(
+    z: Array,  # (rows, cols) contiguous, the gel's surface in sensor widths, growing towards the camera
+    rest: Array,  # (rows, cols) the same where nothing presses
+    aspect: float,  # height of the sensor plane over its width
+    diffuse: float,  # lambda of equation 2
+    lamps: Array,  # (3, 3) positions of the red, green and blue lamp, sensor widths
+    image: NDArray[np.uint8],  # (rows, cols, 3) holds the untouched image; changed in place
+) -> None:
+    """Shade the pixels where the gel is not at rest, and leave those that are at rest with their neighbours."""
+    rows, cols = z.shape
+    slope_x, slope_y, light = np.empty(cols), np.empty(cols), np.empty(cols)
+    for row in range(rows):
+        before, after = max(row - 1, 0), min(row + 1, rows - 1)
+        above, below, rise = z[before], z[after], after - before
+        first, last = _moved(z[before : after + 1], rest[before : after + 1])
+        if first > last:
+            continue
+        for col in range(first, last + 1):
+            left, right = max(col - 1, 0), min(col + 1, cols - 1)
+            slope_x[col] = (z[row, right] - z[row, left]) / (right - left) * cols
+        heights, upper, lower = z[row, first : last + 1], above[first : last + 1], below[first : last + 1]
+        slopes_x, slopes_y, lights = slope_x[first : last + 1], slope_y[first : last + 1], light[first : last + 1]
+        for i in range(len(heights)):
+            slopes_y[i] = (lower[i] - upper[i]) / rise * rows / aspect
+        for channel in range(3):
+            to_y = lamps[channel, 1] - (row + 0.5) / rows * aspect
+            for i in range(len(heights)):  # slices from 0 on: the compiler vectorises this loop
+                to_x, to_z = lamps[channel, 0] - (first + i + 0.5) / cols, lamps[channel, 2] - heights[i]
+                steepness = slopes_x[i] * slopes_x[i] + slopes_y[i] * slopes_y[i] + 1.0  # |n|²
+                squared = to_x * to_x + to_y * to_y + to_z * to_z
+                squared = 1.0 if squared == 0 else squared  # the lamp is at a point of the surface, which it does not light
+                dot = to_z - slopes_x[i] * to_x - slopes_y[i] * to_y  # n · (P - S)
+                lights[i] = dot * (diffuse / math.sqrt(steepness * squared))
+            for i in range(len(heights)):
+                image[row, first + i, channel] = np.uint8(np.rint(min(max(lights[i], 0.0), 1.0) * WHITE))
+
+
+@compiled
+def _moved(z: Array, rest: Array) -> tuple[int, int]:
+    """Find the first and last column where any of two or three rows, or a neighbour, is not at rest; first > last if all are."""
+    lines, cols = z.shape
+    first, last = cols, -1
+    for line in range(lines):
+        left, right = 0, cols - 1
+        while left < first and z[line, left] == rest[line, left]:
+            left += 1
+        while right > last and z[line, right] == rest[line, right]:
+            right -= 1
+        first, last = min(first, left), max(last, right)
+    return max(first - 1, 0), (min(last + 1, cols - 1) if last >= first else -1)
 
 
 def tactile_image(
@@ -28,21 +78,18 @@ def tactile_image(
 ) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
     """Compute the tactile image R of a depth map: equations 1 to 5, or the colours that were fitted to photographs.
 
-    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest.
-
-    With lamps, all lengths are sensor widths: x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are
-    central differences, one-sided at the rim. A lamp does not light a point of the surface at its own position. Depth in float32
-    instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, 5e-6 for the shipped sensor: few
-    values change, none by more than 1.
+    Intensities are clipped to 0..1, multiplied by 255, and rounded to the nearest. With lamps, all lengths are sensor widths:
+    x = (col + ½)/cols, y = (row + ½)/rows · height/width, z = D'/width. Derivatives are central differences, one-sided at the rim. Depth
+    in float32 instead of float64 moves an intensity by at most 2^-23 lambda w/width times the pixels per side, no value by more than 1.
     """
-    return image_of_gel(press_gel(depth, sensor).indentation, sensor, rng)
+    return render_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
-def image_of_gel(
+def render_gel(
     indentation: Array,  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
     sensor: Sensor,
     rng: np.random.Generator | None = None,  # as in `tactile_image`
-) -> NDArray[np.uint8]:  # (rows, cols, 3) red, green, blue
+) -> NDArray[np.uint8]:  # (rows, cols, 3)
     """Compute the tactile image of a gel whose surface is known."""
     if sensor.calibrated is None:
         image: NDArray[Any] = _lamp_image(indentation, sensor)

@@ -1,5 +1,6 @@
-"""The description of a scene: cameras, lamp, constant light and background."""
+"""Labels of the segmentation images."""
 
+from enum import IntEnum
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
@@ -8,6 +9,14 @@ from pipeline.kernels.vision.camera import MAX_RESOLUTION, Camera, Coordinate
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
 Intensity = Annotated[float, Field(ge=0, le=1e6)]
+
+
+class Label(IntEnum):
+    """Label the pixels of a segmentation."""
+
+    BACKGROUND = 0
+    OBJECT = 1
+    HAND = 2
 
 
 class Lamp(BaseModel):

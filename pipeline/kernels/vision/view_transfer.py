@@ -1,9 +1,4 @@
-"""Images as another camera would have taken them from the same position, and the training camera moved to that position.
-
-Projection matrices are those of `projection_matrix`: world, m, to (column, row) in pixels, pixel centres at ½.
-
-Valid range: cameras within 1 km of the origin, at least 1 mm from the point they look at.
-"""
+"""Find the background of an image: it has the colour of most of the border."""
 
 from typing import Any, NamedTuple
 
@@ -12,12 +7,29 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from pipeline.kernels.arrays import Array
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import compose, invert_similarity, length, solve_3x3, unit_vectors
 
+ALIKE = 6  # levels of 255 in each colour by which a pixel of the background differs at most from the image's border
 UNCHANGED = 1e-3  # largest shift, pixels, at which an image is not resampled
 OVERHEAD = 1e-3
 """Cosine of the elevation below which a camera is straight above or below, and its image's top tells its azimuth."""
+
+
+def foreground(image: NDArray[np.uint8]) -> Mask:
+    """Find the pixels of an image, (rows, cols, 3), that do not have the colour of most of its border: (rows, cols) bool."""
+    return np.asarray((np.abs(image - np.median(border(image), axis=0)) > ALIKE).any(axis=2))
+
+
+def background_color(image: NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Compute the colour of most of the border of an image, (rows, cols, 3): sRGB."""
+    red, green, blue = (int(level) for level in np.median(border(image), axis=0))
+    return red, green, blue
+
+
+def border(image: NDArray[Any]) -> NDArray[Any]:
+    """Take the outermost pixels of an image (rows, cols, …): (N, …), the corners twice."""
+    return np.concatenate([image[0], image[-1], image[:, 0], image[:, -1]])
 
 
 class Direction(NamedTuple):
@@ -76,10 +88,8 @@ def carried_camera(
     """Move the training camera to a real camera's position, and turn and zoom it so that it shows the target as in training.
 
     It gets the real one's optical centre. The target is at the same pixel as in training, is as large there, and the
-    world's up has the same direction.
-
-    R = R_training Lᵀ(training) L(real), where L are the axes of a camera without roll that looks at the target. The focal lengths grow by
-    the ratio of the distances about the target's pixel.
+    world's up has the same direction. R = R_training Lᵀ(training) L(real), where L are the axes of a camera without
+    roll that looks at the target. The focal lengths grow by the ratio of the distances about the target's pixel.
     """
     intrinsic, rotation = split_projection(training)
     training_direction, real_direction = (camera_direction(matrix, target) for matrix in (training, real))
@@ -109,9 +119,8 @@ def transfer_view(
 ) -> tuple[NDArray[np.uint8], float]:  # the other camera's image, and the share of it that the image shows
     """Resample an image as another camera with the same optical centre would have taken it.
 
-    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first.
-
-    The homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
+    An image that would move by less than `UNCHANGED` is returned as it is; one that shrinks is smoothed first. The
+    homography is M_real M_other⁻¹, of the first three columns; it is exact where the optical centres are equal.
     """
     to_image = real[:, :3] @ np.linalg.inv(other[:, :3])
     corners = np.array([[0, 0, 1], [shape[1], 0, 1], [0, shape[0], 1], [shape[1], shape[0], 1.0]]).T

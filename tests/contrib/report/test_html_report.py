@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.console import Table
-from pipeline.contrib.report import paper_figures
+from pipeline.contrib.report import figures
 from pipeline.contrib.report.html_report import _environment
 from pipeline.contrib.report.object_page import columns
-from pipeline.contrib.report.report_pages import read_pages
 from pipeline.contrib.report.report_source import ReportSource
+from pipeline.drawing.written_files import Pages, read_list
 from pipeline.errors import StoreError
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset
@@ -123,7 +123,7 @@ def with_file(written: bytes, name: str) -> bytes:
 def test_unusable_list_of_pages_is_refused(report_data, tmp_path, damage: Callable[[bytes], bytes]):
     (tmp_path / "pages.json").write_bytes(damage((report_data / "report" / "pages.json").read_bytes()))
     with pytest.raises(StoreError, match=r"pages.json cannot be used \(.*run `vt-pipeline report` again"):
-        read_pages(tmp_path)
+        read_list(tmp_path / "pages.json", Pages)
 
 
 def test_list_of_pages_that_names_outside_files_is_written_again_and_they_are_kept(data, outside):
@@ -162,7 +162,7 @@ def test_current_pages_are_kept_and_only_listed_pages_are_removed(data):
     before = {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir() if path.name != "gone.html"}
     vt("report", data)
     assert {path: path.stat().st_mtime_ns for path in (report / "objects").iterdir()} == before
-    assert not {"objects/gone.html", "objects/thesis.txt"} & read_pages(report).every_file().keys()
+    assert not {"objects/gone.html", "objects/thesis.txt"} & read_list(report / "pages.json", Pages).every_file().keys()
 
 
 def test_object_that_moves_to_another_split_gets_another_page(data):
@@ -179,11 +179,11 @@ def test_charts_are_shown_beside_the_unet_s_points_only_if_they_are_fitted_to_th
     (tmp_path / "unet").mkdir()
     publish(data, "models/unet", tmp_path / "unet", "train-unet")
     for name in ("_procedure", "_local_shape", "_sphere"):
-        monkeypatch.setattr(paper_figures, name, lambda *_, name=name: {"title": name})
+        monkeypatch.setattr(figures, name, lambda *_, name=name: {"title": name})
     source = ReportSource(data)
-    assert [figure["title"] for figure in paper_figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
+    assert [drawn["title"] for drawn in figures.draw_figures(source, tmp_path, 1)] == ["_procedure", "_sphere"]
     source.collections["charts"].first.record.models["models/unet"] = "0" * 64
-    assert len(paper_figures.draw_figures(source, tmp_path, 1)) == 3
+    assert len(figures.draw_figures(source, tmp_path, 1)) == 3
 
 
 def test_grasps_beside_an_evaluation_of_single_images_have_pages(data, tmp_path, monkeypatch):

@@ -16,13 +16,13 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import identity
 from pipeline.config.settings import Settings
+from pipeline.config.sources import identity
 from pipeline.console import Table
-from pipeline.contrib.report.reconstruction_gallery import nearest_middle_farthest
+from pipeline.contrib.report.figures import nearest_middle_farthest
 from pipeline.contrib.report.report_source import ReportSource, errors_table
+from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
-from pipeline.engine.run import make_plans, run
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
@@ -51,8 +51,8 @@ def data(tmp_path_factory) -> Path:
     spheres.make_data(folder, 4, SPLITS)
     spheres.make_implicit_model(folder, DEFAULT)
     settings = EvaluationSettings(points=300, grasps=(1,), configurations=(f"{DEFAULT}-touch", f"{DEFAULT}-unoccluded"))
-    (plan,) = make_plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
-    run(plan, Console(quiet=True))
+    (plan,) = plans(Request(Evaluate(), settings, "balls", OBJECTS, "draft", 3, folder))
+    plan.make(Console(quiet=True))
     with pytest.MonkeyPatch.context() as patch:
         ship(patch, folder)
         vt("report", folder, "--shipped", "--no-pages")
@@ -100,7 +100,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     assert "grasp" not in shown["shipped-unoccluded-1"].label
     assert shown["shipped-touch-1"].felt
     assert not shown["shipped-unoccluded-1"].felt
-    assert len(evaluation.surfaces("b")["shipped-unoccluded-1"][0])
+    assert len(evaluation.surface("b", shown["shipped-unoccluded-1"])[0])
     errors = {name: np.mean([one.figures["mean_distance"] for one in evaluation.predictions(name)]) for name in evaluation.object_ids}
     assert evaluation.ranked(evaluation.configurations) == sorted(errors, key=errors.get)
 
@@ -156,10 +156,10 @@ def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_pa
 def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):
     spheres.make_data(tmp_path, 4, SPLITS)
     spheres.make_model(tmp_path, "touch")
-    (plan,) = make_plans(
+    (plan,) = plans(
         Request(Evaluate(), EvaluationSettings(points=300, grasps=(1,), configurations=("touch",)), "balls", OBJECTS, "draft", 3, tmp_path)
     )
-    run(plan, Console(quiet=True))
+    plan.make(Console(quiet=True))
     folder = DataDirectory(tmp_path).verified_folder("evaluation")
     scored = Path(shutil.copytree(folder, tmp_path / "scored"))
     root = json.loads((scored / "metrics.json").read_text())

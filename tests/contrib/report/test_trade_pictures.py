@@ -8,8 +8,8 @@ from typing import Any
 
 from pipeline.console import console
 from pipeline.contrib.report.html_report import _trades, write_report
-from pipeline.contrib.report.trade_pictures import report_trades, used_point
 from pipeline.store.directory import DataDirectory
+from pipeline.tradeoff.trade_pictures import used_point
 from stages.registry import resolve
 from tests.stages import ball_dataset
 from tests.tradeoff.measured_trades import point, trade
@@ -32,28 +32,22 @@ def test_a_setting_that_the_user_left_null_is_compared_with_the_used_one() -> No
     assert used_point(measured, own | {"gel_bits": 14}) is None
 
 
-def test_pictures_name_the_used_point(tmp_path: Path) -> None:
-    TRADE.write(tmp_path)
-    settings = resolve("sample-surfaces", "draft", ["points=5000"]).results()
-    (picture,) = report_trades(tmp_path, {"sample-surfaces": settings}, tmp_path)
-    assert "used here: fast" in picture["caption"]
-    assert [picture["caption"] for picture in report_trades(tmp_path, {}, tmp_path)] == ["sample-surfaces, on 4 objects."]
-    assert "own: 2 s, 1.5 mm" in picture["alt"]
-    drawn = (tmp_path / "trade-sample-surfaces.svg").read_text()
-    assert "seconds per object" in drawn
-    assert ">fast<" in drawn
-
-
-def test_points_of_sweeps_are_not_marked_as_used(tmp_path: Path, monkeypatch) -> None:
+def test_pictures_name_the_used_point_and_sweeps_are_not_used(tmp_path: Path, monkeypatch) -> None:
     TRADE.write(tmp_path)
     (tmp_path / "figures").mkdir()
-    own = resolve("sample-surfaces", "draft", ()).results()
-    settings = {"surfaces": own, "sweeps/sample-surfaces/points=5000": own | {"points": 5000}}
+    fast = resolve("sample-surfaces", "draft", ["points=5000"]).results()
+    settings = {"surfaces": fast, "sweeps/sample-surfaces/points=5": fast | {"points": 5}}
     origins = {name: SimpleNamespace(stage="sample-surfaces", settings=values) for name, values in settings.items()}
-    monkeypatch.setattr("pipeline.contrib.report.html_report.records", lambda directory: origins)
     source: Any = SimpleNamespace(directory=DataDirectory(tmp_path))
+    monkeypatch.setattr("pipeline.contrib.report.html_report.records", lambda directory: origins)
     (picture,) = _trades(source, tmp_path)
-    assert "used here: own" in picture["caption"]
+    assert "used here: fast" in picture["caption"]
+    assert "own: 2 s, 1.5 mm" in picture["alt"]
+    drawn = (tmp_path / "figures" / "trade-sample-surfaces.svg").read_text()
+    assert "seconds per object" in drawn
+    assert ">fast<" in drawn
+    monkeypatch.setattr("pipeline.contrib.report.html_report.records", lambda directory: {})
+    assert [picture["caption"] for picture in _trades(source, tmp_path)] == ["sample-surfaces, on 4 objects."]
 
 
 def test_report_shows_trades(tmp_path: Path, monkeypatch) -> None:

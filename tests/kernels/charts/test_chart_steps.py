@@ -1,7 +1,5 @@
 """The compiled loss of a chart, and its steps, against torch's own gradient and Adam."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -15,9 +15,6 @@ def test_default_chart_is_that_of_the_supplement() -> None:
     assert vertices.max(dim=0).values.tolist() == [0.5, 0.5, 0]
     assert vertices[40].tolist() == [0, 0, 0]
     assert vertices[1].tolist() == [-0.375, -0.5, 0]  # x runs along a row
-
-
-def test_a_chart_is_as_high_as_its_sensor() -> None:
     assert chart_square(9, aspect=1.5)[0].max(dim=0).values.tolist() == [0.5, 0.75, 0]
 
 

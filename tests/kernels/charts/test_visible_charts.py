@@ -1,7 +1,5 @@
 """Charts of a visible surface: on planes and balls in closed form, with noise, and none without a smooth surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,17 +1,12 @@
 """Normalisation: axis, scale and position."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.geometry.normalise import POSITION, normalise_mesh, normalising_transform
-from tests.strategies import EPS, offsets, scales
+from pipeline.kernels.geometry.normalise import normalise_mesh, normalising_transform
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
 
@@ -27,7 +22,10 @@ def test_stated_axis_points_up_without_mirroring(up, axis):
     assert after == pytest.approx(before)
 
 
-@pytest.mark.parametrize(("vertices", "message"), [(np.zeros((0, 3)), "no vertices"), (np.ones((4, 3)), "all 4 vertices are at")])
+@pytest.mark.parametrize(
+    ("vertices", "message"),
+    [(np.zeros((0, 3)), "no vertices"), (np.ones((4, 3)), "4 vertices"), (np.array([[0, 0, np.nan], [1, 1, 1]]), "1 of 2")],
+)
 def test_normalise_rejects_mesh_without_size(vertices, message) -> None:
     with pytest.raises(InvalidInput, match=message):
         normalise_mesh(Mesh.bare(vertices, np.zeros((0, 3))), up="z", diagonal=0.5)
@@ -41,13 +39,3 @@ def test_normalising_transform_equals_normalise_mesh(up, metres_per_unit):
     placement = normalising_transform(mesh, **how)
     np.testing.assert_allclose(mesh.vertices @ placement[:3, :3].T + placement[:3, 3], normalise_mesh(mesh, **how).vertices, atol=1e-14)
     assert placement[3].tolist() == [0, 0, 0, 1]
-
-
-@given(scale=scales, offset=offsets, up=st.sampled_from("xyz"))
-def test_normalised_mesh_ignores_scale_and_offset(scale, offset, up) -> None:
-    """As far as the source's own float64 digits reach: a unit in the last place of its offset, scaled as the object is."""
-    here, there = (
-        normalise_mesh(Mesh.bare(BALL.vertices * s + o, BALL.faces), up=up, diagonal=0.5).vertices for s, o in ((1, 0), (scale, offset))
-    )
-    digits = EPS * (np.abs(offset).max() + scale) / scale
-    assert np.abs(there - here).max() <= 4 * digits + 4 * EPS * POSITION.max()

@@ -1,13 +1,10 @@
 """Signed distances against closed forms, and sampling around a surface."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
 
-from pipeline.errors import InvalidInput
-from pipeline.kernels.geometry.signed_distance import sample_around_surface, signed_distances
+from pipeline.kernels.geometry.signed_distance import rms_distance_to_surface, sample_around_surface, signed_distances
 from tests.references.box_distance import box_distance
 
 BALL = trimesh.creation.icosphere(subdivisions=5)
@@ -29,13 +26,6 @@ def test_distances_to_a_ball_equal_the_closed_form():
 def test_distances_to_a_box_are_exact():
     queries = points(2000, 0.5)
     np.testing.assert_allclose(signed_distances(queries, BOX.vertices, BOX.faces), box_distance(queries, SIDES), atol=1e-12)
-
-
-def test_mesh_wound_inwards_has_the_same_inside():
-    queries = points(500, 0.5)
-    distances = [signed_distances(queries, BOX.vertices, faces) for faces in (BOX.faces, BOX.faces[:, ::-1])]
-    np.testing.assert_array_equal(*distances)
-    assert (distances[0] < 0).any()
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
@@ -98,11 +88,6 @@ def test_both_sides_of_a_sheet_are_outside_and_overlap_of_parts_is_inside():
     assert both == pytest.approx([-0.025, -0.06, 0.01])
 
 
-def test_signed_distances_reject_a_mesh_without_faces():
-    with pytest.raises(InvalidInput, match="without faces"):
-        signed_distances(np.zeros((1, 3)), np.zeros((3, 3)), np.zeros((0, 3), int))
-
-
 def test_points_are_drawn_near_the_surface_and_around_it():
     surface = BALL.vertices + [5.0, 0, 0]
     drawn = sample_around_surface(surface, 4000, np.random.default_rng(1), near=0.75, spread=(1e-3, 1e-2), reach=3.0) - [5.0, 0, 0]
@@ -114,3 +99,18 @@ def test_points_are_drawn_near_the_surface_and_around_it():
     assert 0.25 < (apart[apart < 0.05] < 1.5e-3).mean() < 0.45  # log-uniform: about a third
     halves = [(apart[part] < 0.05).mean() for part in (slice(2000), slice(2000, None))]
     assert halves[0] == pytest.approx(halves[1], abs=0.05)  # in random order
+
+
+@pytest.mark.parametrize(
+    ("measure", "queries", "vertices", "faces", "named"),
+    [
+        (signed_distances, np.zeros((1, 3)), np.eye(3), np.zeros((0, 3), int), "faces"),
+        (rms_distance_to_surface, np.zeros((0, 3)), np.eye(3), np.array([[0, 1, 2]]), "0 points and 1 faces"),
+        (rms_distance_to_surface, np.zeros((2, 3)), np.eye(3), np.zeros((0, 3), int), "2 points and 0 faces"),
+        (rms_distance_to_surface, np.full((2, 3), np.inf), np.eye(3), np.array([[0, 1, 2]]), "points"),
+        (rms_distance_to_surface, np.zeros((2, 3)), np.full((3, 3), np.nan), np.array([[0, 1, 2]]), "vertices"),
+    ],
+)
+def test_distances_reject_missing_faces_and_points_that_are_not_finite(measure, queries, vertices, faces, named):
+    with pytest.raises(ValueError, match=named):
+        measure(queries, vertices, faces)

@@ -1,7 +1,5 @@
 """Rigid transforms, compared with numpy's products and scipy's rotations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The shipped hand, for tests of the hand's kernels."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipeline.formats.hand_file import load_hand

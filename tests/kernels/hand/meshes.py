@@ -1,7 +1,5 @@
 """Meshes around (0, 0, 0.6), where objects of a dataset are, and poses of hands."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

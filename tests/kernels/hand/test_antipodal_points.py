@@ -1,12 +1,10 @@
 """Opposed points of a box and a ball, where they are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 
-from pipeline.kernels.hand.antipodal_points import antipodal_points, central_weights
 from pipeline.kernels.hand.distance_field import build_distance_field
+from pipeline.kernels.hand.pinches import antipodal_points, central_weights
 from tests.kernels.hand.meshes import centred, points_on
 
 CENTRE = np.array([0, 0, 0.6])

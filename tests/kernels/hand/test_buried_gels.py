@@ -1,7 +1,5 @@
 """Gels inside their links: how deep, and where they belong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,20 +1,16 @@
 """Signed distance fields of solids, sheets and slivers of any size, and the error of the grid."""
 
-from __future__ import annotations
-
-import igl
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given
-from hypothesis import strategies as st
 
 from pipeline.kernels.geometry.mesh import SLIVER_FLATNESS, Mesh
 from pipeline.kernels.hand import distance_field
 from pipeline.kernels.hand.distance_field import DistanceField, build_distance_field
 from tests.kernels.hand.meshes import centred, mug
 from tests.references.box_distance import box_distance
-from tests.strategies import EPS, aspects, random_rotation, scales, seeds, sliver
+from tests.strategies import random_rotation, seeds
 
 FINE = 0.0025
 CELL, BAND = 0.02, 0.05
@@ -65,40 +61,6 @@ def test_inside_of_an_open_cup_is_outside_the_object() -> None:
     assert field.exact(np.array([[centre, 0.0, 0.6]]))[0] == pytest.approx(0.084, abs=3e-4)  # a polygon of 48 sides
 
 
-def test_open_sheet_has_no_inside(rng: np.random.Generator) -> None:
-    mesh = Mesh.bare(np.array([[0, 0, 0.6], [0.2, 0, 0.6], [0, 0.2, 0.6]]), np.array([[0, 1, 2]]))
-    points = around(mesh, rng, 2000)
-    assert (field_of(mesh).exact(points) >= 0).all()
-
-
-def test_sign_agrees_with_winding_numbers(rng: np.random.Generator) -> None:
-    """A closed mesh with parts of all sizes: sides differ at most in what is thinner than two cells."""
-    mesh = centred(trimesh.creation.torus(0.15, 0.03), trimesh.creation.cylinder(0.01, 0.3), trimesh.creation.box((0.05, 0.3, 0.02)))
-    points = around(mesh, rng)
-    signed = field_of(mesh).exact(points)
-    winding = igl.fast_winding_number(mesh.vertices, mesh.faces.astype(np.int64), points)
-    wrong = (winding > 0.5) != (signed < 0)
-    assert wrong.mean() < 1e-3
-    assert np.abs(signed[wrong]).max(initial=0) < FINE
-
-
-def test_large_object_gets_larger_cells() -> None:
-    mesh = centred(trimesh.creation.box((2.0, 2.0, 2.0)))
-    assert field_of(mesh).cell > FINE
-
-
-@given(seed=seeds, scale=scales)
-def test_exact_distance_to_a_box_of_any_size(seed, scale) -> None:
-    """Turned and moved, with faces doubled and wound anyhow, and some without area."""
-    rng = np.random.default_rng(seed)
-    rotation, offset = random_rotation(rng), rng.uniform(-10, 10, 3)
-    faces = np.vstack([BOX.faces, BOX.faces[rng.random(12) < 0.5], [[0, 0, 1], [2, 2, 2]]])
-    faces = np.array([rng.permutation(face) for face in faces])
-    field = build_distance_field(BOX.vertices @ rotation.T * scale + offset, faces, cell=CELL * scale, band=BAND * scale)
-    found = field.exact(AROUND @ rotation.T * scale + offset) / scale
-    assert np.abs(found - box_distance(AROUND, SIDES)).max() <= 16 * EPS * (np.abs(offset).max() / scale + 1)
-
-
 @pytest.fixture
 def small_memory(monkeypatch: pytest.MonkeyPatch) -> int:
     monkeypatch.setattr(distance_field, "MAX_CELLS", 60_000)
@@ -125,19 +87,6 @@ def test_cells_are_limited_for_sheets_lines_and_plates(extent, small_memory) -> 
     vertices = np.array([[0, 0, 0], [x, y / 2, 0], [x, y, z], [0, y, z]])
     field = build_distance_field(vertices, np.array([[0, 1, 2], [0, 2, 3]]), cell=0.005, band=0.01)
     assert field.inside.size <= small_memory
-
-
-@given(seed=seeds, aspect=aspects)
-def test_exact_distance_to_a_sliver_has_the_stated_error(seed, aspect) -> None:
-    rng = np.random.default_rng(seed)
-    face = sliver(aspect, rng)
-    field = build_distance_field(face, np.array([[0, 1, 2]]), cell=0.1, band=0.2)
-    normal = np.cross(face[1] - face[0], face[2] - face[0])
-    normal /= np.linalg.norm(normal)
-    on_face = rng.dirichlet([1, 1, 1], 50) @ face
-    height = rng.uniform(0, 0.01, 50)
-    allowed = 2e-15 if aspect < 10 else 1e-11 if aspect < 1e3 else 4e-6
-    assert np.abs(field.exact(on_face + height[:, None] * normal) - height).max() <= allowed
 
 
 def test_sliver_is_replaced_by_the_edge_opposite_its_middle_corner() -> None:
@@ -186,25 +135,19 @@ def test_lookup_error_is_at_most_two_cells(kind, seed) -> None:
         assert np.abs(approx - exact)[near].max() <= 1.8 * CELL
 
 
-@given(seed=seeds, far=st.floats(0, 10))
-def test_lookup_in_float32_loses_half_a_micrometre_per_metre(seed, far) -> None:
-    """Over the middle of a face, where first order is exact; with no offset, centres of cells are on the face itself."""
-    points = AROUND * [0.15, 0.3, 0.02] + [0, 0, SIDES[2] / 2]
-    offset = far * random_rotation(np.random.default_rng(seed))[0]
-    for shift in (np.zeros(3), offset):
-        approx = build_distance_field(BOX.vertices + shift, BOX.faces, cell=CELL, band=BAND).lookup((points + shift).T.astype(np.float32))
-        assert np.abs(approx - box_distance(points, SIDES)).max() <= 2.0**-21 * (np.abs(shift).max() + 1)
-
-
-def test_distance_field_accepts_no_points_and_rejects_infinite_ones() -> None:
-    field: DistanceField = build_distance_field(BOX.vertices, BOX.faces, cell=CELL, band=BAND)
+def test_distance_field_accepts_no_points_and_looks_up_infinite_ones_at_its_rim() -> None:
+    field = build_distance_field(BOX.vertices, BOX.faces, cell=CELL, band=BAND)
     assert field.exact(np.zeros((0, 3))).shape == (0,)
     assert field.lookup(np.zeros((3, 0), np.float32)).shape == (0,)
-    assert (field.lookup(np.array([[np.inf], [-np.inf], [np.nan]], np.float32)) > 0).all()  # the grid's rim
-    for bad in (np.nan, np.inf):
-        with pytest.raises(ValueError, match="NaN or infinite"):
-            field.exact(np.array([[0, bad, 0]]))
-        with pytest.raises(ValueError, match="corners of faces are NaN"):
-            build_distance_field(BOX.vertices + bad, BOX.faces, cell=CELL, band=BAND)
-    with pytest.raises(ValueError, match="0 faces"):
-        build_distance_field(BOX.vertices, np.zeros((0, 3)), cell=CELL, band=BAND)
+    assert (field.lookup(np.array([[np.inf], [-np.inf], [np.nan]], np.float32)) > 0).all()
+    with pytest.raises(ValueError, match="NaN"):
+        field.exact(np.array([[0, np.inf, 0]]))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "named"),
+    [(BOX.vertices + np.nan, BOX.faces, "NaN"), (BOX.vertices + np.inf, BOX.faces, "NaN"), (BOX.vertices, np.zeros((0, 3)), "0 faces")],
+)
+def test_distance_field_rejects_missing_faces_and_corners_that_are_not_finite(vertices, faces, named) -> None:
+    with pytest.raises(ValueError, match=named):
+        build_distance_field(vertices, faces, cell=CELL, band=BAND)

@@ -1,13 +1,11 @@
 """Contacts and force closure against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.grasp_closure import Contact, closure_margin, contact_from_depth, opposition_angle
-from pipeline.kernels.touch.contact import CONTACT_MARGIN
+from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN
 from pipeline.kernels.touch.sensor import pixel_centres
 
 SENSOR = load_sensor("gel_16mm")

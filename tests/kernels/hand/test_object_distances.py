@@ -1,7 +1,5 @@
 """Contact, clearance and penetration over planes and blocks, where distances are known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Postures in which two gels face each other, checked independently of the search."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +11,7 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
 from pipeline.kernels.hand.grasp_ik import GraspIk, prepare_grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
-from pipeline.kernels.hand.opposed_postures import opposed_postures
+from pipeline.kernels.hand.pinches import opposed_postures
 from pipeline.kernels.hand.self_collision import fingers_apart
 
 

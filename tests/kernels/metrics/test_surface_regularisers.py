@@ -8,7 +8,7 @@ import torch
 import trimesh
 
 from pipeline.kernels.geometry.mesh import mesh_edges
-from pipeline.kernels.metrics.surface_regularisers import edge_length
+from pipeline.kernels.metrics.surface_sampling import edge_length
 
 CUBE = trimesh.creation.box()
 CORNERS = torch.tensor(CUBE.vertices)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from pipeline.kernels.metrics.touch_site_rings import ring_indices, ring_means
+from pipeline.kernels.metrics.cloud_distances import ring_indices, ring_means
 from tests.kernels.degenerate_clouds import OFFSETS
 from tests.strategies import scales, seeds
 

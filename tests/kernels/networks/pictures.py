@@ -5,7 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pipeline.kernels.tensor_checks import WHITE, network_input
+from pipeline.kernels.arrays import WHITE
+from pipeline.kernels.tensor_checks import network_input
 
 IMAGES = {
     "black": lambda size: torch.zeros(size, size, 3),

@@ -8,8 +8,9 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.tensor_checks import COLOURS, WHITE
+from pipeline.kernels.arrays import WHITE
+from pipeline.kernels.networks.unet import contact_mask
+from pipeline.kernels.tensor_checks import COLOURS
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR
 from tests.strategies import seeds

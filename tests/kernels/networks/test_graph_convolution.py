@@ -7,8 +7,7 @@ import torch
 from torch import nn
 
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
-from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork, ZeroNeighbourLayer
+from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, ZeroNeighbourLayer, chart_graph
 from tests.references.dense_graph import dense_mean
 
 COUNTS = [2, 0, 1]

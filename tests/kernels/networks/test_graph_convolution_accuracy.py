@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 
 from pipeline.kernels.charts.vision_charts import vision_charts
-from pipeline.kernels.networks.chart_graph import ChartGraph, chart_graph
-from pipeline.kernels.networks.graph_convolution import GraphConvolutionNetwork, ZeroNeighbourLayer
+from pipeline.kernels.networks.chart_graph import ChartGraph, GraphConvolutionNetwork, ZeroNeighbourLayer, chart_graph
 from tests.strategies import seeds
 
 COUNTS = st.lists(st.sampled_from([0, 1, 4, 20]), min_size=1, max_size=3)

@@ -6,9 +6,7 @@ import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.local_network import LocalNetwork, LocalShape, pixel_positions
-from pipeline.kernels.networks.local_touch_loss import GelState, local_loss
-from pipeline.kernels.networks.slope_integration import surface_slopes
+from pipeline.kernels.networks.local_network import GelState, LocalNetwork, LocalShape, local_loss, pixel_positions, surface_slopes
 
 PITCH = (0.12, 0.1)
 

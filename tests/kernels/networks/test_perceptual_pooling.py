@@ -9,8 +9,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid
-from pipeline.kernels.networks.perceptual_pooling import NEAREST_DEPTH, pool_features, project_to_pixels
+from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, NEAREST_DEPTH, ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 
 SCENE = Camera(position=(0.972, 0.461, 0.974), rotation=(70.458, 4.94, 113.54), focal=(406.595, 406.595), centre=(128, 128), resolution=256)

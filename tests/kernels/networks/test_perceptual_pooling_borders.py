@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.networks.image_encoder import MapGrid
-from pipeline.kernels.networks.perceptual_pooling import NEAREST_DEPTH, pool_features, project_to_pixels
+from pipeline.kernels.networks.image_encoder import NEAREST_DEPTH, MapGrid, pool_features, project_to_pixels
 from tests.kernels.networks.test_perceptual_pooling import SCENE, scene_camera, slow_pool
 from tests.strategies import seeds
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from pipeline.kernels.networks.photograph_drift import ROUNDS, SCALE, SIDE, without_drift
+from pipeline.kernels.networks.local_network import ROUNDS, SCALE, SIDE, without_drift
 
 
 def positions(rows: int, cols: int) -> tuple[np.ndarray, np.ndarray]:

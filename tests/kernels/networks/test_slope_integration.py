@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.networks.slope_integration import integrate_slopes, surface_slopes
+from pipeline.kernels.networks.local_network import integrate_slopes, surface_slopes
 from tests.references.slow_slopes import integrate_slowly
 
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.unet import masked_depth_loss, projected_chamfer_loss, visible_depth
 
 WIDTH, GEL = 0.01641, 0.0068
 Loss = Callable[..., Tensor]

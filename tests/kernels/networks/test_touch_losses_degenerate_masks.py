@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.networks.unet import masked_depth_loss, projected_chamfer_loss, visible_depth
 from tests.references import exact_distances as exact
 from tests.strategies import seeds
 

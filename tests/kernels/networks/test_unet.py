@@ -7,11 +7,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.kernels.networks.contact_mask import contact_mask
-from pipeline.kernels.networks.touch_losses import masked_depth_loss, projected_chamfer_loss, visible_depth
-from pipeline.kernels.networks.unet import UNet
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss, projected_chamfer_loss, visible_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR, ball
 

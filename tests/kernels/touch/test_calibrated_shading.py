@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers
-from pipeline.kernels.touch.cast_shadow import shade_depth
-from pipeline.kernels.touch.gel_membrane import membrane_indentation
-from pipeline.kernels.touch.pressed_gel import gel_under
+from pipeline.kernels.touch.calibrated_shading import calibrated_change, polynomial_background, powers, shade_depth
+from pipeline.kernels.touch.pressed_gel import gel_under, membrane_indentation
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 

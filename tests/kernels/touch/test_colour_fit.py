@@ -4,9 +4,16 @@ import numpy as np
 import pytest
 
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.ball_contact import Circle, Photograph, ball_impression, contact_box
+from pipeline.kernels.touch.ball_contact import (
+    CONTACT_WEIGHT,
+    Circle,
+    Photograph,
+    ball_impression,
+    contact_box,
+    left_out_error,
+    sample_photographs,
+)
 from pipeline.kernels.touch.colour_fit import MEMBRANES, MODULUS, ColourFitOptions, fit_colours
-from pipeline.kernels.touch.colour_samples import CONTACT_WEIGHT, left_out_error, sample_photographs
 from pipeline.kernels.touch.sensor import Gel, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 

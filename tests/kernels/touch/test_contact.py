@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.contact import CONTACT_MARGIN, local_points, touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import CONTACT_MARGIN, local_points, touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from tests.kernels.touch.shapes import (
     SENSOR,

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import assume, given
 
 from pipeline.kernels.geometry.mesh import face_cross_products
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import (

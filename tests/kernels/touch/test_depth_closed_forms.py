@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from tests.kernels.touch.shapes import (

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
+from pipeline.kernels.touch.depth_maps import quantise_depth
 from tests.kernels.touch.shapes import (
     SENSOR,
 )

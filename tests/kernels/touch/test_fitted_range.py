@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.touch.ball_contact import Circle, contact_box
-from pipeline.kernels.touch.fitted_range import fitted_range, missing_photographs
+from pipeline.kernels.touch.colour_fit import fitted_range, missing_photographs
 
 SENSOR = load_sensor("gelsight")
 OPTICS = SENSOR.calibrated

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import gel_surface, impression
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import gel_surface, impression, local_points, touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import SENSOR, coarse, one_pixel, pressed_ball

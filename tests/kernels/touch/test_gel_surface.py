@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pipeline.kernels.touch.contact import local_points, touch_success
-from pipeline.kernels.touch.depth_quantisation import quantise_depth
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import gel_surface, gel_top, impression, in_gel
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import gel_surface, gel_top, impression, in_gel, local_points, quantise_depth, touch_success
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, Surface, pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image

@@ -10,14 +10,12 @@ from PIL import Image
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.sensor_file import load_sensor
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import gel_surface, impression
-from pipeline.kernels.touch.press_patches import random_patch
-from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_press
+from pipeline.kernels.touch.depth_maps import gel_surface, impression
+from pipeline.kernels.touch.press_shapes import SHAPES, PressRanges, press_relief, random_patch, random_press
 from pipeline.kernels.touch.pressed_gel import press_gel
-from pipeline.kernels.touch.resample_sensor import resample
-from pipeline.kernels.touch.sensor import pixel_centres
-from pipeline.kernels.touch.tactile_image import image_of_gel, tactile_image, untouched_image
+from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.sensor import pixel_centres, resample
+from pipeline.kernels.touch.tactile_image import render_gel, tactile_image, untouched_image
 from schemas.presses import PRESSED
 from tests.kernels.touch.shapes import ball, sheet
 
@@ -136,7 +134,7 @@ def test_gel_follows_the_shape_in_the_contact_and_its_image_follows_from_the_dep
     assert (gel.indentation[gel.contact] == pressed[gel.contact]).all()
     assert (gel.indentation >= pressed).all()
     assert (gel.indentation[~gel.contact] > 0).any()  # drawn in
-    assert (image_of_gel(gel.indentation, GELSIGHT) == tactile_image(press.depth, GELSIGHT)).all()
+    assert (render_gel(gel.indentation, GELSIGHT) == tactile_image(press.depth, GELSIGHT)).all()
 
 
 def test_a_sensor_with_other_pixels_has_the_same_gel_and_background():

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.ray_depth import local_depth, ray_depth
+from pipeline.kernels.touch.ray_depth import box_faces, local_depth, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
 from tests.kernels.touch.shapes import (

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.kernels.touch import ray_depth as depth_module
-from pipeline.kernels.touch import scan_conversion
-from pipeline.kernels.touch.face_culling import box_faces
+from pipeline.kernels.touch import ray_depth as scan_conversion
+from pipeline.kernels.touch.ray_depth import box_faces
 from tests.kernels.touch.shapes import (
     coarse,
     pybullet_triangles,

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.kernels.touch.face_culling import box_faces
-from pipeline.kernels.touch.gel_surface import impression
-from pipeline.kernels.touch.ray_depth import ray_depth
+from pipeline.kernels.touch.depth_maps import impression
+from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Lights, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from tests.kernels.touch.shapes import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pipeline.kernels.vision.background import foreground
+from pipeline.kernels.vision.view_transfer import foreground
 
 
 def test_the_foreground_differs_from_most_of_the_border():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.kernels.vision.camera import project_points
-from pipeline.kernels.vision.viewpoint import Viewpoint, placed_camera, viewpoint_camera
+from pipeline.kernels.vision.camera import Viewpoint, placed_camera, project_points, viewpoint_camera
 
 
 def viewpoint(azimuth: float, elevation: float, distance: float = 1.0) -> Viewpoint:

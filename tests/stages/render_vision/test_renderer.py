@@ -9,9 +9,8 @@ import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera, camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
 from pipeline.kernels.vision.primitives import flatten_texture
-from pipeline.kernels.vision.scene import NamedCamera
+from pipeline.kernels.vision.scene import Label, NamedCamera
 from stages.render_vision.renderer import RenderedImage, Renderer
 from tests.kernels.vision.shapes import CENTRE, HERE, SCENE, ball, box, card, half_turned, turned_over
 from tests.references.ray_cast import cast, cast_depth

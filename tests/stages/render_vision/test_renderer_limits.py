@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from stages.render_vision.renderer import CLOSE_PLANE, FAR_PLANE, RenderedImage, Renderer
 from tests.kernels.vision.shapes import HERE, SCENE
 

@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.camera import Camera
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 from stages.render_vision.renderer import RenderedImage, Renderer
 from tests.kernels.vision.shapes import HERE, SCENE, ball
 
@@ -29,7 +29,7 @@ PROCESS = """
 import hashlib, sys, numpy as np
 from tests.kernels.vision.shapes import SCENE, HERE, ball, box, card, half_turned
 from stages.render_vision.renderer import Renderer
-from pipeline.kernels.vision.labels import Label
+from pipeline.kernels.vision.scene import Label
 texture = np.random.default_rng(1).integers(0, 256, (50, 70, 4)).astype(np.uint8)
 digest = hashlib.sha256()
 with Renderer(SCENE) as renderer:

@@ -12,9 +12,9 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_sensors import touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
-from pipeline.kernels.touch.gel_surface import impression
+from pipeline.kernels.touch.depth_maps import impression
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
-from pipeline.kernels.touch.tactile_image import image_of_gel
+from pipeline.kernels.touch.tactile_image import render_gel
 from stages.registry import resolve
 from stages.simulate_presses.stage import SimulatePresses, pressed_sensor
 from tests.stages.tiny_dataset import manifest, run_stage
@@ -62,7 +62,7 @@ def test_rows_follow_from_the_stored_depth(surfaces, tmp_path):
             gel = press_gel(depth[one], sensor)
             assert (gel.contact == contact[one]).all()
             np.testing.assert_array_equal(gel.indentation.astype(np.float32), indentation[one])
-            assert (image_of_gel(gel.indentation, sensor) == image[one]).all()
+            assert (render_gel(gel.indentation, sensor) == image[one]).all()
             assert 1e-4 - 1e-8 <= impression(depth[one], sensor).max() <= 1.2e-3 + 1e-8
             assert (rows.read("press_image", name, one) == image[one]).all()
     assert not np.array_equal(*drawn)

@@ -13,7 +13,7 @@ from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.kernels.touch.contact import local_points, touch_success
+from pipeline.kernels.touch.depth_maps import local_points, touch_success
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.store.rows import Row
 from stages.simulate_touch.settings import TouchSettings

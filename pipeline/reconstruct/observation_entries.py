@@ -1,17 +1,20 @@
-"""Entries of observation files: their base class, and poses in the ways that robots' programs write them."""
+"""Entries of observation files: images and sensors as files or arrays, and poses in the ways that robots' programs write them."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema, model_validator
 from scipy.spatial.transform import Rotation
 
+from pipeline.formats.description_file import shipped_files
+from pipeline.formats.image_file import read_depth, read_image, read_mask
+from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.transforms import rotation_from_euler
+from pipeline.kernels.touch.sensor import Sensor
 
 ROTATION_TOLERANCE = 1e-3
 """Deviation from orthonormal of a rotation that is rounded to the nearest one: files have few digits."""
@@ -37,6 +40,49 @@ class Entries(BaseModel):
         return type(self).model_validate({name: getattr(self, name) for name in type(self).model_fields} | changes)
 
 
+def _read(reader: Callable[[Path], Any], array_type: str) -> BeforeValidator:
+    """Read a file that is named relative to the observation file; take an array as it is."""
+
+    def validate(value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, str | Path):
+            return reader(_folder(info) / value)
+        if isinstance(value, np.ndarray) or value is None:
+            return value
+        raise ValueError(f"it must be the name of a file, or an array of {array_type}")
+
+    return BeforeValidator(validate)
+
+
+def _sensor(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Sensor):
+        return value
+    if not isinstance(value, str | Path):
+        raise ValueError("it must be the name of a built-in sensor, or of a sensor file")
+    return load_sensor(value if str(value) in shipped_files("sensor") else _folder(info) / value)
+
+
+def _folder(info: ValidationInfo) -> Path:
+    return (info.context or {}).get("folder") or Path()
+
+
+_FILE = WithJsonSchema({"type": "file"})
+Image = Annotated[NDArray[np.uint8], _read(read_image, "uint8 (rows, cols, 3)"), _FILE]
+Mask = Annotated[NDArray[np.bool_], _read(read_mask, "bool (rows, cols)"), _FILE]
+Depth = Annotated[NDArray[Any], _read(read_depth, "uint16 or float32 (rows, cols)"), _FILE]
+SensorName = Annotated[Sensor, BeforeValidator(_sensor), WithJsonSchema({"type": "name"})]
+
+
+def check_array(name: str, array: Any, dtype: Any, dims: int) -> None:
+    """Raise a `ValueError` if an array has another type, another number of dimensions, not three colours, or no element."""
+    if array.dtype != dtype or array.ndim != dims or (dims == 3 and array.shape[2] != 3) or not array.size:
+        raise ValueError(f"{name} is {array.dtype} {array.shape}; it must be {np.dtype(dtype)} (rows, cols{', 3' * (dims == 3)})")
+
+
+def size_text(array: NDArray[Any]) -> str:
+    """Write columns x rows, for messages."""
+    return f"{array.shape[1]} x {array.shape[0]}"
+
+
 class Pose(Entries):
     """A frame in the file's frame: `position`, and `quaternion` or `rpy`; or `matrix`, which may be given in place of the mapping."""
 
@@ -53,7 +99,7 @@ class Pose(Entries):
         return value
 
     @model_validator(mode="after")
-    def _is_rigid(self) -> Pose:
+    def _is_rigid(self) -> Self:
         rotations = [name for name in ("matrix", "quaternion", "rpy") if getattr(self, name) is not None]
         if len(rotations) != 1 or (self.position is None) != (rotations == ["matrix"]):
             raise ValueError("a pose has a matrix, or a position and either a quaternion or rpy")

@@ -11,13 +11,12 @@ from matplotlib.transforms import BboxBase
 
 from pipeline.console import Row, Table, pluralise
 from pipeline.drawing.plots import INK, themed_svg
-from pipeline.tradeoff.measured import END_TO_END, MeasuredTrade, Point, read_trades
-from stages.registry import TRADED, resolve
+from pipeline.tradeoff.measured import MeasuredTrade, Point
+from stages.registry import resolve
 
 BLUE, RED = "#4477aa", "#cc3311"
-PLACES = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
-"""Places of a label, in order of preference: whether it is to the right of its point, and its offset upwards, points."""
-
+LABEL_OFFSETS = ((True, 3), (True, -9), (False, 3), (False, -9), (True, 10), (True, -17))
+"""Where a label is, in order of preference: whether to the right of its point, and how far upwards, points."""
 WHICH_NETWORK = ("configuration", "training_seed")
 """Settings that say which network is trained, not how."""
 FROM_INPUTS = ("hand", "sensors")
@@ -51,10 +50,10 @@ def _label(axes: Axes, points: Mapping[str, tuple[float, float]]) -> None:
     """Write each point's label beside it, where it covers no other label if possible."""
     boxes: list[BboxBase] = []
     for text, point in sorted(points.items(), key=lambda entry: entry[1]):
-        for right, up in PLACES:
+        for right, up in LABEL_OFFSETS:
             place: Any = {"xytext": (5 if right else -5, up), "textcoords": "offset points", "ha": "left" if right else "right"}
             label = axes.annotate(text, point, fontsize=7, color=INK, **place)
-            if (right, up) == PLACES[-1] or not any(label.get_window_extent().overlaps(box) for box in boxes):
+            if (right, up) == LABEL_OFFSETS[-1] or not any(label.get_window_extent().overlaps(box) for box in boxes):
                 break
             label.remove()
         boxes.append(label.get_window_extent())
@@ -88,20 +87,3 @@ def used_point(trade: MeasuredTrade, settings: Mapping[str, Any]) -> Point | Non
     own = resolve(trade.stage, trade.preset, trade.assignments).results()
     base = {name: value for name, value in own.items() if name not in WHICH_NETWORK and (value is not None or name not in FROM_INPUTS)}
     return next((point for point in trade.points if all(settings.get(k) == v for k, v in {**base, **point.changes}.items())), None)
-
-
-def report_trades(
-    data: Path,
-    settings: Mapping[str, Mapping[str, Any]],  # of the outputs, by stage; their points are marked
-    folder: Path,
-) -> list[dict[str, str]]:  # file, alternative text and caption of each picture
-    """Draw the trades of a data directory as `trade-STAGE.svg` in a folder."""
-    pictures = []
-    for trade in read_trades(data, (*TRADED, END_TO_END)):
-        used = used_point(trade, settings[trade.stage]) if trade.stage in settings else None
-        draw_trade(trade, folder / f"trade-{trade.stage}.svg", used)
-        points = "; ".join(f"{point.label}: {point.seconds:.3g} s, {point.error:.3g} {trade.unit}".strip() for point in trade.points)
-        place = f"; used here: {used.label}" if used else "; the settings used here were not measured" if trade.stage in settings else ""
-        caption = f"{trade.stage}, on {pluralise(len(trade.objects))}{place}."
-        pictures.append({"file": f"figures/trade-{trade.stage}.svg", "alt": f"{trade.metric}: {points}", "caption": caption})
-    return pictures

@@ -1,4 +1,4 @@
-"""Check an observation file: the poses of its object, camera and sensors, and the inputs of a network."""
+"""Describe and draw an observation: the poses of its object, camera and sensors, and the inputs of a network."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -13,38 +13,36 @@ from pipeline.drawing.plots import save_figure
 from pipeline.kernels.geometry.transforms import transform_points
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
-from pipeline.reconstruct.model_inputs import ModelInputs
-from pipeline.reconstruct.object_box import ObjectBox, find_object, gel_centres, turn_to_z
-from pipeline.reconstruct.observation_checks import faults
-from pipeline.reconstruct.observation_file import RobotObservation, load_observation
+from pipeline.reconstruct.object_location import ObjectBox, Target, gel_centres, turn_to_z
+from pipeline.reconstruct.observation_checks import check
+from pipeline.reconstruct.observation_file import RobotObservation
 from pipeline.reconstruct.observation_placement import degrees, describe_object, facing_away, place_observation
 
 SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) / 2
 """The outline of a gel, in units of its sides."""
 
 
-def check_observation(path: Path, picture: Path, model: ModelInputs | None = None) -> list[str]:
-    """Describe and draw an observation file; with a model, name its inputs. Parameters, result and errors as `check_file`."""
-    observation = load_observation(path, lambda part: faults(part, model))
-    box = find_object(observation, model)
-    assert box is not None  # else a fault
-    placed = None if model is None else place_observation(observation, model)
-    network_image = None if placed is None else placed.image
+def draw_observation(path: Path, picture: Path, target: Target | None = None) -> list[str]:
+    """Check an observation file, and draw it; return lines that describe it and, with a network, the inputs that this gets."""
+    checked = check(path, target)
+    observation, box = checked.observation, checked.box
     panels: list[Callable[[Axes, RobotObservation, ObjectBox], None]] = [] if observation.camera is None else [_draw_photograph]
     panels += [partial(_draw_from, right=0, up=1), partial(_draw_from, right=0, up=2)]
+    lines, network_image = [f"{path}: observation, no faults", *_described(observation, box)], None
+    if target is not None:
+        placed = place_observation(checked)
+        network_image = placed.image
+        lines += [f"with model {target.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
     count = len(panels) + (network_image is not None)
     figure = Figure((5 * count, 5), layout="constrained")
     drawn = figure.subplots(1, count).tolist()
     for axes, draw in zip(drawn, panels, strict=False):
         draw(axes, observation, box)
-    model_lines = []
-    if model is not None and placed is not None:
-        model_lines = [f"with model {model.configuration}:{'' if placed.remarks else ' no remark'}", *placed.remarks]
-        if network_image is not None:
-            drawn[-1].imshow(network_image)
-            drawn[-1].set(title=f"as {model.configuration} is given it", xticks=[], yticks=[])
+    if target is not None and network_image is not None:
+        drawn[-1].imshow(network_image)
+        drawn[-1].set(title=f"as {target.configuration} is given it", xticks=[], yticks=[])
     save_figure(figure, picture)
-    return [f"{path}: observation, no faults", *_described(observation, box), *model_lines, f"picture: {picture}"]
+    return [*lines, f"picture: {picture}"]
 
 
 def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
@@ -60,9 +58,9 @@ def _described(observation: RobotObservation, box: ObjectBox) -> Iterator[str]:
             f"{observation.camera.object_pixels.mean():.1%} of the photograph is the object"
         )
     distances = np.linalg.norm(gel_centres(observation) - box.centre, axis=1)
-    for number, (touch, turned) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
+    for number, (touch, is_away) in enumerate(zip(observation.touches, facing_away(observation, box), strict=True)):
         touched = {True: "touches", False: "does not touch", "auto": "touches if its image shows so"}[touch.touched]
-        facing = "; warning: it faces away from there, +z must point out of the gel" if turned else ""
+        facing = "; warning: it faces away from there, +z must point out of the gel" if is_away else ""
         yield f"{observation.name_of(number)}: {touched}, {1e3 * distances[number]:.3g} mm from the object's centre{facing}"
 
 

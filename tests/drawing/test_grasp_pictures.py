@@ -1,21 +1,21 @@
 """The second view of a grasp: patches, gel squares, and the camera that shows both."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
 import pytest
 from hypothesis import given
 
-from pipeline.drawing.contact_sheet_page import COLORS
-from pipeline.drawing.second_view import LIFT, STRIDE, GraspView, fitted_camera, gel_squares, grasp_cameras, second_view, touch_patch
+from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.drawing.colors import COLORS
+from pipeline.drawing.grasp_pictures import LIFT, STRIDE, GraspPictures, gel_squares, touch_patch
+from pipeline.drawing.views import fitted_camera
+from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.vision.camera import Camera, camera_pose, project_points, projection_matrix
-from pipeline.kernels.vision.labels import Label
 from stages.render_vision.renderer import Renderer
-from tests.kernels.vision.shapes import HERE, SCENE, ball, box
+from tests.kernels.vision.shapes import SCENE, ball
 from tests.strategies import EPS, offsets, random_rotation, seeds
 
 SENSOR = load_sensor("gel_16mm")
@@ -78,24 +78,21 @@ def test_empty_gel_has_no_patch() -> None:
         assert touch_patch(depth, np.eye(4), SMALL, (1, 2, 3)) is None
 
 
-@pytest.fixture
-def renderer() -> Iterator[Renderer]:
-    with Renderer(SCENE, 48) as opened:
-        yield opened
-
-
-def test_second_view_of_an_object_around_the_first_camera(renderer) -> None:
+def test_second_view_of_an_object_around_the_first_camera() -> None:
     """The first camera is inside the object, the second one outside."""
-    large = ball(3.0, subdivisions=2)
-    hand = box((0.1, 0.1, 0.1))
-    parts = [renderer.add(mesh, label) for mesh, label in ((large, Label.OBJECT), (hand, Label.HAND))]
-    squares = gel_squares(np.eye(4)[None], [SENSOR.model_copy(update={"width": 0.02, "w": 0.006})]) + [3.0, 0, 0.6]
-    grasp = GraspView((parts[0], large), [(parts[1], hand, HERE)], [], np.array([0, 0, 1.0]), squares, [(255, 0, 0)])
-    images = second_view(renderer, SCENE, grasp_cameras(renderer, SCENE, 48, grasp), grasp)
-    for part in parts:
-        renderer.remove(part)
+    hand = load_hand("two_finger_gripper")
+    pose, angles = np.eye(4), (hand.lower + hand.upper) / 2
+    pose[:3, 3] = [3.0, 0, 0.6]
+    grasp = {"hand_pose": pose, "joint_angles": angles, "sensor_pose": sensor_poses(hand, pose, angles), "touch_success": np.zeros(2, bool)}
+    rows = {
+        "surfaces": mesh_row(ball(3.0, subdivisions=2)),
+        "grasps": {name: value[None] for name, value in grasp.items()},
+        "touch": {"depth": np.full((1, 2, 10, 10), np.inf, np.float32)},
+    }
+    with Renderer(SCENE, 48) as renderer, GraspPictures(renderer, SCENE, hand, [SMALL] * 2).second_side(rows, 0, 48) as side:
+        image = side.touched()
     background = np.rint(np.array(SCENE.background) * 255)
-    shown = np.abs(images[1].astype(int) - background).max(axis=2) > 2
+    shown = np.abs(image.astype(int) - background).max(axis=2) > 2
     assert 0.3 < shown.mean() < 0.9  # all of the ball, from outside: a disc
     assert not shown[0].any()
     assert np.linalg.norm(camera_pose(SCENE.camera)[:3, 3] - [0, 0, 0.6]) < 3.0

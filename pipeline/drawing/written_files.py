@@ -1,7 +1,8 @@
-"""Files that reports wrote, with their keys: the list of a report, `report/pages.json`, and its checks."""
+"""Lists of the files that reports and contact sheets wrote, with the keys of what they show."""
 
 from collections.abc import Container
 from pathlib import Path
+from typing import TypeVar
 
 from pydantic import Field, FiniteFloat, ValidationError
 
@@ -10,14 +11,16 @@ from pipeline.store.directory import changed_files
 from pipeline.store.record import Name, RelativePath, Sha256, Stored
 from pipeline.store.storage import Location, exists, list_folder, read_bytes
 
-WRITTEN = "pages.json"
+PAGES, REMEDY = "pages.json", "run `vt-pipeline report` again"
+
+Written = TypeVar("Written", bound=Stored)
 
 
 class WrittenFiles(Stored):
     """Files that were written under a key."""
 
     key: Sha256  # hash of all that the files show
-    files: dict[RelativePath, Sha256]  # SHA-256 by path
+    files: dict[RelativePath, Sha256]
 
     def is_up_to_date(self, key: str, changed: Container[str]) -> bool:
         """Check whether the files were written under this key, and none of them changed since."""
@@ -25,16 +28,16 @@ class WrittenFiles(Stored):
 
 
 class ObjectCard(WrittenFiles):
-    """The files of an object's page, and facts for the gallery and the statistics; `areas` are those of its contacts, m²."""
+    """The files of an object's page in a report, and facts for the gallery and the statistics."""
 
     category: str
     split: str
     touches: int
-    areas: tuple[FiniteFloat, ...]
+    areas: tuple[FiniteFloat, ...]  # of its contacts, m²
 
 
 class Pages(Stored):
-    """The pages of objects, and the SHA-256 of every other file."""
+    """The files of a report: those of each object's page, and the others."""
 
     objects: dict[Name, ObjectCard] = Field(default={})
     files: dict[RelativePath, Sha256] = Field(default={})
@@ -44,21 +47,20 @@ class Pages(Stored):
         return {name: sha256 for card in self.objects.values() for name, sha256 in card.files.items()} | self.files
 
 
-def read_pages(report: Location) -> Pages:
-    """Read the list of a report's files; raise a `StoreError` if it is missing or damaged."""
-    path, remedy = report / WRITTEN, "run `vt-pipeline report` again"
+def read_list(path: Location, kind: type[Written]) -> Written:
+    """Read a list of files; raise a `StoreError` if it is missing or damaged."""
     if not exists(path):
-        raise StoreError(f"{path} is missing; {remedy}")
+        raise StoreError(f"{path} is missing; {REMEDY}")
     try:
-        return Pages.model_validate_json(read_bytes(path))
+        return kind.model_validate_json(read_bytes(path))
     except ValidationError as error:
-        raise StoreError(f"{path} cannot be used ({first_line(error)}); {remedy}") from error
+        raise StoreError(f"{path} cannot be used ({first_line(error)}); {REMEDY}") from error
 
 
-def refuse_report_links(report: Location) -> None:
+def refuse_links(report: Location) -> None:
     """Raise a `StoreError` if a report's folder is or holds a symbolic link, which would lead out of the dataset."""
     if isinstance(report, Path) and (link := next((path for path in (report, *report.rglob("*")) if path.is_symlink()), None)):
-        raise StoreError(f"{link} is a symbolic link, which a report must not hold; remove it, then run `vt-pipeline report` again")
+        raise StoreError(f"{link} is a symbolic link, which a report must not hold; remove it, then {REMEDY}")
 
 
 def report_problems(data: Location) -> dict[Location, list[str]]:
@@ -67,8 +69,8 @@ def report_problems(data: Location) -> dict[Location, list[str]]:
     if not list_folder(report) and not (isinstance(report, Path) and report.is_symlink()):
         return {}
     try:
-        refuse_report_links(report)
-        changed = changed_files(report, read_pages(report).every_file())
+        refuse_links(report)
+        changed = changed_files(report, read_list(report / PAGES, Pages).every_file())
     except StoreError as error:
-        return {report / WRITTEN: [str(error)]}
-    return {report / WRITTEN: [f"{name} {problem}; run `vt-pipeline report` again" for name, problem in changed.items()]}
+        return {report / PAGES: [str(error)]}
+    return {report / PAGES: [f"{name} {problem}; {REMEDY}" for name, problem in changed.items()]}

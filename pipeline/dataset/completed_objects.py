@@ -1,0 +1,80 @@
+"""The objects of a dataset that no stage failed on, with the hand, the sensors and the scene they were made with."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pipeline.console import abbreviate
+from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.touch_sensors import touch_sensors
+from pipeline.dataset.vision_scene import dataset_scene
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.formats.scene_file import load_scene
+from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.scene import Scene
+from pipeline.store.directory import DataDirectory
+from pipeline.store.origins import check_origins
+from pipeline.store.storage import Location
+from schemas.catalogue import ARTIFACTS
+
+
+class CompletedObjects:
+    """The objects that failed in none of the artifacts that are read, in id order."""
+
+    def __init__(
+        self,
+        data: Location,
+        needed: Sequence[str],  # artifacts
+        optional: Sequence[str] = (),  # artifacts that are read if they have been made
+    ) -> None:
+        self.directory = DataDirectory(data)
+        collections = {name: self.directory.collection(ARTIFACTS[name]) for name in (*needed, *optional)}
+        self.collections = {name: collection for name, collection in collections.items() if name in needed or collection.shards}
+        for collection in self.collections.values():
+            collection.first  # noqa: B018 (an error where it has not been made)
+        check_origins(self.directory, list(self.collections))
+        surfaces = self.collections["surfaces"]
+        names = [*surfaces, *surfaces.missing]
+        failures = {name: why for name in names for collection in self.collections.values() if (why := collection.failure(name))}
+        self.failures = {name: (why.stage, why.reason) for name, why in failures.items()}
+        self.object_ids = [name for name in names if name not in failures]
+        if not self.object_ids:
+            raise StoreError(f"{data.resolve()}: no object came through all stages; `vt-pipeline status {shlex.quote(str(data))}` says why")
+
+    def rows(self, object_id: str) -> dict[str, Mapping[str, np.ndarray]]:
+        """Open an object's rows, by artifact; each array is read once."""
+        return {name: collection.view(object_id) for name, collection in self.collections.items()}
+
+    def digests(self, object_id: str) -> dict[str, str]:
+        """Collect the digests of an object's rows, by artifact."""
+        return {name: collection.row(object_id).digest for name, collection in self.collections.items()}
+
+    def attributes(self, artifact: str) -> Mapping[str, Any]:
+        """Read the attributes of an artifact."""
+        return self.collections[artifact].first.attributes
+
+    def check_known(self, object_id: str) -> None:
+        """Raise an `InvalidInput` if an object failed or does not exist."""
+        if object_id not in self.object_ids:
+            failed = f", where it failed in {': '.join(self.failures[object_id])}" if object_id in self.failures else ""
+            raise InvalidInput(f"{object_id} is not a usable object of {self.directory.root}{failed}; it has {abbreviate(self.object_ids)}")
+
+    @property
+    def name(self) -> str:
+        """The manifest's name, and the preset's."""
+        return f"{self.attributes('grasps')['manifest']} · {self.collections['grasps'].first.record.preset}"
+
+    def hand(self) -> Hand:
+        """Load the hand that grasped."""
+        return grasping_hand({name: self.attributes(name) for name in self.collections})
+
+    def sensors(self) -> tuple[Sensor, ...]:
+        """List the sensor of each finger."""
+        return touch_sensors(self.attributes("touch"))
+
+    def scene(self) -> Scene:
+        """Read the scene that the images show; load the supplement's for a dataset without images."""
+        return dataset_scene(self.attributes("vision")) if "vision" in self.collections else load_scene("supplement")

@@ -1,0 +1,61 @@
+"""Make the output of a stage: reuse what is up to date, make what is missing."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from rich.console import Console
+
+from pipeline.engine.folder import FolderPlan
+from pipeline.engine.plan import Made, Plan, Request
+from pipeline.engine.shard import ShardPlan
+from pipeline.errors import InvalidInput, StoreError
+from pipeline.store.directory import DataDirectory, shard_of
+
+
+def make(
+    request: Request[Any],
+    console: Console,
+    shard: int | None = None,  # only this shard
+    *,
+    dry_run: bool = False,  # answer what would be made, and what it costs
+    report: Callable[[Made], None] | None = None,  # called after each output
+) -> list[Made]:
+    """Make all outputs of a stage, or only a shard or the requested object; errors are those of `Plan.make`."""
+    answers = []
+    for plan in _outputs(request, shard):
+        answer = plan.forecast() if dry_run else plan.prepare().make(console)
+        if report:
+            report(answer)
+        if request.strict and answer.failures and not dry_run:
+            raise InvalidInput(f"{len(answer.failures)} failed in {answer.path}, and --strict was asked for")
+        answers.append(answer)
+    return answers
+
+
+def plans(request: Request[Any], shard: int | None = None) -> Iterator[Plan[Any]]:
+    """Plan a stage, output by output."""
+    return (plan.prepare() for plan in _outputs(request, shard))
+
+
+def _outputs(request: Request[Any], shard: int | None) -> Iterator[Plan[Any]]:
+    """List a stage's outputs: its shards, or only `shard` or that of the requested object; or the folder of a dataset stage.
+
+    A `StoreError` says that the dataset is split into another number of shards, or that the requested object is in another one.
+    """
+    if not request.stage.per_object:
+        if request.only is not None or shard is not None:
+            raise InvalidInput(f"{request.stage.name} processes all objects at once; run it without --object and --shard")
+        yield FolderPlan(request)
+        return
+    directory = DataDirectory(request.data)  # once for all: what others publish in its inputs meanwhile needs another run
+    shards = directory.check_shard_count(request.shards)
+    if shard is not None and shard >= shards:
+        raise StoreError(f"there is no shard {shard} of {shards}: shards are numbered 0 to {shards - 1}")
+    object_shard = None if request.only is None else shard_of(request.only, shards)
+    if None not in (shard, object_shard) and shard != object_shard:
+        raise StoreError(
+            f"object {request.only} is in shard {object_shard} of {shards}, shard {shard} was asked for; leave one of them out"
+        )
+    selected = object_shard if shard is None else shard
+    for number in range(shards) if selected is None else [selected]:
+        yield ShardPlan(request, directory, number, shards)

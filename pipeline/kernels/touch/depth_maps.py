@@ -1,0 +1,123 @@
+"""Depth maps above a gel: its undeformed surface, the impression in it, touches and their points, and quantisation."""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import RegularGridInterpolator
+
+from pipeline.kernels.arrays import Array, Array32, Mask, check_shape
+from pipeline.kernels.compiled import compiled
+from pipeline.kernels.touch.sensor import Sensor, check_pose, masked_points, pixel_centres, sensor_to_world
+
+CONTACT_MARGIN = 1e-4  # m by which a surface must press into the gel to touch; less is within the accuracy of physics
+
+
+@lru_cache(maxsize=16)
+def gel_surface(sensor: Sensor) -> Array:  # (rows, cols) m, read-only; () where the gel is flat, w
+    """Compute the height of the undeformed gel above the sensor plane."""
+    if sensor.surface is None:
+        return np.array(sensor.w)
+    x, y = pixel_centres(sensor)
+    if sensor.surface.radius is not None:
+        across = {"both": x[None] ** 2 + y[:, None] ** 2, "x": x[None] ** 2 + 0 * y[:, None], "y": 0 * x[None] + y[:, None] ** 2}
+        radius = sensor.surface.radius
+        surface = sensor.w - (radius - np.sqrt(radius**2 - across[sensor.surface.along]))
+    else:
+        heights = np.array(sensor.surface.heights)
+        grid = [np.linspace(-side / 2, side / 2, count) for side, count in zip((sensor.height, sensor.width), heights.shape, strict=True)]
+        surface = RegularGridInterpolator(grid, heights)(np.stack(np.meshgrid(y, x, indexing="ij"), axis=-1))
+    surface.flags.writeable = False
+    return np.asarray(surface)
+
+
+@lru_cache(maxsize=16)
+def gel_top(sensor: Sensor) -> float:
+    """Compute the greatest height of the undeformed gel above the sensor plane, m: w, or more for a height map."""
+    return max(sensor.w, float(gel_surface(sensor).max()))
+
+
+def in_gel(depth: np.ndarray, sensor: Sensor) -> Mask:  # (..., rows, cols), as depth, m
+    """Find the pixels where a surface lies in the gel, D < w: its shape. `pressed_pixels` decides what touches."""
+    return np.asarray(depth < gel_surface(sensor))
+
+
+def impression(depth: np.ndarray, sensor: Sensor) -> Array:
+    """Compute the impression (rows, cols), m, of a depth map D: ReLU(w - D), equation 1; w is the gel's height at the pixel."""
+    check_shape("depth", depth, *sensor.shape)
+    if not (depth >= 0).all():
+        raise ValueError("depth holds NaN or negative values; it must be 0 or more, and +inf where nothing is met")
+    return np.maximum(gel_surface(sensor) - depth.astype(np.float64, copy=False), 0.0)
+
+
+def touch_success(depth: np.ndarray, sensor: Sensor) -> Mask:  # (...)
+    """Decide whether sensors touch, from (..., rows, cols) depth, m: 0 < min D, and D < w - `CONTACT_MARGIN` somewhere.
+
+    Depth is judged in float32, as it is stored: the stored depth gives the same mask, unless quantisation moved it across the limit.
+    """
+    _check_numbers(depth)
+    stored = depth.astype(np.float32).astype(np.float64)
+    pressed = (stored < gel_surface(sensor) - CONTACT_MARGIN).any(axis=(-2, -1))
+    return np.asarray(pressed & (stored.min(axis=(-2, -1)) > 0))
+
+
+def _check_numbers(depth: np.ndarray) -> None:
+    if np.isnan(depth).any():
+        raise ValueError("depth holds NaN; where nothing is met it must be +inf")
+
+
+def pressed_pixels(depth: np.ndarray, sensor: Sensor) -> Mask:  # (..., rows, cols), as depth
+    """Find the pixels that touch: 0 < D < w - `CONTACT_MARGIN`, the rule of `touch_success`."""
+    judged = depth.astype(np.float32).astype(np.float64)
+    return np.asarray((judged > 0) & (judged < gel_surface(sensor) - CONTACT_MARGIN))
+
+
+def local_points(
+    depth: np.ndarray,  # (rows, cols) float32 D as stored, m
+    pose: np.ndarray,  # (4, 4) float64, sensor frame to world frame
+    sensor: Sensor,
+) -> tuple[Array32, np.int32]:  # (rows · cols, 3) world, m, in row-major order of the pixels, zeros beyond their number
+    """Compute the points S^loc of a depth map that lie in the gel, D < w (supplement 1.5).
+
+    Within 10 m of the origin the error of a coordinate is below 0.5 µm. The result is a function of the stored arrays, to the bit.
+    """
+    if depth.dtype != np.float32 or depth.shape != sensor.shape:
+        raise ValueError(f"depth is {depth.dtype} {depth.shape}; local points need the stored one, float32 {sensor.shape}")
+    _check_numbers(depth)
+    local = masked_points(depth, in_gel(depth.astype(np.float64), sensor), sensor)
+    points = np.zeros((depth.size, 3), np.float32)
+    points[: len(local)] = sensor_to_world(check_pose(pose), *local.T)
+    return points, np.int32(len(local))
+
+
+def quantise_depth(
+    depth: Array,  # (..., rows, cols) m, +inf where nothing is met
+    sensor: Sensor,
+    *,
+    gel_bits: int | None,  # depths in the gel become multiples of 2^-gel_bits m; None keeps float32's precision
+    far_bits: int | None,  # depths beyond it become multiples of 2^-far_bits m
+) -> Array32:  # (..., rows, cols) m
+    """Round depths to multiples of a power of two; digits beyond any use are noise that no codec can compress.
+
+    The error is at most half a step and half a float32 unit in the last place. Depths beyond the gel's highest point stay beyond it.
+    """
+    _check_numbers(depth)
+    rounded = np.empty(depth.shape, np.float32)
+    gel_steps, far_steps = (0.0 if bits is None else 2.0**bits for bits in (gel_bits, far_bits))
+    gel = gel_top(sensor)
+    beyond = np.float32(gel)
+    beyond = beyond if beyond >= gel else np.nextafter(beyond, np.float32(np.inf))
+    _round(np.ascontiguousarray(depth).reshape(-1), gel, beyond, gel_steps, far_steps, rounded.reshape(-1))
+    return rounded
+
+
+@compiled
+def _round(depth: Array, gel: float, beyond: np.float32, gel_steps: float, far_steps: float, rounded: Array32) -> None:
+    """Round to multiples of 1/gel_steps below `gel` and of 1/far_steps beyond, both powers of two; 0 for not at all.
+
+    `beyond` is the least float32 that is not below `gel`: a surface outside the gel stays outside.
+    """
+    for i in range(len(depth)):
+        steps = gel_steps if depth[i] < gel else far_steps
+        rounded[i] = depth[i] if steps == 0 else np.rint(depth[i] * steps) / steps
+        if depth[i] >= gel > rounded[i]:
+            rounded[i] = beyond

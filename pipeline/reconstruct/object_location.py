@@ -1,0 +1,129 @@
+"""Find the object of an observation: the bounding box that its network takes it to be in, in metres and the observation's frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+
+from pipeline.kernels.geometry.transforms import transform_points
+from pipeline.kernels.touch.sensor import Sensor
+from pipeline.kernels.vision.view_transfer import camera_direction, moved_projection, optical_centre, split_projection
+from pipeline.models.reconstruction import Trained
+from pipeline.reconstruct.observation_file import RobotObservation
+
+BY_DEPTH = "estimated from depth and mask"
+FEW = 10
+"""Pixels with a depth below which an object is not located by them."""
+OUTLIERS = 1.0
+"""Percentage of the points at each side of a box around them that are ignored: some depths are wrong."""
+
+
+class Target(Trained):
+    """The network that an observation is for, and what reads its tactile images."""
+
+    sensor: Sensor | None = None  # of the network beside it that reads tactile images; None without one
+
+    @property
+    def size(self) -> float:
+        """The middle, on a scale of ratios, of the sizes of the objects that the network learned from, m."""
+        return 2 * self.network.radius if self.diagonals is None else float(np.sqrt(np.prod(self.diagonals)))
+
+
+@dataclass(frozen=True)
+class ObjectBox:
+    """An object's bounding box."""
+
+    centre: NDArray[np.float64]  # (3,)
+    diagonal: float | None  # None if not known
+    source: str  # of both
+
+    def factor(self, target: Target) -> float:
+        """Compute what scales the object to the size at which a network sees all objects; an unknown size is that of the training."""
+        return 2 * target.network.radius / (target.size if self.diagonal is None else self.diagonal)
+
+
+def find_object(observation: RobotObservation, target: Target | None) -> ObjectBox | None:
+    """Find the object: as the observation states it, else by its depth image, else by its touches.
+
+    The box has the axes of the network's world (`network_axes`), in which its training objects were placed by their boxes. Touches are
+    the middle of the box around the gels; there must be two that count.
+    """
+    stated, unit = observation.object, observation.metres_per_unit
+    diagonal = None if stated.diagonal is None else stated.diagonal * unit
+    if stated.centre is not None and diagonal is not None:
+        return ObjectBox(np.array(stated.centre) * unit, diagonal, "as stated")
+    visible = _visible_box(observation, target)
+    if stated.centre is not None:
+        return ObjectBox(np.array(stated.centre) * unit, visible[1] if visible else None, "as stated")
+    if visible is not None:
+        return ObjectBox(visible[0], diagonal or visible[1], BY_DEPTH)
+    gels = gel_centres(observation)[observation.shown_touches]
+    if len(gels) < 2:
+        return None
+    axes = network_axes(observation, target, np.mean(gels, axis=0))
+    low, high = np.min(gels @ axes.T, axis=0), np.max(gels @ axes.T, axis=0)
+    return ObjectBox((low + high) / 2 @ axes, diagonal, "estimated from the touches")
+
+
+def _visible_box(observation: RobotObservation, target: Target | None) -> tuple[NDArray[np.float64], float] | None:
+    """Estimate the centre and diagonal by a depth image.
+
+    It is the box around the visible points and the same points moved backwards: what is hidden is taken to be as thick as what is visible
+    along its thinnest axis. For a ball, its middle is a quarter of the radius from the true one; `python -m benchmarks.observed_sizes`
+    measures it for others.
+    """
+    camera, matrix = observation.camera, observation.projection
+    if camera is None or matrix is None or camera.metres is None or camera.mask is None:
+        return None
+    measured, sides = camera.object_pixels & ~np.isnan(camera.metres), [OUTLIERS, 100 - OUTLIERS]
+    if (inner := binary_erosion(measured)).sum() >= FEW:  # at the rim cameras mix depths with those behind
+        near, far = np.percentile(camera.metres[inner], sides)
+        measured &= np.abs(camera.metres - (near + far) / 2) <= 1.5 * (far - near)
+    if measured.sum() < FEW:
+        return None
+    row, col = np.nonzero(measured)
+    k, depth = camera.intrinsics, camera.metres[measured]
+    seen = np.column_stack([(col + 0.5 - k.cx) / k.fx * depth, (row + 0.5 - k.cy) / k.fy * depth, depth])  # camera frame, as OpenCV's
+    rotation, thinnest = split_projection(matrix)[1], np.linalg.eigh(np.cov(seen.T))[1][:, 0]
+    points, behind = optical_centre(matrix) + seen @ rotation, rotation[2] * float(np.ptp(np.percentile(seen @ thinnest, sides)))
+    axes = network_axes(observation, target, points.mean(axis=0))
+    low, high = np.percentile(points @ axes.T, sides, axis=0)
+    low, high = np.minimum(low, low + axes @ behind), np.maximum(high, high + axes @ behind)
+    return (low + high) / 2 @ axes, float(np.linalg.norm(high - low))
+
+
+def gel_centres(observation: RobotObservation) -> NDArray[np.float64]:  # (T, 3) m
+    """Compute the middles of the gels' fronts."""
+    thickness = observation.sensor.w if observation.sensor else 0.0
+    return transform_points(observation.sensor_poses, np.array([[0.0, 0.0, thickness]]))[:, 0]
+
+
+def network_axes(
+    observation: RobotObservation,
+    target: Target | None,
+    point: NDArray[np.float64],  # (3,) m
+) -> NDArray[np.float64]:  # (3, 3)
+    """Compute the rotation from the observation's frame to a network's world.
+
+    It turns the observation's up to +z, and about +z until the camera, seen from a point, has the azimuth of the training's. Without one
+    of the two cameras, or without a network, the observation keeps its own axes but for up.
+    """
+    upright = turn_to_z(np.array(observation.up))
+    if observation.projection is None or target is None or target.projection is None:
+        return upright
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = upright, -upright @ point
+    azimuth = camera_direction(moved_projection(observation.projection, motion), np.zeros(3)).azimuth
+    angle = camera_direction(target.projection, np.array(target.network.centre)).azimuth - azimuth
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ upright
+
+
+def turn_to_z(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the smallest rotation (3, 3) that turns a direction (3,) to +z."""
+    x, y, z = (scaled := up / np.abs(up).max()) / np.linalg.norm(scaled)
+    if z < 0 and (across := x * x + y * y) < 1e-300:
+        return np.diag([1.0, -1, -1])
+    share = 1 / (1 + z) if z >= 0 else (1 - z) / across  # both are the same: near z = -1 the former loses its digits
+    return np.array([[1 - share * x * x, -share * x * y, -x], [-share * x * y, 1 - share * y * y, -y], [x, y, z]])
