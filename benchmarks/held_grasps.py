@@ -18,13 +18,13 @@ from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pipeline.kernels.touch.ray_depth import box_faces
 
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.physics.engines import Engine, open_test
 from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.store.directory import DataDirectory

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import igl
 import numpy as np
 import pytest
 import torch
@@ -21,7 +22,6 @@ from pipeline.models.touch_model import save_touch_model
 from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
 from stages.fit_charts import NETWORKS, ChartSettings, FitCharts
-from tests.kernels.charts.test_chart_fitting import distances
 
 STAGE = FitCharts()
 SENSOR = load_sensor("gel_16mm")
@@ -96,8 +96,9 @@ def test_chart_of_a_touch_lies_on_its_points(row: Row) -> None:
     depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
-        away = distances(points[:count].astype(np.float64), row["vertices"][at].astype(np.float64), chart_square()[1].numpy())
-        measured = float(np.sqrt(np.mean(away**2)))
+        chart = row["vertices"][at].astype(np.float64), chart_square()[1].numpy()
+        squares, *_ = igl.point_mesh_squared_distance(points[:count].astype(np.float64), *chart)
+        measured = float(np.sqrt(np.mean(squares)))
         assert measured <= TRUE.residual_limit + 1e-7
         np.testing.assert_allclose(row["residual"][at], measured, atol=1e-7)
         assert 0 < row["iterations"][at] < TRUE.max_iterations
