@@ -3,8 +3,6 @@
 A grasp holds if the object stays in every direction of a test; `agree` is the share of grasps on which all engines agree.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time
@@ -19,14 +17,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.grasp_tests import GRASP_TESTS, Engine
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.touch.ray_depth import box_faces
-from pipeline.physics.engines import Engine, open_test
-from pipeline.physics.grasp_tests import GRASP_TESTS
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -62,7 +59,7 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     results: HoldResults = {}
     for name in tests:
         for engine in engines:
-            with open_test(GRASP_TESTS[name], engine, hand, sensors) as test:
+            with GRASP_TESTS[name].open(engine, hand, sensors) as test:
                 test.load(read_mesh(surface), surface["points"].astype(np.float64))
                 begin = time.process_time()
                 held = np.array([GRASP_TESTS[name].holds(test, grasp) for grasp in stored])

@@ -294,7 +294,7 @@ def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
 
 @pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
 def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
-    make_executor("dask", 0, address)
+    make_executor("processes", 0, address)
     output = " ".join(capsys.readouterr().err.split())
     assert (f"warning: whoever reaches {address} can run code as you" in output) == warns
 

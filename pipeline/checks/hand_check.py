@@ -18,7 +18,6 @@ from pipeline.drawing.colors import finger_colors
 from pipeline.drawing.plots import save_figure
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import inertia_notes
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
 from pipeline.formats.urdf import ignored_limits, read_urdf
 from pipeline.kernels.geometry.mesh import face_cross_products
@@ -32,6 +31,7 @@ from pipeline.kernels.hand.posture_samples import blocked_fingers, sample_postur
 from pipeline.kernels.hand.self_collision import LinkOverlap, frequent_overlaps, remedy
 from pipeline.kernels.touch.depth_maps import gel_surface
 from pipeline.kernels.touch.sensor import Sensor
+from pipeline.physics.hand_urdf import inertia_notes
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
 from stages.simulate_grasps.size_warnings import opening, sensor_positions

@@ -11,6 +11,7 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import value_text
 from pipeline.errors import PipelineError
 from pipeline.formats.description_file import Kind, shipped_files
+from pipeline.plugins import declared
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
 from stages.registry import STAGES, load_stage
@@ -47,6 +48,11 @@ def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
         return _with_prefix(incomplete, DataDirectory(data).collection(SURFACES) if data else ())
     except (PipelineError, OSError):
         return []
+
+
+def complete_export(incomplete: str) -> list[str]:
+    """Complete the name of an export."""
+    return _with_prefix(incomplete, (entry.name for entry in declared("exports")))
 
 
 def complete_setting(incomplete: str) -> list[str]:

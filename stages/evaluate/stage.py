@@ -18,7 +18,7 @@ from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.errors import unknown_name
 from pipeline.models.families import GRASP_CONFIGURATIONS, ROWS, inputs_of, load_rows, model_name
 from pipeline.store.directory import DataDirectory
-from pipeline.store.row_files import Result, RowFiles
+from pipeline.store.rows import Result, RowFiles
 from schemas.base import Artifact
 from schemas.charts import CHARTS
 from schemas.grasps import GRASPS

@@ -13,8 +13,8 @@ from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.hand.grasp import Grasp
-from pipeline.physics.grasp_tests import GRASP_TESTS
-from pipeline.physics.pybullet_engine import PybulletHoldTest
+from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest
+from pipeline.physics.motion import is_held
 from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from stages.simulate_grasps.grasp_search import Attempt, GraspSearch, Planner
@@ -22,10 +22,6 @@ from stages.simulate_grasps.hold_plan import HoldPlanner, prepare_pinches
 from stages.simulate_grasps.prepare import CLEARANCE, PreparedObject, prepare_hand, prepare_object
 from stages.simulate_grasps.stage import MAX_ATTEMPTS_FACTOR, GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
-
-HOLD_TESTS = {"lift": GRASP_TESTS["lift"], "six": GRASP_TESTS["six-directions"]}
-"""By the setting `hold_test`."""
-DOWN = (0.0, 0.0, -1.0)
 
 
 class Grasping:
@@ -37,7 +33,7 @@ class Grasping:
         self.physics = opened.enter_context(Simulation(self.hand.hand))
         self.test = None
         if settings.test != "none":
-            self.test = opened.enter_context(PybulletHoldTest(self.hand.hand, self.hand.sensors, mass=settings.hold_mass))
+            self.test = opened.enter_context(HoldTest(self.hand.hand, self.hand.sensors, mass=settings.hold_mass))
 
     def process(self, unit: Unit, inputs: Inputs) -> Row:
         """Find the best grasps of an object and return its row."""
@@ -106,10 +102,11 @@ class Grasping:
         """
         if self.test is None:
             return np.empty((0, 2), np.float32), True
-        rule, motions, holds = HOLD_TESTS[self.settings.test], [], True
-        for motion in rule.motions(self.test, grasp):
+        motions, holds = [], True
+        for acceleration in HOLD_TESTS[self.settings.test]:
+            motion = self.test.hold(grasp, acceleration=acceleration)
             motions.append(np.array([motion.moved, motion.speed], np.float32))
-            holds &= bool(rule.stays(*motions[-1]))
+            holds &= bool(is_held(*motions[-1]))
             if not (holds or to_end):
                 break
         return np.stack(motions), holds
@@ -118,9 +115,8 @@ class Grasping:
         """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in each of them."""
         if self.test is None:
             return {}
-        rule = HOLD_TESTS[self.settings.test]
         motions = [attempt.motions if attempt.holds else self._measure(attempt.grasp, to_end=True)[0] for attempt in kept]
         distance, speed = np.moveaxis(np.stack(motions), -1, 0)
-        held = rule.stays(distance, speed)
-        row = {"held": held[:, rule.directions.index(DOWN)], "hold_distance": distance, "hold_speed": speed}
+        held = is_held(distance, speed)
+        row = {"held": held[:, HOLD_TESTS[self.settings.test].index(DOWN)], "hold_distance": distance, "hold_speed": speed}
         return row | ({"held_directions": held} if self.settings.test == "six" else {})

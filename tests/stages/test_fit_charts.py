@@ -96,9 +96,9 @@ def test_chart_of_a_touch_lies_on_its_points(row: Row) -> None:
     depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
-        chart = row["vertices"][at].astype(np.float64), chart_square()[1].numpy()
-        squares, *_ = igl.point_mesh_squared_distance(points[:count].astype(np.float64), *chart)
-        measured = float(np.sqrt(np.mean(squares)))
+        chart = row["vertices"][at].astype(np.float64)
+        squared, *_ = igl.point_mesh_squared_distance(points[:count].astype(np.float64), chart, chart_square()[1].numpy())
+        measured = float(np.sqrt(np.mean(squared)))
         assert measured <= TRUE.residual_limit + 1e-7
         np.testing.assert_allclose(row["residual"][at], measured, atol=1e-7)
         assert 0 < row["iterations"][at] < TRUE.max_iterations

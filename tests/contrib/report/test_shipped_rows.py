@@ -84,7 +84,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     ship(monkeypatch, data)
     with monkeypatch.context() as another:
         another.setattr("pipeline.tables.training_seeds.shipped_digest", lambda: "another")
-        assert "another network ships now" in outdated_scores(DataDirectory(data))["scores/shipped"]
+        assert "the pretrained network is another now" in outdated_scores(DataDirectory(data))["scores/shipped"]
     assert not outdated_scores(DataDirectory(data))
     before = DataDirectory(data).verified_folder("scores/shipped")
     printed = vt("report", data, "--shipped", "--no-pages")
@@ -114,7 +114,7 @@ def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, 
     copy = shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
     assert (copy / "scores" / "shipped.json").exists()
     printed = vt("report", copy, "--shipped", "--no-pages")
-    assert "the network that ships is left out: touch: fit-charts has not been run" in printed
+    assert "the pretrained network is not measured: touch: fit-charts has not been run" in printed
     assert "unoccluded: render-vision has not made it" in printed
     assert "no network has been evaluated" in printed
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
@@ -149,7 +149,7 @@ def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_pa
     spheres.make_data(tmp_path, 2, ("train",))
     ship(monkeypatch, tmp_path)
     printed = vt("report", tmp_path, "--shipped", "--no-pages")
-    assert "the network that ships is left out: the dataset has no test objects (`splits` of its manifest)" in printed
+    assert "the pretrained network is not measured: the dataset has no test objects (`splits` of its manifest)" in printed
 
 
 def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):

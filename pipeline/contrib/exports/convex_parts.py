@@ -6,10 +6,10 @@ from pathlib import Path
 
 import igl
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, is_watertight
 from pipeline.store.storage import temporary
 
@@ -22,23 +22,8 @@ THICKENED = 0.022
 remeshes objects that are no closed manifolds, half as far outside (0.55 of its voxels), and every part would be too thick."""
 
 
-def convex_parts(mesh: Mesh) -> list[NDArray[np.float64]]:
-    """Split a mesh into convex parts.
-
-    Parameters
-    ----------
-    mesh
-        The object, world, m.
-
-    Returns
-    -------
-    The vertices (N, 3), m, of each part, which is their convex hull. They are cached below `XDG_CACHE_HOME` by the mesh's hash.
-
-    Raises
-    ------
-    InvalidInput
-        coacd is not installed.
-    """
+def convex_parts(mesh: Mesh) -> list[Array]:
+    """Split a mesh, m, into convex parts, each the hull of its vertices (N, 3); cached below `XDG_CACHE_HOME` by the mesh's hash."""
     content = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + repr((THRESHOLD, CONVEX, THICKENED)).encode()).hexdigest()
     path = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline" / "convex-parts" / f"{content}.npz"
     if not path.exists():
@@ -52,7 +37,7 @@ def convex_parts(mesh: Mesh) -> list[NDArray[np.float64]]:
         return [stored[name] for name in stored.files]
 
 
-def _decompose(mesh: Mesh) -> list[NDArray[np.float64]]:
+def _decompose(mesh: Mesh) -> list[Array]:
     """Take the closed pieces of a mesh that are convex as they are, and split the others."""
     try:
         import coacd
@@ -65,8 +50,8 @@ def _decompose(mesh: Mesh) -> list[NDArray[np.float64]]:
         if _volume(piece) >= CONVEX * hull.volume:
             parts.append(piece.vertices[hull.vertices])
         else:
-            found = coacd.run_coacd(coacd.Mesh(piece.vertices, piece.faces), threshold=THRESHOLD, seed=0)
-            parts += [_at_surface(np.asarray(vertices), piece) for vertices, _ in found]
+            hulls = coacd.run_coacd(coacd.Mesh(piece.vertices, piece.faces), threshold=THRESHOLD, seed=0)
+            parts += [_at_surface(np.asarray(vertices), piece) for vertices, _ in hulls]
     return parts
 
 
@@ -92,7 +77,7 @@ def _volume(mesh: Mesh) -> float:
     return float(np.einsum("fi,fi->", first, np.cross(second, third)) / 6)
 
 
-def _at_surface(points: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
+def _at_surface(points: Array, mesh: Mesh) -> Array:
     """Move the points (N, 3) that are near a mesh onto it."""
     squares, _, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))
     reach = THICKENED * float(np.ptp(mesh.vertices, axis=0).max()) / 2

@@ -6,20 +6,17 @@ from typing import Any
 from xml.etree.ElementTree import SubElement, parse
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.contrib.exports.convex_parts import convex_parts
 from pipeline.errors import InvalidInput
-from pipeline.formats.physics_urdf import write_physics_urdf
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
-from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
-from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.convex_parts import convex_parts
-from pipeline.physics.gel_plates import add_gel_plates, gel_name, gel_spring
-from pipeline.physics.hold_test import HoldTest
+from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
+from pipeline.physics.hold_test import HoldTest, gel_spring
 from pipeline.store.temporary import temporary_folder
 
 TIMESTEP = 0.002
@@ -39,28 +36,18 @@ HAND, GEL = 1, 2
 
 
 class MujocoHoldTest(HoldTest):
-    """`HoldTest` in MuJoCo. The object is its convex parts, motors are springs with the hand's torque.
+    """`HoldTest` in MuJoCo. The object is its convex parts, motors are springs with the hand's torque."""
 
-    Raises
-    ------
-    InvalidInput
-        MuJoCo is not installed.
-    """
+    sample_interval = 0.02
 
-    look_interval = 0.02
-
-    def __init__(
-        self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
-    ) -> None:
-        super().__init__(hand, sensors, mass=mass, friction=friction, torsion=torsion)
+    def _open(self) -> None:
         self.mujoco = import_mujoco()
-        self._spec = self._hand_spec(self.opened.enter_context(temporary_folder()))
+        self._spec = self._hand_spec(self._opened.enter_context(temporary_folder()))
 
     def _hand_spec(self, folder: Path) -> Any:
         """Make MuJoCo's description of the hand, which reads meshes in the folder."""
         mujoco, hand = self.mujoco, self.hand
-        urdf = write_physics_urdf(hand, folder)
-        add_gel_plates(urdf, hand, self.sensors)
+        urdf = write_hand_urdf(hand, folder, self.sensors)
         tree = parse(urdf)
         options = {"strippath": "false", "fusestatic": "false", "balanceinertia": "true", "discardvisual": "true"}
         SubElement(SubElement(tree.getroot(), "mujoco"), "compiler", options)
@@ -94,7 +81,7 @@ class MujocoHoldTest(HoldTest):
             lock.data[:] = 0.0
         return spec
 
-    def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
+    def load(self, mesh: Mesh, points: Array) -> None:
         """Replace everything by the hand and an object; see `HoldTest.load`."""
         mujoco, spec = self.mujoco, self._spec.copy()
         centre = points.mean(axis=0)
@@ -111,7 +98,7 @@ class MujocoHoldTest(HoldTest):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
-    def _begin(self, grasp: Grasp, closes: bool) -> float:
+    def _begin(self, grasp: Grasp, *, closes: bool) -> float:
         model, data, hand = self.model, self.data, self.hand
         root = model.body(hand.links[0].name).id
         model.body_pos[root] = grasp.hand_pose[:3, 3]
@@ -132,16 +119,13 @@ class MujocoHoldTest(HoldTest):
     def _accelerate(self, acceleration: Sequence[float]) -> None:
         self.model.opt.gravity[:] = acceleration
 
-    def _drive(self, posture: NDArray[np.float64]) -> None:
+    def _drive(self, posture: Array) -> None:
         self.data.ctrl[:] = posture
 
     def _step(self, seconds: float) -> None:
         self.mujoco.mj_step(self.model, self.data, nstep=round(seconds / TIMESTEP))
 
-    def _joint_angles(self) -> NDArray[np.float64]:
-        return np.array([self.data.joint(name).qpos[0] for name in self.hand.joint_names])
-
-    def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:
+    def _press(self, number: int, contact: Contact | None, *, out: bool) -> None:  # type: ignore[override]
         """Move a gel to its contact, or with `out` to its surface, and set its spring."""
         model, sensor, name = self.model, self.sensors[number], gel_name(number)
         spring = gel_spring(sensor, contact, friction=self.hand.friction)
@@ -152,7 +136,7 @@ class MujocoHoldTest(HoldTest):
         model.qpos_spring[joint.qposadr] = gel_top(sensor)
         model.geom_friction[model.body(name).geomadr, 1] = PLATE_TURN * spring.torsion if self.torsion is None else self.torsion
 
-    def _object_pose(self) -> NDArray[np.float64]:
+    def _object_pose(self) -> Array:
         """Read the pose; after a numerical failure MuJoCo has reset itself, and the pose is NaN."""
         warnings = self.mujoco.mjtWarning
         failed = any(self.data.warning[kind].number for kind in (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC))
