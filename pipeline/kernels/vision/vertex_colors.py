@@ -16,7 +16,7 @@ OFFSET = 1e-3  # of a ray's start from the surface over the surface's extent
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    faces: NDArray[np.integer],  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
@@ -40,7 +40,7 @@ def seen_colors(
     return colors, seen
 
 
-def _are_unoccluded(vertices: Array, faces: NDArray[np.int64], points: Array, directions: Array) -> Mask:
+def _are_unoccluded(vertices: Array, faces: NDArray[np.integer], points: Array, directions: Array) -> Mask:
     """Find the points of the mesh from which rays in given directions do not hit it; Embree traces in float32."""
     centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
     scene = rtcore_scene.EmbreeScene()
