@@ -12,7 +12,7 @@ from zarr.storage import LocalStore
 
 from benchmarks.timing import Table, over_items, side_by_side, three_digits
 from pipeline.store.directory import DataDirectory
-from pipeline.store.spec import group_spec
+from pipeline.store.layout import group_spec
 from schemas.touch import TOUCH
 
 OURS, NPY, HDF5 = "Zarr, as stored (ours)", ".npy, one file per array", "HDF5, gzip and shuffle"

@@ -10,22 +10,20 @@ from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
 
-STEEPEST = 0.1
-"""Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
-OFFSET = 1e-3  # distance of a ray's start from the surface over the surface's extent
+STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
+OFFSET = 1e-3  # of a ray's start from the surface over the surface's extent
 
 
 def seen_colors(
     vertices: Array,  # (V, 3) world, m
-    faces: NDArray[np.int64],  # (F, 3) normals outwards
+    faces: NDArray[np.integer],  # (F, 3) normals outwards
     image: NDArray[np.uint8],  # (rows, cols, 3)
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
 ) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3), (V,)
-    """Look up the colour of each vertex of a closed mesh in an image, and whether it was seen.
+    """Look up the colour of each vertex of a closed mesh in an image, 0 where it is not seen, and whether it is seen.
 
-    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object. It
-    then has the colour of the pixel that it is in, else 0.
+    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object.
     """
     rows, cols = shown.shape
     to_camera = optical_centre(matrix) - vertices
@@ -42,7 +40,7 @@ def seen_colors(
     return colors, seen
 
 
-def _are_unoccluded(vertices: Array, faces: NDArray[np.int64], points: Array, directions: Array) -> Mask:
+def _are_unoccluded(vertices: Array, faces: NDArray[np.integer], points: Array, directions: Array) -> Mask:
     """Find the points of the mesh from which rays in given directions do not hit it; Embree traces in float32."""
     centre, extent = vertices.mean(axis=0), float(np.ptp(vertices, axis=0).max())
     scene = rtcore_scene.EmbreeScene()
