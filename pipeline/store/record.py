@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pipeline.console import CONTROLS
-from pipeline.errors import StoreError, first_line
+from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.storage import Location, read_bytes
 
@@ -155,7 +155,7 @@ def read_content(path: Location, maker: str = "the stage that makes it") -> dict
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise _damaged(path, error) from error
     if isinstance(version, int) and version != FORMAT:
-        raise StoreError(
+        raise OtherVersion(
             f"{path}: the record is of format {version}, this version of vt-pipeline reads format {FORMAT}; "
             "use the version that wrote it, or delete the record and run its stage again"
         )

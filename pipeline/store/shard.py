@@ -13,7 +13,7 @@ import numpy as np
 import zarr
 from pydantic_zarr.v3 import ArraySpec
 
-from pipeline.errors import StoreError, first_line
+from pipeline.errors import OtherVersion, StoreError, first_line
 from pipeline.store import digest
 from pipeline.store.layout import array_violations, numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
@@ -35,7 +35,7 @@ class Shard:
         self.position = {row.object_id: position for position, row in enumerate(record.rows)}
         self._opened: dict[str, Any] = {}
         if record.schema_version != artifact.version:
-            raise StoreError(
+            raise OtherVersion(
                 f"{self.path}: schema {artifact.name} is version {artifact.version} here, the shard has {record.schema_version}; "
                 "run its stage again"
             )
