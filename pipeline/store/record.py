@@ -119,10 +119,7 @@ R = TypeVar("R", bound=Provenance)
 
 
 def processor_kind(processor: Mapping[str, Any]) -> str:
-    """Name the properties of a processor that results may depend on: model, machine, and the instruction sets that numpy uses.
-
-    Those that torch uses follow from these, and not every process knows them.
-    """
+    """Name the properties of a processor that results may depend on: model, machine, and the instruction sets that numpy uses."""
     sets = processor.get("numpy")
     return f"{processor.get('model')}, {processor.get('machine')}, {' '.join(map(str, sets)) if isinstance(sets, list) else sets}"
 
@@ -134,10 +131,7 @@ def serialise_with_checksum(record: Provenance) -> bytes:
 
 
 def read_record(path: Location, kind: type[R], maker: str = "the stage that makes it") -> R:
-    """Read a record of a type; `maker` is what the error message says to run if there is none.
-
-    Raise a `StoreError` if there is none, it is damaged, or another version of this project wrote it.
-    """
+    """Read a record of a type; `maker` is what the error message says to run if there is none."""
     content = read_content(path, maker)
     try:
         return kind.model_validate(content)

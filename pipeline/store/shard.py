@@ -109,11 +109,7 @@ class Shard:
         return name in self.record.metadata
 
     def array(self, name: str) -> Any:
-        """Open a stored array, by its path below the root.
-
-        Raise a `StoreError` if there is none, its metadata changed, or a file is missing or empty: Zarr would read
-        zeros in its place.
-        """
+        """Open a stored array, by its path below the root; refuse one with missing or empty files, which Zarr would read as zeros."""
         if name in self._opened:
             return self._opened[name]
         if "/" not in name:
@@ -232,16 +228,6 @@ class RowView(Mapping[str, np.ndarray]):
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
-
-    def shapes(self) -> dict[str, tuple[int, ...]]:
-        """Read the shapes of the row's arrays from metadata alone; none where the object failed."""
-        if self.record.failure:
-            return {}
-        row = (name for name in self if name not in COMMON)
-        return {
-            name: tuple(self.shard.array(self._path(name)).shape) if "/" in name else tuple(self.shard.array(name).shape[1:])
-            for name in row
-        }
 
     def row(self) -> Row:
         """Read what the stage returned for the object; empty where it failed."""
