@@ -11,7 +11,6 @@ from pipeline.config.manifest import Object
 from pipeline.config.settings import ObjectSettings
 from pipeline.console import Meter, abbreviate, pluralise
 from pipeline.engine import keys
-from pipeline.engine.keys import shard_key
 from pipeline.engine.plan import Made, Plan, Request, description_errors
 from pipeline.engine.session import Work, check_assets
 from pipeline.engine.unit import Unit

@@ -2,27 +2,28 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from pipeline.console import pluralise
 from pipeline.engine.stage import DatasetJob, DatasetStage
 from pipeline.errors import StageError
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS
-from pipeline.models.families import model_name
+from pipeline.models.families import model_name, trained_folder, trained_models
 from pipeline.models.model_files import DESCRIPTION, WEIGHTS, save_model
 from pipeline.models.observation import NetworkBatch, Observation, stack_observations
 from pipeline.models.reconstruction import Reconstructor
+from pipeline.models.shipped_weights import models_place
 from pipeline.rng import torch_generator
+from pipeline.store.directory import DataDirectory
+from pipeline.store.record import FolderRecord
 from pipeline.training.augmentation import vary_observation
 from pipeline.training.items import Items
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
-from pipeline.training.pretrained import LEARNED_BEFORE, give_weights, learned_before, pretrained_folder
 from pipeline.training.settings import ReconstructionSettings
 from schemas.base import Artifact
 from schemas.charts import CHARTS
@@ -32,15 +33,20 @@ from schemas.vision import VISION
 
 IMAGES = {"occluded": VISION, "unoccluded": VISION, "any": VISION, "rendering": RENDERINGS}
 """The artifact that holds each kind of image."""
+LEARNED_BEFORE = "learned_before"
+"""Name of a training's fact: what its pretrained network had learned from."""
+OF_MESHES = ("spacing", "touch_reach")
+"""Entries of a network's description that only decide how its predictions are meshed; its weights do not depend on them."""
+OTHER_STAGES = {"side": "fit-charts"}
+"""Stages that set entries of a network's description, by entry; its training sets the others."""
 
 
-@dataclass(frozen=True)
-class Batch:
-    """Hold items for a training step: inputs, targets, and the generators, one per item, that draw the points of the loss."""
+class Batch(NamedTuple):
+    """Items for a training step."""
 
     observations: Sequence[Observation]
     targets: Any
-    generators: Sequence[torch.Generator]
+    generators: Sequence[torch.Generator]  # one per item; they draw the points of the loss
 
 
 class ReconstructionLearner(Learner):
@@ -190,3 +196,33 @@ def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[
             f"items have at most {pluralise(items.grasps, 'grasp')}, min_grasps is {settings.min_grasps} and max_grasps "
             f"{settings.max_grasps}: the dataset holds no more of an object (simulate-grasps.grasps)"
         )
+
+
+def pretrained_folder(models: str, network: str) -> Path:
+    """Find the folder of a trained network by a training's setting `pretrained`; errors as `trained_folder`."""
+    return trained_folder(models_place(models), network)
+
+
+def learned_before(models: str, network: str) -> list[dict[str, Any]]:
+    """List the training data of a trained network, as `learned_from`."""
+    folder = models_place(models)
+    return learned_from(DataDirectory(trained_models(folder)[network]).folder(network))
+
+
+def learned_from(record: FolderRecord) -> list[dict[str, Any]]:
+    """List the training data of a record's network, also from before its training: manifest and items of each training."""
+    manifest = record.options.get("--manifest", record.manifest)
+    return [*record.facts.get(LEARNED_BEFORE, []), {"manifest": manifest, "items": record.facts["items"]}]
+
+
+def give_weights(network: nn.Module, pretrained: Reconstructor, stage: str) -> None:
+    """Give a network the weights of a trained one; raise a `StageError` that names the settings of the training if it has other sizes."""
+    config: Any = network.config
+    settings = [
+        f"{OTHER_STAGES.get(name, stage)}.{name}={value}"
+        for name, value in pretrained.config
+        if name not in OF_MESHES and value != getattr(config, name)
+    ]
+    if settings:
+        raise StageError(f"the network in `pretrained` has other sizes; to begin with it, set {' '.join(settings)}")
+    network.load_state_dict(pretrained.network.state_dict())

@@ -5,8 +5,7 @@ from typing import Literal
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, SINGLE_IMAGE, Seams, TouchEdges
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import ReconstructionSettings
+from pipeline.training.settings import ReconstructionSettings, Schedule
 
 
 class GcnSettings(ReconstructionSettings):

@@ -7,8 +7,7 @@ from pydantic import model_validator
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.image_encoder import Norm
 from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import ReconstructionSettings
+from pipeline.training.settings import ReconstructionSettings, Schedule
 
 
 class ImplicitSettings(ReconstructionSettings):

@@ -3,8 +3,7 @@
 from typing import Literal
 
 from pipeline.config.settings import setting
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import Schedule, TrainingSettings
 
 
 class TouchTrainingSettings(TrainingSettings):

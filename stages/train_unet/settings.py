@@ -5,8 +5,7 @@ from typing import Literal
 from pipeline.config.settings import setting
 from pipeline.kernels.networks.unet import THRESHOLD
 from pipeline.kernels.tensor_checks import COLOURS
-from pipeline.training.schedule import Schedule
-from pipeline.training.settings import TrainingSettings
+from pipeline.training.settings import Schedule, TrainingSettings
 
 
 class UnetSettings(TrainingSettings):

@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from pipeline.errors import StageError
-from pipeline.training import checkpoint, loop
+from pipeline.training import checkpoint
 from pipeline.training.loop import read_metrics
-from pipeline.training.schedule import rate_at
-from tests.training.regression import Regression, Scripted, fit, run
+from pipeline.training.settings import TrainingSettings
+from tests.training.regression import Regression, Scripted, fit, run, settings
 
 
 def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> bool:
@@ -51,18 +51,19 @@ def test_weights_follow_from_the_seed_bit_for_bit(tmp_path):
 
 
 def test_cosine_schedule_warms_up_over_a_twentieth_and_falls_to_zero():
-    rates = [rate_at(step, 200, "cosine") for step in range(200)]
-    assert rates[:10] == pytest.approx([0.1 * (step + 1) for step in range(10)])
-    assert rates[10] == 1
-    assert rates[105] == pytest.approx(0.5)
+    cosine, constant = (settings(learning_rate=0.5, schedule=schedule) for schedule in ("cosine", "constant"))
+    rates = [cosine.rate_at(step, 200) for step in range(200)]
+    assert rates[:10] == pytest.approx([0.05 * (step + 1) for step in range(10)])
+    assert rates[10] == 0.5
+    assert rates[105] == pytest.approx(0.25)
     assert 0 < rates[-1] < 1e-3
     assert rates[10:] == sorted(rates[10:], reverse=True)
-    assert [rate_at(step, 3, "cosine") for step in range(3)] == pytest.approx([1, 1, 0.5])
-    assert {rate_at(step, 9, "constant") for step in range(9)} == {1.0}
+    assert [cosine.rate_at(step, 3) for step in range(3)] == pytest.approx([0.5, 0.5, 0.25])
+    assert {constant.rate_at(step, 9) for step in range(9)} == {0.5}
 
 
 def test_each_step_uses_its_learning_rate(tmp_path, monkeypatch):
-    monkeypatch.setattr(loop, "rate_at", lambda step, steps, schedule: {(0, 1, "cosine"): 0.25}[step, steps, schedule])
+    monkeypatch.setattr(TrainingSettings, "rate_at", lambda self, step, steps: {(0, 1): 0.25 * self.learning_rate}[step, steps])
     learner = Regression(plain=True)
     before = [parameter.detach().clone() for parameter in learner.network.parameters()]
     fit(learner, tmp_path, epochs=1, batch_size=48, learning_rate=0.01, schedule="cosine")

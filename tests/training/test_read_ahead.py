@@ -11,8 +11,7 @@ import pytest
 import torch
 
 from pipeline.errors import StoreError
-from pipeline.training.loop import read_metrics
-from pipeline.training.read_ahead import read_ahead
+from pipeline.training.loop import read_ahead, read_metrics
 from tests.training.regression import Batch, Regression, fit
 
 
