@@ -71,7 +71,7 @@ class Experiment:
             Items(
                 as_location(self.data),
                 split,
-                settings.named,
+                settings.inputs,
                 items,
                 learned=ImplicitLearner.arrays,
                 cache_megabytes=settings.cache_megabytes,

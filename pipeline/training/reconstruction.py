@@ -90,7 +90,7 @@ class ReconstructionLearner(Learner):
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
         """Read items, each with as many grasps as are drawn for it, varied as the settings ask."""
         dropped, counts = self.settings.dropped_inputs, (self._fewest, self._most)
-        views = [self._train.drawn_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
+        views = [self._train.random_view(item, *counts, rng, dropped=dropped) for item, rng in zip(items, generators, strict=True)]
         observations = [vary_observation(observation, self.settings, rng) for observation, rng in zip(views, generators, strict=True)]
         return Batch(observations, self.targets(self._train, items, generators, validates=False), generators)
 
@@ -100,7 +100,7 @@ class ReconstructionLearner(Learner):
         errors = []
         for start in range(0, len(self._valid), size):
             numbers = range(len(self._valid))[start : start + size]
-            observations = [self._valid.view_in_turn(item, self._fewest, self._most) for item in numbers]
+            observations = [self._valid.fixed_view(item, self._fewest, self._most) for item in numbers]
             generators = [generator] * len(numbers)
             targets = self.targets(self._valid, numbers, generators, validates=True)
             errors.append(self.errors(network, Batch(observations, targets, generators)))
@@ -120,9 +120,9 @@ class ReconstructionTraining(DatasetStage):
 
     def inputs(self, settings: Any) -> tuple[Artifact, ...]:
         """Name the artifacts of the objects' sizes and the target, and of the image and touch charts that the configuration takes."""
-        named = settings.named
+        inputs = settings.inputs
         target = [] if self.learner.target is SURFACES else [self.learner.target]
-        return (SURFACES, *target, *([IMAGES[named.image]] if named.image else []), *([CHARTS] if named.touch else []))
+        return (SURFACES, *target, *([IMAGES[inputs.image]] if inputs.image else []), *([CHARTS] if inputs.touch else []))
 
     def assets(self, settings: Any) -> list[Path]:
         """List the files of the network that the training begins with."""
@@ -142,8 +142,9 @@ class ReconstructionTraining(DatasetStage):
     def remarks(self, network: Any, items: Items) -> Iterator[str]:
         """Warn of properties of the items that the network is not designed for."""
         made_for = ENCODER_PLANS[network.config.encoder_layers].resolution
-        if network.config.image and items.resolution != [made_for, made_for]:
-            yield f"images are of {items.resolution} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
+        if network.config.image and items.resolution != (made_for, made_for):
+            size = list(items.resolution or ())
+            yield f"images are of {size} pixels, the encoder's table is for {made_for}: see render-vision.resolution"
 
     def make(self, job: DatasetJob) -> dict[str, Any]:
         """Train, and save the best epoch's weights with the description of the model."""
@@ -151,7 +152,7 @@ class ReconstructionTraining(DatasetStage):
         splits = (("train", settings.samples_per_object), ("valid", settings.validation_items))
         cache_megabytes = settings.cache_megabytes
         learning, validation = (
-            Items(job.data, split, settings.named, items_per_object, learned=self.learner.arrays, cache_megabytes=cache_megabytes)
+            Items(job.data, split, settings.inputs, items_per_object, learned=self.learner.arrays, cache_megabytes=cache_megabytes)
             for split, items_per_object in splits
         )
         name = f"{self.name} {settings.configuration}{settings.label}"
@@ -183,7 +184,7 @@ class ReconstructionTraining(DatasetStage):
 
 def setting_remarks(settings: ReconstructionSettings, items: Items) -> Iterator[str]:
     """Report settings that differ from their defaults without effect on this network, and a number of grasps that no object has."""
-    inputs, fields = settings.named, type(settings).model_fields
+    inputs, fields = settings.inputs, type(settings).model_fields
     uses: dict[str, object] = {name: inputs.image for name in ("image_", "encoder_")}
     uses |= {name: inputs.touch for name in ("touch_reach", "touch_edges", "dropped_touches", "min_grasps", "max_grasps")}
     uses |= {"dropped_image": inputs.image == "any", "dropped_grasps": inputs.image == "any"}

@@ -101,14 +101,14 @@ class ReconstructionSettings(TrainingSettings):
         return self
 
     @property
-    def named(self) -> NetworkInputs:
+    def inputs(self) -> NetworkInputs:
         """Look up the configuration: the inputs of its network."""
         return self.configurations[self.configuration]
 
     def network(self, side: int) -> NetworkInputs:
         """Describe the network of these settings, for touch charts of side x side vertices."""
-        sizes = self.model_dump(include=set(type(self.named).model_fields), exclude_none=True)
-        return self.named.model_copy(update=sizes | {"side": side})
+        sizes = self.model_dump(include=set(type(self.inputs).model_fields), exclude_none=True)
+        return self.inputs.model_copy(update=sizes | {"side": side})
 
     @property
     def touch_dropout(self) -> float:

@@ -73,7 +73,7 @@ class TrainGcn(ReconstructionTraining):
 
     def grid(self, settings: GcnSettings) -> dict[str, tuple[Any, ...]]:
         """Give the grid of supplement 3.4; networks without an image have no encoder to vary."""
-        encoders = {"encoder_layers": (12, 15, 18)} if settings.named.image else {}
+        encoders = {"encoder_layers": (12, 15, 18)} if settings.inputs.image else {}
         rates, layers, features = (1e-4, 3e-5, 1e-5), (15, 20, 25), (150, 200, 250)
         return {"learning_rate": rates, **encoders, "gcn_layers": layers, "gcn_features": features}
 
