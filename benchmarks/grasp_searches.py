@@ -22,8 +22,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.rows import Row
 from schemas.surfaces import SURFACES
 from stages.registry import resolve
-from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.stage import SimulateGrasps
+from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 
 STAGE = SimulateGrasps.name
 REACHED = 0.02

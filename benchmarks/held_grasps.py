@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,13 +19,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.grasp_tests import GRASP_TESTS, Engine
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
-from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
+from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import read_grasps
-from pipeline.physics.engines import Engine, open_test
-from pipeline.physics.grasp_tests import GRASP_TESTS
+from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -52,11 +53,15 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
-    stored = read_grasps(grasps.view(object_id), surface, sensors)
+    faces, stored = box_faces(read_mesh(surface).triangles), []
+    for grasp in read_grasps(grasps.view(object_id)):
+        sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
+        contacts = [measure_contact(faces, pose, sensor) if touches else None for pose, sensor, touches in sites]
+        stored.append(replace(grasp, contacts=contacts))  # with the depths of the contacts, which are not stored
     results: HoldResults = {}
     for name in tests:
         for engine in engines:
-            with open_test(GRASP_TESTS[name], engine, hand, sensors) as test:
+            with GRASP_TESTS[name].open(engine, hand, sensors) as test:
                 test.load(read_mesh(surface), surface["points"].astype(np.float64))
                 begin = time.process_time()
                 held = np.array([GRASP_TESTS[name].holds(test, grasp) for grasp in stored])

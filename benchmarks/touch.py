@@ -23,7 +23,7 @@ from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
-from stages.simulate_touch.settings import TouchSettings
+from stages.simulate_touch import TouchSettings
 
 TACTO = ROOT / ".venv-peers-tacto" / "bin" / "python"
 LARGE = "480 × 640"

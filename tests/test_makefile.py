@@ -15,7 +15,7 @@ import pytest
 
 from pipeline.engine.stage import ObjectStage
 from pipeline.models.families import FAMILIES, GRASP_CONFIGURATIONS, family_of
-from stages.registry import STAGES, load_settings_type, load_stage
+from stages.registry import STAGES, load_stage
 from stages.request import default_place
 
 ROOT = Path(__file__).parents[1]
@@ -48,7 +48,7 @@ def rules_of_makefile(*arguments: str) -> dict[str, list[str]]:
 def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[str]]:
     """Find the stages that make what each stage reads, with these settings."""
     loaded = {name: load_stage(name) for name in STAGES}
-    chosen = {name: load_settings_type(name)(**settings.get(name, {})) for name in STAGES}
+    chosen = {name: load_stage(name).settings_type(**settings.get(name, {})) for name in STAGES}
     makers = {stage.writes(chosen[name]): name for name, stage in loaded.items()}
     reads = {
         name: [*(artifact.name for artifact in stage.inputs(chosen[name])), *stage.models(chosen[name])] for name, stage in loaded.items()
@@ -58,7 +58,7 @@ def rules_of_stages(settings: Mapping[str, dict[str, Any]]) -> dict[str, list[st
 
 @pytest.mark.parametrize("configuration", GRASP_CONFIGURATIONS)
 def test_prerequisites_are_the_stages_inputs(configuration, tmp_path):
-    chosen = {f"train-{name}": next(iter(family.configurations)) for name, family in FAMILIES.items() if name}
+    chosen = {f"train-{name}": next(iter(family)) for name, family in FAMILIES.items() if name}
     chosen[f"train-{family_of(configuration)}"] = configuration
     trained = {name: {"configuration": value} for name, value in chosen.items()}
     read = rules_of_stages(trained | {"evaluate": {"configurations": (configuration,)}})

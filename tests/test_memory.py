@@ -9,10 +9,10 @@ import pytest
 
 from pipeline.config.manifest import load_manifest
 from pipeline.console import errors
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.engine.session import Work
+from pipeline.engine.worker_processes import WorkerProcesses
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
 ASSIGNMENTS = [
@@ -50,7 +50,7 @@ def test_memory_and_open_files_stay_flat_over_300_objects_in_every_object_stage(
                 [unit for unit in plan.units if not unit.failure],
                 Work(stage, plan.settings, tmp_path, plan.model_digests, plan.assets),
             )
-            with Dask() as executor:
+            with WorkerProcesses() as executor:
                 usage = [usage_of_children() for _ in executor.run(work, units)]
             print(f"{name}: {usage[49]} at object 50, {usage[-1]} at object {len(usage)}")
             assert usage[-1]["megabytes"] - usage[49]["megabytes"] < GROWTH_MB

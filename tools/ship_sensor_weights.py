@@ -25,7 +25,7 @@ from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, Sensor
 from pipeline.models.touch_model import LocalTouchModel
 from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
 from pipeline.rng import numpy_rng
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.stage import TouchTrainingSettings
 from tools.ship_weights import check_size
 
 FITTED_TO = {

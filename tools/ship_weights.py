@@ -21,7 +21,7 @@ from pipeline.reconstruct.score import score_shipped
 from pipeline.store.directory import DataDirectory
 from pipeline.store.origins import check_origins
 from pipeline.store.storage import as_location
-from pipeline.training.reconstruction import learned_from
+from pipeline.training.training_stage import learned_from
 from stages.evaluate.evaluation_files import read_figures, read_table
 from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
 

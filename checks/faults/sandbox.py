@@ -12,10 +12,10 @@ import yaml
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.store.directory import DataDirectory
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
@@ -79,7 +79,7 @@ class Sandbox:
         """Run the stages."""
         described = load_manifest(str(self.manifest))
         for name in self.stages:
-            with Dask(workers) if workers else Serial() as executor:
+            with WorkerProcesses(workers) if workers else Serial() as executor:
                 asked = Request(
                     stage=load_stage(name),
                     settings=resolve(name, "draft", self.settings),

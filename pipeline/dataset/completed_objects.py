@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.console import abbreviate
-from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.touch_sensors import touch_sensors
 from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.errors import InvalidInput, StoreError

@@ -73,14 +73,15 @@ def _leader(joint: Joint, moving: Mapping[str, Joint], frozen: Collection[str]) 
 
 def _check_angles(frozen: Mapping[str, float], moving: Mapping[str, Joint]) -> None:
     for name, angle in frozen.items():
-        joint = moving[name]
-        limited = joint.mimic is None or joint.lower < joint.upper  # a follower needs no limits
-        if limited and not joint.lower <= angle <= joint.upper:
-            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {joint.lower:g} … {joint.upper:g}")
+        lower, upper = moving[name].limits
+        limited = moving[name].mimic is None or lower < upper  # a follower needs no limits
+        if limited and not lower <= angle <= upper:
+            raise InvalidInput(f"frozen: {name} is {angle:g}, outside its limits {lower:g} … {upper:g}")
 
 
 def _freeze(joint: Joint, angle: float) -> Joint:
-    return replace(joint, kind="fixed", origin=compose(joint.origin, joint_motion(joint.kind, joint.axis, angle)), mimic=None)
+    origin = compose(joint.origin, joint_motion(joint.kind, joint.axis, angle))
+    return replace(joint, kind="fixed", origin=origin, mimic=None, rpy=None)
 
 
 def moved_links(joints: Sequence[Joint], names: Collection[str]) -> list[int]:

@@ -21,7 +21,7 @@ from pipeline.formats.urdf_shapes import MAX_TURN, Color, check_unit, material_c
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.geometry.transforms import length
-from pipeline.kernels.hand.model import Hand, Joint, Link, Mimic, Shape
+from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link, Mimic, Shape
 
 MOVING = ("revolute", "continuous", "prismatic")
 BAR_AFTER = 1.0
@@ -111,20 +111,25 @@ def _link(element: Element, folder: Path, materials: Mapping[str, Color], read: 
     def shapes(role: str) -> tuple[Shape, ...]:
         return tuple(shape_of(shape, folder, materials, read) for shape in element.findall(role))
 
-    mass_of(element)  # checked here, where errors name the file; physics needs it later
-    for inertial in element.findall("inertial"):
-        origin_of(inertial)
-        for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-            numbers_of(inertial.find("inertia"), name, (0.0,))
-    return Link(_name(element), shapes("visual"), shapes("collision"))
+    return Link(_name(element), shapes("visual"), shapes("collision"), _inertial(element))
 
 
-def mass_of(link: Element) -> float:
-    """Read the mass of a <link>, kg; 0 where it states none."""
-    mass = float(numbers_of(link.find("inertial/mass"), "value", (0.0,))[0])
+def _inertial(link: Element) -> Inertial | None:
+    """Read the mass and the moments of a link; None where it states no mass."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return None
+    mass, inertia = _number(inertial.find("mass"), "value"), inertial.find("inertia")
     if mass < 0:
         raise InvalidInput(f"link {_name(link)} has the mass {mass:g} kg; give a positive one, or none, and it is estimated")
-    return mass
+    pose, rpy = origin_of(inertial)
+    moments = tuple(_number(inertia, name) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    complete = inertia is not None and {"ixx", "iyy", "izz"} <= inertia.attrib.keys()
+    return Inertial(mass, pose[:3, 3], rpy, moments if complete else None) if mass else None
+
+
+def _number(element: Element | None, name: str, default: float = 0.0) -> float:
+    return float(numbers_of(element, name, (default,))[0])
 
 
 def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
@@ -140,40 +145,44 @@ def _joint(element: Element, numbers: Mapping[str, int]) -> Joint:
     axis = numbers_of(element.find("axis") if kind in MOVING else None, "xyz", (1.0, 0.0, 0.0))  # exporters fix joints about 0 0 0
     if not axis.any():
         raise InvalidInput(f"joint {name} has the axis 0 0 0; give a direction")
-    lower, upper = _stated_limits(element)
-    if kind == "continuous":
-        lower, upper = -np.pi, np.pi
+    limit, dynamics, (origin, rpy) = element.find("limit"), element.find("dynamics"), origin_of(element)
+    joint = Joint(
+        name,
+        kind,
+        *ends,
+        origin,
+        axis / length(axis),
+        lower=_number(limit, "lower"),
+        upper=_number(limit, "upper"),
+        mimic=_mimic(element),
+        rpy=rpy,
+        damping=_number(dynamics, "damping"),
+        friction=_number(dynamics, "friction"),
+    )
     if kind in MOVING and element.find("mimic") is None:  # a follower's are its leader's
+        lower, upper = joint.limits
         if not lower < upper:
             raise InvalidInput(f"joint {name} has limits {lower} … {upper}; the lower one must be the smaller")
         check_unit(f"joint {name} has limits", (lower, upper), slides=kind == "prismatic")
-    return Joint(name, kind, ends[0], ends[1], origin_of(element), axis / length(axis), lower, upper, _mimic(element))
-
-
-def _stated_limits(joint: Element) -> tuple[float, float]:
-    limit = joint.find("limit")
-    return float(numbers_of(limit, "lower", (0.0,))[0]), float(numbers_of(limit, "upper", (0.0,))[0])
+    return joint
 
 
 def ignored_limits(hand: Hand) -> Iterator[str]:
     """Describe the continuous joints whose URDF states limits that they would keep if they were revolute."""
-    continuous = [joint.name for joint in hand.joints if joint.kind == "continuous"]
-    for joint in parse_urdf(hand.urdf).findall("joint"):
-        if (name := joint.get("name")) in continuous:
-            lower, upper = _stated_limits(joint)
-            full_turn = lower <= -0.99 * np.pi and 0.99 * np.pi <= upper < MAX_TURN
-            if lower < upper and not full_turn:
-                yield (
-                    f"joint {name} is continuous, so its limits {lower:g} … {upper:g} do not count: it turns through -3.14 … 3.14 rad; "
-                    "if they should count, make it revolute, with limits in radians"
-                )
+    for joint in hand.joints:
+        full_turn = joint.lower <= -0.99 * np.pi and 0.99 * np.pi <= joint.upper < MAX_TURN
+        if joint.kind == "continuous" and joint.lower < joint.upper and not full_turn:
+            yield (
+                f"joint {joint.name} is continuous, so its limits {joint.lower:g} … {joint.upper:g} do not count: it turns through "
+                "-3.14 … 3.14 rad; if they should count, make it revolute, with limits in radians"
+            )
 
 
 def _mimic(joint: Element) -> Mimic | None:
     mimic = joint.find("mimic")
     if mimic is None or joint.get("type") == "fixed":
         return None
-    multiplier, offset = (float(numbers_of(mimic, key, (default,))[0]) for key, default in (("multiplier", 1.0), ("offset", 0.0)))
+    multiplier, offset = _number(mimic, "multiplier", 1.0), _number(mimic, "offset")
     if multiplier == 0:
         raise InvalidInput(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with multiplier 0; make it fixed")
     check_unit(f"joint {_name(joint)} mimics {mimic.get('joint')!r} with offset", (offset,), slides=joint.get("type") == "prismatic")

@@ -8,12 +8,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_units import stated_units
 from pipeline.formats.mesh_companions import Companions
 from pipeline.formats.mesh_file import load_mesh
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.geometry.transforms import rotation_from_euler, transform_points
 from pipeline.kernels.hand.model import Shape
@@ -42,7 +42,7 @@ def shape_of(
 ) -> Shape:
     """Read a <visual> or <collision>."""
     material = element.find("material")
-    origin, color = origin_of(element), material_color(material, materials)
+    (origin, rpy), color = origin_of(element), material_color(material, materials)
     for part in element.findall("geometry/*"):
         body: Any
         companions: tuple[Path, ...] = ()
@@ -69,7 +69,7 @@ def shape_of(
         vertices, faces = transform_points(origin, body.vertices * scale), np.asarray(body.faces, np.int32)
         plain = Look.plain(len(vertices), len(faces), color)
         look = body.look if part.tag == "mesh" and material is None else plain  # a mesh without a material keeps its own
-        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions)
+        return Shape(part.tag, size, origin, Mesh(vertices, faces, look), path, companions, rpy)
     given = ", ".join(f"<{part.tag}>" for part in element.findall("geometry/*")) or "no geometry"
     raise InvalidInput(f"a {element.tag} has {given}; give it a box, sphere, cylinder, capsule or mesh")
 
@@ -124,7 +124,7 @@ def material_color(material: Element | None, materials: Mapping[str, Color]) -> 
     return red, green, blue
 
 
-def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> NDArray[np.float64]:
+def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) -> Array:
     """Read the finite numbers of an attribute, as many as the default, which a missing one has; blanks or commas separate them."""
     if element is None or (text := element.get(key)) is None:
         return np.array(default, np.float64)
@@ -137,7 +137,7 @@ def numbers_of(element: Element | None, key: str, default: tuple[float, ...]) ->
     return numbers
 
 
-def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, slides: bool = False) -> None:
+def check_unit(what: str, numbers: Sequence[float] | Array, *, slides: bool = False) -> None:
     """Refuse angles, rad, that are evidently in degrees, and paths of joints that slide, m, evidently in millimetres."""
     limit, unit, other, factor = (MAX_SLIDE, "m", "millimetres", 1e-3) if slides else (MAX_TURN, "rad", "degrees", np.pi / 180)
     if (np.abs(numbers) > limit).any():
@@ -146,17 +146,17 @@ def check_unit(what: str, numbers: Sequence[float] | NDArray[np.float64], *, sli
         raise InvalidInput(f"{what} {stated} {unit}, beyond {limit:.3g}; are they in {other}? Then write {converted}")
 
 
-def origin_of(element: Element) -> NDArray[np.float64]:
-    """Read the <origin> of an element as a pose (4, 4), m."""
+def origin_of(element: Element) -> tuple[Array, tuple[float, ...]]:
+    """Read the <origin> of an element: the pose (4, 4), m, and its roll, pitch and yaw, rad, about fixed axes."""
     origin = element.find("origin")
     pose = np.eye(4)
     if origin is not None and origin.get("quat_xyzw"):  # of URDF 1.1; the physics engines ignore it
         raise InvalidInput(f"<origin quat_xyzw={origin.get('quat_xyzw')!r}> is not read; write the same rotation as rpy")
     angles = numbers_of(origin, "rpy", (0.0, 0.0, 0.0))
     check_unit("<origin> has rpy", angles)
-    pose[:3, :3] = rotation_from_euler(angles)  # fixed axes, as URDF says
+    pose[:3, :3] = rotation_from_euler(angles)
     pose[:3, 3] = numbers_of(origin, "xyz", (0.0, 0.0, 0.0))
-    return pose
+    return pose, tuple(angles.tolist())
 
 
 def _sizes(element: Element, **counts: int) -> tuple[float, ...]:

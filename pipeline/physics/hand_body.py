@@ -4,13 +4,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.hand.collision_shapes import collision_boxes
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import close_links
-from pipeline.physics.quiet_pybullet import PhysicsClient, pybullet
+from pipeline.physics.client import PhysicsClient, pybullet
 
 MOTOR_GAIN = 0.3
 """Share of the remaining distance that a position motor covers in one step: it closes 0.3 rad to within 1e-4 in about 25 steps."""
@@ -32,7 +32,7 @@ class HandBody:
     """A hand that a client has loaded; `links` are PyBullet's numbers of the hand's links, `motors` those of its joint vector."""
 
     def __init__(self, client: PhysicsClient, hand: Hand, urdf: Path) -> None:
-        """Load a URDF from `write_physics_urdf`, to which links may have been added."""
+        """Load a URDF from `write_hand_urdf`."""
         self.client, self.hand = client, hand
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_IGNORE_VISUAL_SHAPES | pybullet.URDF_USE_INERTIA_FROM_FILE
         self.body = client.loadURDF(str(urdf), useFixedBase=True, flags=flags)
@@ -67,16 +67,13 @@ class HandBody:
             link = self.hand.joints[link - 1].parent
         return link == upper
 
-    def place(self, hand_pose: NDArray[np.float64], start: NDArray[np.float64], target: NDArray[np.float64]) -> None:
-        """Place the hand, and set the targets of its motors.
-
-        Parameters
-        ----------
-        hand_pose
-            (4, 4), root link's frame to world, m.
-        start, target
-            (J,) joint vectors, rad: at once, and those that the motors drive to.
-        """
+    def set_pose(
+        self,
+        hand_pose: Array,  # (4, 4) root link's frame to world, m
+        start: Array,  # (J,) rad, at once
+        target: Array,  # (J,) rad, to which the motors drive
+    ) -> None:
+        """Set the pose and posture of the hand, and the targets of its motors."""
         client = self.client
         # PyBullet takes the pose of the root's inertial frame; the pose given is that of the URDF frame.
         offset, turn = client.getDynamicsInfo(self.body, -1)[3:5]
@@ -88,7 +85,7 @@ class HandBody:
             client.resetJointState(self.body, motor, angle)
         self.drive(target)
 
-    def drive(self, target: NDArray[np.float64]) -> None:
+    def drive(self, target: Array) -> None:
         """Set the targets (J,) of the motors, rad."""
         self.client.setJointMotorControlArray(
             self.body,
@@ -99,13 +96,13 @@ class HandBody:
             positionGains=[MOTOR_GAIN] * len(self.motors),
         )
 
-    def joint_states(self) -> tuple[NDArray[np.float64], float]:
+    def joint_states(self) -> tuple[Array, float]:
         """Read the joint vector (J,), rad (m), and the greatest speed of a joint, rad/s; of a prismatic one, times `SLIDE`."""
         states = self.client.getJointStates(self.body, self.motors)
         speeds = [weight * abs(state[1]) for weight, state in zip(self._weights, states, strict=True)]
         return np.array([state[0] for state in states]), max(speeds)
 
-    def gears_hold(self, angles: NDArray[np.float64]) -> bool:
+    def gears_hold(self, angles: Array) -> bool:
         """Return whether every following joint is where its leader puts it."""
         for follower, joint in zip(self.hand.followers, self._followers, strict=True):
             error = self.client.getJointState(self.body, joint)[0] - (follower.multiplier * angles[follower.entry] + follower.offset)

@@ -1,133 +1,218 @@
-"""The hold test, the interface of engines that test grasps: an object is freed in the hand, and its motion recorded."""
+"""The hold test: an object is freed in a grasp, and its motion recorded."""
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
+from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
+from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.kernels.touch.sensor import Sensor
-from pipeline.physics.motion import CLOSING_SECONDS, CLOSING_STAGES, Motion, Track, closing_path
+from pipeline.physics.client import COLLISION_MARGIN, PhysicsClient, pybullet
+from pipeline.physics.hand_body import HandBody
+from pipeline.physics.hand_urdf import GEL_MASS, gel_name, write_hand_urdf
+from pipeline.physics.motion import WITHIN, Motion, Track
+from pipeline.store.temporary import temporary_folder
 
 GRAVITY = -9.81
 """m/s², along the world's z."""
 DOWN = (0.0, 0.0, GRAVITY)
+HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for axis in GRAVITY * np.eye(3) for sign in (1, -1))}
+"""Accelerations under which an object must stay, one after the other, m/s²: its weight, or that along -x, +x, -y, +y, -z and +z."""
+STEPS_PER_SECOND = 240
+LOCK_FORCE = 1000.0
+"""N that hold the plate of a gel without contact where it is drawn in."""
+
+GEL_MODULUS = 1e5
+"""Pa, Young's modulus of a gel whose sensor file gives none: soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back
+with 2 N."""
+DAMPING = 0.25
+"""Damping of a gel's spring, as a share of the critical damping."""
+OVERLAP = 1e-4
+"""m by which a plate starts in the object: engines find no contact between two flat faces that only meet, and the spring would drive one
+into the other by 3 mm in its first step."""
+
+
+@dataclass(frozen=True)
+class GelSpring:
+    """The spring of a gel's plate in a contact."""
+
+    height: float = 0.0  # m, of the plate above the sensor plane where it meets the object
+    stiffness: float = 0.0  # N/m
+    damping: float = 0.0  # N s/m
+    torsion: float = 0.0  # m, moment about the normal that friction resists per newton of normal force
+
+
+def gel_spring(
+    sensor: Sensor,
+    contact: Contact | None,
+    *,
+    friction: float,  # coefficient between gel and object
+    margin: float = 0.0,  # m around the object at which the engine's contact begins
+) -> GelSpring:
+    """Compute the spring of a gel in a contact; one that does not touch is drawn in and has none.
+
+    In the contact it presses as an elastic layer does (Winkler's foundation: pressure = modulus * indentation / thickness). Where the
+    plate's distance from there to the gel's surface is below `OVERLAP` it presses less: its stiffness would have no bound.
+    Friction about the normal is that of a disc of the contact's area under constant pressure, 2/3 μ times its radius.
+    """
+    if contact is None:
+        return GelSpring()
+    top = gel_top(sensor)
+    height = min(max(contact.nearest - margin + OVERLAP, 0.0), top)
+    modulus = GEL_MODULUS if sensor.gel is None else sensor.gel.modulus
+    stiffness = modulus / sensor.layer_thickness * contact.volume / max(top - height, OVERLAP)
+    torsion = 2 / 3 * friction * float(np.sqrt(contact.area / np.pi))
+    return GelSpring(height, stiffness, 2 * DAMPING * float(np.sqrt(stiffness * GEL_MASS)), torsion)
 
 
 class HoldTest(AbstractContextManager["HoldTest"]):
-    """A hand that is fixed in the world and an object that is free, in a physics engine; `engines.hold_test` opens one.
+    """A PyBullet client with a hand that is fixed in the world, and an object that is free; it collides as it is, concave.
 
-    Each gel is a plate on a spring (`gel_spring`), which touches the object at its nearest point in the tactile image. A gel without
-    contact is drawn in and locked; rigid links are as in the grasp. Motors hold the posture with at most the hand's torque.
-
-    Parameters
-    ----------
-    hand, sensors
-        The hand, and the sensor of each of its mounts.
-    mass
-        Of the object, kg.
-    friction
-        Coefficient between hand and object; by default the hand's.
-    torsion
-        Of every link and gel: the moment about the normal that friction resists per newton of normal force, m; by default that of the
-        contact's area for gels, and none for links.
+    Each gel is a plate on a spring, which touches the object at its nearest point in the tactile image. A gel without contact is drawn in
+    and locked; rigid links are as in the grasp. Motors hold the posture with at most the hand's torque.
     """
 
-    look_interval: float
-    """Time between two looks at the object, s."""
+    sample_interval = 5 / STEPS_PER_SECOND
+    """s between two samples of the object's pose."""
 
     def __init__(
-        self, hand: Hand, sensors: Sequence[Sensor], *, mass: float, friction: float | None = None, torsion: float | None = None
+        self,
+        hand: Hand,
+        sensors: Sequence[Sensor],  # of its mounts
+        *,
+        mass: float,  # of the object, kg
+        friction: float | None = None,  # coefficient between hand and object; None: the hand's
+        torsion: float | None = None,  # m, as of a `GelSpring`, of every link and gel; None: by the contact's area of gels, 0 of links
     ) -> None:
         self.hand = hand if friction is None else replace(hand, friction=friction)
         self.sensors, self.mass, self.torsion = sensors, mass, torsion
-        self.opened = ExitStack()
+        self._opened = ExitStack()
+        self._open()
+
+    def _open(self) -> None:
+        self.client = PhysicsClient()
+        self._opened.callback(lambda: self.client.disconnect())  # reading the attribute here would make the client forget its number
+        self._urdf = write_hand_urdf(self.hand, self._opened.enter_context(temporary_folder()), self.sensors)
+        self._start: tuple[list[float], list[float]]
+        self._springs: list[GelSpring]
 
     def __exit__(self, *_: object) -> None:
-        self.opened.close()
+        self._opened.close()
 
-    @abstractmethod
-    def load(self, mesh: Mesh, points: NDArray[np.float64]) -> None:
-        """Replace everything by the hand and an object.
-
-        Parameters
-        ----------
-        mesh
-            The object, world, m.
-        points
-            (N, 3) of its exterior, m, over which its mass is spread evenly.
-        """
+    def load(
+        self,
+        mesh: Mesh,
+        points: Array,  # (N, 3) of its exterior, m, over which its mass is spread evenly
+    ) -> None:
+        """Replace everything by the hand and an object."""
+        client = self.client
+        client.resetSimulation()
+        base_shape, *link_shapes = client.create_shapes(mesh)
+        centre = points.mean(axis=0)
+        squares = ((points - centre) ** 2).mean(axis=0)
+        zeros, identity = [[0.0, 0.0, 0.0]] * len(link_shapes), [[0.0, 0.0, 0.0, 1.0]] * len(link_shapes)
+        self._object = client.createMultiBody(
+            self.mass,
+            base_shape,
+            baseInertialFramePosition=centre.tolist(),
+            linkMasses=[0.0] * len(link_shapes),
+            linkCollisionShapeIndices=link_shapes,
+            linkVisualShapeIndices=[-1] * len(link_shapes),
+            linkPositions=zeros,
+            linkOrientations=identity,
+            linkInertialFramePositions=zeros,
+            linkInertialFrameOrientations=identity,
+            linkParentIndices=[0] * len(link_shapes),
+            linkJointTypes=[pybullet.JOINT_FIXED] * len(link_shapes),
+            linkJointAxis=zeros,
+        )
+        inertia = (self.mass * (squares.sum() - squares)).tolist()  # Bullet computes none for a concave shape
+        client.changeDynamics(self._object, -1, localInertiaDiagonal=inertia)
+        for body_part in range(-1, len(link_shapes)):  # friction coefficients are multiplied: the hand's counts
+            client.changeDynamics(self._object, body_part, collisionMargin=COLLISION_MARGIN, lateralFriction=1.0)
+        self._start = (centre.tolist(), [0.0, 0.0, 0.0, 1.0])
+        self._hand = HandBody(client, self.hand, self._urdf)
+        for link in () if self.torsion is None else self._hand.links:
+            client.changeDynamics(self._hand.body, link, spinningFriction=self.torsion)
+        self._gels = [self._hand.numbers[gel_name(number)] for number in range(len(self.sensors))]
+        for gel in self._gels:
+            for collider in (*self._hand.links, *self._gels):
+                client.setCollisionFilterPair(self._hand.body, self._hand.body, gel, collider, 0)
 
     def hold(
         self,
-        grasp: StoredGrasp,
+        grasp: Grasp,  # of the object that is loaded
         *,
-        closes: bool = False,
-        acceleration: Sequence[float] = DOWN,
-        seconds: float = 1.0,
-        limit: float = 0.1,
+        acceleration: Sequence[float] = DOWN,  # (3,) on the object and the hand's links, world, m/s²
+        seconds: float = 1.0,  # at most: the test ends early when the object rests
+        limit: float = WITHIN,  # m that the object's centre may move; beyond, the test ends early
+        path: Sequence[Array] = (),  # (J,) targets of the motors, each for `path_seconds`, without gravity
+        path_seconds: float = 0.0,
     ) -> Motion:
-        """Free the object in a grasp, whose motors drive to the squeeze, and record how both move.
+        """Free the object in a grasp, whose motors drive to the squeeze, and record how it moves.
 
-        Parameters
-        ----------
-        grasp
-            Of the object that is loaded.
-        closes
-            Whether the fingers first close from the pre-grasp to the grasp and to the squeeze, in a straight line each and without
-            gravity; else they begin in the grasp.
-        acceleration
-            (3,) of gravity on the object and the hand's links, world, m/s².
-        seconds
-            Longest duration: the test ends early when the object rests.
-        limit
-            m that the object's centre may move; beyond, the test ends early.
-
-        Notes
-        -----
-        PyBullet remembers contacts: the grasps that were tested since `load` change where an object ends by less than a millimetre, seldom
-        by more.
+        With a path, the fingers begin at the pre-grasp, else in the grasp. PyBullet remembers contacts: the grasps that were tested since
+        `load` change where an object ends by less than a millimetre, seldom by more.
         """
-        penetration = self._begin(grasp, closes)
-        start = self._object_pose()
+        penetration = self._begin(grasp, closes=len(path) > 0)
+        track = Track(self._object_pose(), limit=limit, interval=self.sample_interval)
         self._accelerate((0.0, 0.0, 0.0))
-        for posture in closing_path(grasp) if closes else ():
+        for posture in path:
             self._drive(posture)
-            self._step(CLOSING_SECONDS / CLOSING_STAGES)
+            self._step(path_seconds)
         self._accelerate(acceleration)
-        self._drive(grasp.squeeze)
-        track = Track(start, self._joint_angles(), limit=limit, interval=self.look_interval)
-        for _ in range(round(seconds / self.look_interval)):
-            self._step(self.look_interval)
-            if track.ends(self._object_pose(), self._joint_angles()):
+        self._drive(grasp.squeeze_angles)
+        for _ in range(round(seconds / self.sample_interval)):
+            self._step(self.sample_interval)
+            if track.ends(self._object_pose()):
                 break
         return track.motion(penetration)
 
-    @abstractmethod
-    def _begin(self, grasp: StoredGrasp, closes: bool) -> float:
-        """Place hand, gels and object for the start of a test; return the penetration of the hand into the object, m."""
+    def _begin(self, grasp: Grasp, *, closes: bool) -> float:
+        """Set hand, gels and object to the start of a test; return the penetration of the hand into the object, m."""
+        client, hand, start = self.client, self._hand, grasp.pregrasp_angles if closes else grasp.joint_angles
+        hand.set_pose(grasp.hand_pose, start, start)
+        self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
+        client.resetBasePositionAndOrientation(self._object, *self._start)
+        client.resetBaseVelocity(self._object, [0.0] * 3, [0.0] * 3)
+        client.performCollisionDetection()
+        return max(-min((point[8] for point in client.getContactPoints(self._object, hand.body)), default=0.0), 0.0)
 
-    @abstractmethod
     def _accelerate(self, acceleration: Sequence[float]) -> None:
-        """Set the acceleration (3,) that acts from now on, m/s²."""
+        self.client.setGravity(*acceleration)
 
-    @abstractmethod
-    def _drive(self, posture: NDArray[np.float64]) -> None:
-        """Set the targets (J,) of the motors, rad."""
+    def _drive(self, posture: Array) -> None:
+        self._hand.drive(posture)
 
-    @abstractmethod
     def _step(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the simulation, with the gels' springs."""
+        body, gels, tops = self._hand.body, self._gels, [gel_top(sensor) for sensor in self.sensors]
+        states, control, step = self.client.getJointStates, self.client.setJointMotorControlArray, self.client.stepSimulation
+        for _ in range(round(seconds * STEPS_PER_SECOND)):
+            forces = [
+                spring.stiffness * max(top - height, 0.0) - spring.damping * speed
+                for spring, top, (height, speed, *_) in zip(self._springs, tops, states(body, gels), strict=True)
+            ]
+            control(body, gels, pybullet.TORQUE_CONTROL, forces=forces)
+            step()
 
-    @abstractmethod
-    def _joint_angles(self) -> NDArray[np.float64]:
-        """Read the joint angles, (J,) rad."""
+    def _object_pose(self) -> Array:
+        """Read the centre, m, and quaternion of the object, (7,); NaN after a numerical failure of an engine."""
+        return np.concatenate(self.client.getBasePositionAndOrientation(self._object))
 
-    @abstractmethod
-    def _object_pose(self) -> NDArray[np.float64]:
-        """Read the centre, m, and quaternion of the object, (7,); NaN after a numerical failure of the engine."""
+    def _press(self, number: int, contact: Contact | None, *, out: bool) -> GelSpring:
+        """Move a gel to its contact, or with `out` to its surface; return its spring."""
+        sensor, gel = self.sensors[number], self._gels[number]
+        spring = gel_spring(sensor, contact, friction=self.hand.friction, margin=COLLISION_MARGIN)
+        twist = spring.torsion if self.torsion is None else self.torsion
+        self.client.resetJointState(self._hand.body, gel, gel_top(sensor) if out and contact else spring.height)
+        lock = 0.0 if contact else LOCK_FORCE
+        self.client.setJointMotorControl2(self._hand.body, gel, pybullet.POSITION_CONTROL, targetPosition=0.0, force=lock)
+        self.client.changeDynamics(self._hand.body, gel, lateralFriction=self.hand.friction, spinningFriction=twist)
+        return spring

@@ -1,80 +1,57 @@
-"""The motion of a freed object and of the hand that grasps it, and the path on which the hand closes."""
+"""The motion of an object that was freed in a grasp, and what counts as held."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.kernels.arrays import Array, Mask
 from pipeline.kernels.geometry.transforms import length
 
-RESTING_LOOKS, RESTING_CHANGE = 12, 1e-3
-"""An object rests when its pose, m and quaternion, changes by less in this number of looks, a quarter of a second; a sliding object
+WITHIN, REST = 0.1, 0.05
+"""m from where it was, and m/s, up to which an object is held at the end: then it rests in the hand. Motors and gels give way by up to
+2 cm, some objects slip by up to 8 cm until they are caught, and what rests may creep at 1 cm/s; what falls is faster than 10 cm/s."""
+RESTING_SAMPLES, RESTING_CHANGE = 12, 1e-3
+"""An object rests when its pose, m and quaternion, changes by less in this number of samples, a quarter of a second; a sliding object
 accelerates. In 50 grasps of ten objects, none moved by 0.1 mm in the remaining time."""
-CLOSING_STAGES, CLOSING_SECONDS = 10, 0.4
-"""Motor targets from one posture to the next when a hand closes, and the time that this takes, as in DexGraspBench."""
 
 
-@dataclass(frozen=True, eq=False)
+def is_held(moved: ArrayLike, speed: ArrayLike) -> Mask:
+    """Check whether objects are held, by how far, m, and how fast, m/s, they moved at the end."""
+    return (np.asarray(moved) <= WITHIN) & (np.asarray(speed) <= REST)
+
+
+@dataclass(frozen=True)
 class Motion:
-    """The motion of an object that was freed in a grasp, and of the hand.
+    """The motion of an object that was freed in a grasp: infinite if the engine's numbers overflow."""
 
-    Attributes
-    ----------
-    moved, turned, speed
-        Final displacement of the object's centre, m, and its rotation angle, rad; and the speed of the centre, m/s: its displacement in
-        the last `RESTING_LOOKS` looks. Infinite if the engine's numbers overflow.
-    penetration
-        How deep the hand was in the object at the start, by the engine's shapes, m: in PyBullet's surface, only what crosses it counts.
-    poses
-        (T, 7) of the object, at the start and at every look: its centre, world, m, and the quaternion (x, y, z, w, or as the engine has it)
-        of its turn.
-    joint_angles
-        (T, J) of the hand, rad.
-    interval
-        s between two looks.
-    """
-
-    moved: float
-    turned: float
-    speed: float
-    penetration: float
-    poses: NDArray[np.float64]
-    joint_angles: NDArray[np.float64]
-    interval: float
+    moved: float  # m, displacement of its centre at the end
+    turned: float  # rad
+    speed: float  # m/s, of its centre: its displacement in the last `RESTING_SAMPLES` samples
+    penetration: float  # m, depth of the hand in the object at the start; in PyBullet's surface, only what crosses it counts
 
 
 class Track:
-    """Record the poses (7,) of a freed object and the joint angles (J,) of the hand every `interval`, s."""
+    """Record the pose (7,) of a freed object, its centre, m, and its quaternion, every `interval`, s."""
 
-    def __init__(self, pose: NDArray[np.float64], angles: NDArray[np.float64], *, limit: float, interval: float) -> None:
-        self.poses, self.angles = [pose], [angles]
-        self.limit, self.interval = limit, interval
+    def __init__(self, pose: Array, *, limit: float, interval: float) -> None:
+        self.poses, self.limit, self.interval = [pose], limit, interval
 
-    def ends(self, pose: NDArray[np.float64], angles: NDArray[np.float64]) -> bool:
-        """Add a look, and tell whether the object is beyond the limit or rests."""
+    def ends(self, pose: Array) -> bool:
+        """Add a sample, and tell whether the object is beyond the limit or rests."""
         self.poses.append(pose)
-        self.angles.append(angles)
-        moved = length(pose[:3] - self.poses[0][:3])
-        if not moved <= self.limit:  # NaN ends the test, too
+        if not length(pose[:3] - self.poses[0][:3]) <= self.limit:  # NaN ends the test, too
             return True
-        return len(self.poses) > RESTING_LOOKS and bool(np.abs(pose - self.poses[-1 - RESTING_LOOKS]).max() < RESTING_CHANGE)
+        return len(self.poses) > RESTING_SAMPLES and bool(np.abs(pose - self.poses[-1 - RESTING_SAMPLES]).max() < RESTING_CHANGE)
 
     def motion(self, penetration: float) -> Motion:
         """Compare the last pose with the first."""
         first, last = self.poses[0], self.poses[-1]
-        moved = turned = speed = np.inf
-        if np.isfinite(last).all():
-            # of unit quaternions, which have two signs
-            difference = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
-            moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(difference / 2, 1.0)))
-            recent = self.poses[-1 - RESTING_LOOKS :]
-            speed = float(length(last[:3] - recent[0][:3])) / (self.interval * max(len(recent) - 1, 1))
-        return Motion(moved, turned, speed, penetration, np.array(self.poses), np.array(self.angles), self.interval)
-
-
-def closing_path(grasp: StoredGrasp) -> NDArray[np.float64]:
-    """Interpolate linearly from the pre-grasp to the grasp and to the squeeze; (stages, J), rad, without the first."""
-    postures = grasp.pregrasp, grasp.joint_angles, grasp.squeeze
-    return np.concatenate([np.linspace(a, b, CLOSING_STAGES + 1)[1:] for a, b in pairwise(postures)])
+        if not np.isfinite(last).all():
+            return Motion(np.inf, np.inf, np.inf, penetration)
+        # of unit quaternions, which have two signs
+        difference = min(float(length(last[3:] - first[3:])), float(length(last[3:] + first[3:])))
+        moved, turned = float(length(last[:3] - first[:3])), 4 * float(np.arcsin(min(difference / 2, 1.0)))
+        recent = self.poses[-1 - RESTING_SAMPLES :]
+        speed = float(length(last[:3] - recent[0][:3])) / (self.interval * max(len(recent) - 1, 1))
+        return Motion(moved, turned, speed, penetration)

@@ -6,7 +6,7 @@ from pathlib import Path
 from pipeline.console import pluralise
 from pipeline.errors import StoreError
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
-from pipeline.kernels.networks.implicit_network import ImplicitConfig
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.families import ROWS, model_name, network_of, row_of
 from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.reconstruct.observation_reader import ObservationReader

@@ -28,7 +28,7 @@ from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
-from stages.fit_charts.settings import ChartSettings
+from stages.fit_charts import ChartSettings
 
 TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
 """Arrays that charts are fitted to if none are stored."""

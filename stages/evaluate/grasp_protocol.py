@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.config.manifest import TOTAL
 from pipeline.console import pluralise
-from pipeline.dataset.grasping_hand import grasping_sensors
+from pipeline.dataset.grasps import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.dataset.touch_charts import is_surface

@@ -11,7 +11,7 @@ from uuid import uuid4
 
 import pytest
 
-from pipeline.engine.dask_executor import Dask
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.store import garbage, publish, storage
 from pipeline.store.atomic import create, replace_version, version_of, write_atomically
@@ -62,7 +62,7 @@ def digests(data: Location) -> tuple[object, ...]:
 
 def test_digests_equal_those_on_a_disk(data, tmp_path):
     run_all_stages(tmp_path / "disk")
-    run(request(data, executor=Dask(2), shards=3))
+    run(request(data, executor=WorkerProcesses(2), shards=3))
     run_all_stages(data)
     assert digests(data) == digests(tmp_path / "disk")
     assert not any(problems_below(data).values())

@@ -13,9 +13,9 @@ import pytest
 
 from pipeline.config.manifest import Object
 from pipeline.dataset.labelled import open_artifact
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.make import make, plans
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
@@ -65,7 +65,7 @@ def test_settings_that_change_results_make_rows_again_and_speed_settings_do_not(
 
 @pytest.mark.parametrize(("shards", "workers"), [pytest.param(4, 1, marks=pytest.mark.slow), (7, 2)])
 def test_digest_does_not_depend_on_shards_or_workers(tmp_path, shards, workers):
-    for data, options in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
+    for data, options in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": WorkerProcesses(workers)})):
         run(request(data, **options))
         run(request(data, stage=TakeMean(), **options))
     assert digest(tmp_path / "one") == digest(tmp_path / "other")

@@ -91,6 +91,12 @@ class MakeNoise(_TinyStage):
         def process(unit: Unit, inputs: Inputs) -> Row:
             if (trouble := str(unit.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
                 raise InvalidInput("not yet")
+            if trouble.startswith("crash once ") and not Path(trouble[11:]).exists():
+                Path(trouble[11:]).touch()
+                os.kill(os.getpid(), signal.SIGSEGV)
+            if trouble.startswith("sleep "):
+                Path(trouble[6:]).touch()
+                ctypes.PyDLL(None).sleep(5)
             match unit.source.get("trouble"):
                 case "bad":
                     raise InvalidInput("it is bad; make it good")

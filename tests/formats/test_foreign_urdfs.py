@@ -11,12 +11,12 @@ import pytest
 import trimesh
 import yaml
 from PIL import Image
+from pipeline.formats.physics_urdf import add_origin, write_physics_urdf
 from scipy.spatial.transform import Rotation
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.mesh_file import load_mesh
-from pipeline.formats.physics_urdf import add_origin, inertia_notes, write_physics_urdf
 from pipeline.formats.urdf import read_urdf
 from pipeline.formats.urdf_xml import parse_urdf
 from pipeline.kernels.hand.collision_shapes import collision_boxes, collision_spheres
@@ -24,6 +24,7 @@ from pipeline.kernels.hand.convex_shapes import MAX_FACES
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import frequent_overlaps, remedy
+from pipeline.physics.hand_urdf import inertia_notes
 
 BAR = '<{0}><origin xyz="0 0 0.02"/><geometry><box size="0.01 0.01 0.04"/></geometry></{0}>'
 BODY = '<inertial><mass value="0.01"/></inertial>' + BAR.format("collision")

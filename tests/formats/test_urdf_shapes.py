@@ -9,14 +9,14 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
+from pipeline.formats.physics_urdf import write_physics_urdf
 
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.physics_urdf import write_physics_urdf
 from pipeline.formats.urdf import ignored_limits
 from pipeline.formats.urdf_shapes import shape_of
 from pipeline.kernels.hand.model import Hand
-from pipeline.physics.quiet_pybullet import PhysicsClient
+from pipeline.physics.client import PhysicsClient
 
 RADIUS, LENGTH = 0.006, 0.05
 CAPSULE = f'<capsule radius="{RADIUS}" length="{LENGTH}"/>'

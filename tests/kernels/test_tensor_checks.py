@@ -1,7 +1,5 @@
 """Conversion of stored images to network input."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest

@@ -1,7 +1,4 @@
-"""The default hand, loaded once; convex parts are kept apart from the user's."""
-
-from collections.abc import Iterator
-from pathlib import Path
+"""Hands, loaded once."""
 
 import pytest
 
@@ -18,11 +15,3 @@ def hand() -> Hand:
 @pytest.fixture(scope="session")
 def pincers(tmp_path_factory: pytest.TempPathFactory) -> Hand:
     return load_pincers(tmp_path_factory.mktemp("pincers"))
-
-
-@pytest.fixture(scope="session", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("cache")
-        patch.setenv("XDG_CACHE_HOME", str(folder))
-        yield folder / "vt-pipeline" / "convex-parts"

@@ -1,28 +1,24 @@
 """The hold test against Coulomb's law: a post between the pads of a gripper."""
 
 from collections.abc import Callable
-from typing import get_args
 
 import numpy as np
 import pytest
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
+from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.kernels.touch.sensor import Gel
-from pipeline.physics.engines import Engine, hold_test
-from pipeline.physics.gel_plates import GEL_MODULUS, OVERLAP, gel_name, gel_spring
-from pipeline.physics.grasp_tests import GRASP_TESTS
-from pipeline.physics.hold_test import GRAVITY, HoldTest
-from pipeline.physics.motion import Motion, Track
-from pipeline.physics.mujoco_engine import MujocoHoldTest
-from pipeline.physics.pybullet_engine import PybulletHoldTest
+from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, OVERLAP, HoldTest, gel_spring
+from pipeline.physics.motion import REST, WITHIN, Motion, Track, is_held
 from tests.kernels.hand.meshes import centred, points_on
+from tests.physics.pincers import check_friction_limit
 
 GRIPPER, SENSOR = load_hand("two_finger_gripper"), load_sensor("gel_16mm")
 WIDTH, PRESSED = 0.03, 0.002
@@ -37,12 +33,14 @@ def post(subdivisions: int = 0) -> Mesh:
     return centred(body)
 
 
-def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: Engine = "pybullet") -> bool:
+def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: type[HoldTest] = HoldTest) -> bool:
     """Grip a post from its side, the gels pressed in by 2 mm; with the gripper moved sideways only the right finger touches."""
     angles = np.array([WIDTH / 2 + SENSOR.w - PRESSED + sideways])
     pose, faces = gripping_pose(sideways), box_faces(mesh.triangles)
     contacts = [measure_contact(faces, sensor_pose, SENSOR) for sensor_pose in sensor_poses(GRIPPER, pose, angles)]
-    return hold(mesh, StoredGrasp(pose, angles, angles, angles, contacts), mass=mass, engine=engine).moved <= 0.05
+    with engine(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
+        test.load(mesh, points_on(mesh, 2000, seed=0)[0])
+        return test.hold(Grasp(pose, angles, angles, angles, np.empty((0, 4, 4)), contacts)).moved <= 0.05
 
 
 def gripping_pose(sideways: float) -> np.ndarray:
@@ -52,101 +50,81 @@ def gripping_pose(sideways: float) -> np.ndarray:
     return pose
 
 
-def hold(mesh: Mesh, grasp: StoredGrasp, *, mass: float, engine: Engine) -> Motion:
-    with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
-        test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        return test.hold(grasp)
-
-
-@pytest.mark.parametrize("engine", get_args(Engine))
-@pytest.mark.parametrize(("share", "holds"), [(0.8, True), (1.25, False)])
-def test_opposed_gels_hold_weights_up_to_the_friction_limit(engine: Engine, share: float, holds: bool) -> None:
-    assert lifted(post(), mass=share * HOLDS, engine=engine) == holds
-
-
-@pytest.mark.parametrize("engine", get_args(Engine))
-def test_object_touched_from_one_side_falls(engine: Engine) -> None:
+def check_gripped_weights(engine: type[HoldTest]) -> None:
+    """Check that opposed gels hold up to the friction limit, and one gel nothing."""
+    assert lifted(post(), mass=0.8 * HOLDS, engine=engine)
+    assert not lifted(post(), mass=1.25 * HOLDS, engine=engine)
     assert not lifted(post(), mass=0.05, sideways=0.03, engine=engine)
 
 
-@pytest.mark.parametrize("engine", get_args(Engine))
-def test_recorded_motion_of_an_untouched_object_is_free_fall(engine: Engine) -> None:
-    """The gripper is a metre away: the post falls freely, while the fingers stay."""
-    angles = np.array([0.03])
-    motion = hold(post(), StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None]), mass=0.05, engine=engine)
-    fallen = motion.poses[0, 2] - motion.poses[:, 2]
-    times = motion.interval * np.arange(len(motion.poses))
-    np.testing.assert_allclose(fallen, -GRAVITY * times**2 / 2, atol=0.01)
-    assert motion.moved == pytest.approx(fallen[-1])
-    assert fallen[-2] < 0.1 < fallen[-1]
-    assert motion.joint_angles.shape == (len(times), 1)
-    assert np.ptp(motion.joint_angles) < 1e-3
-
-
-@pytest.mark.parametrize("engine", get_args(Engine))
-def test_gels_without_contact_stay_drawn_in(engine: Engine) -> None:
-    """Also under an acceleration along their normals, of ten times gravity."""
+def check_untouched_object(engine: type[HoldTest], gel_heights: Callable[[HoldTest], list[float]]) -> None:
+    """Check that an object a metre away falls freely, while gels stay drawn in, also under ten times gravity along their normals."""
     angles, mesh = np.array([0.03]), post()
-    with hold_test(engine, GRIPPER, [SENSOR, SENSOR], mass=0.05) as test:
+    grasp = Grasp(gripping_pose(1.0), angles, angles, angles, np.empty((0, 4, 4)), [None, None])
+    with engine(GRIPPER, [SENSOR, SENSOR], mass=0.05) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        grasp = StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None])
+        motion = test.hold(grasp)
+        assert 0.1 < motion.moved < 0.14
+        assert motion.speed == pytest.approx(motion.moved / np.sqrt(2 * motion.moved / -GRAVITY), rel=0.35)
         test.hold(grasp, acceleration=(0.0, 10 * GRAVITY, 0.0), seconds=0.1, limit=10.0)
         np.testing.assert_allclose(gel_heights(test), 0.0, atol=2e-4)
 
 
-def gel_heights(test: HoldTest) -> list[float]:
-    if isinstance(test, MujocoHoldTest):
-        return [float(test.data.joint(gel_name(number)).qpos[0]) for number in range(2)]
-    assert isinstance(test, PybulletHoldTest)
-    return [test.client.getJointState(test._hand.body, gel)[0] for gel in test._gels]
+def test_friction_of_gels_is_coulombs_in_every_direction(pincers: Hand) -> None:
+    check_friction_limit(HoldTest, pincers)
 
 
-LIFT = GRASP_TESTS["lift"]
+def test_opposed_gels_hold_weights_up_to_the_friction_limit_and_one_gel_none() -> None:
+    check_gripped_weights(HoldTest)
+
+
+def test_untouched_object_falls_freely_and_gels_without_contact_stay_drawn_in() -> None:
+    check_untouched_object(HoldTest, lambda test: [test.client.getJointState(test._hand.body, gel)[0] for gel in test._gels])
 
 
 def recorded(distance: Callable[[float], float]) -> tuple[float, Motion]:
     """Let an object sink by a distance, m, of time, s, for a second: when the record ended, s, and the motion."""
-    start, still = np.array([0.0, 0, 1, 0, 0, 0, 1]), np.zeros(1)
-    track = Track(start, still, limit=LIFT.moved, interval=0.02)
-    for look in range(1, 51):
+    start = np.array([0.0, 0, 1, 0, 0, 0, 1])
+    track = Track(start, limit=WITHIN, interval=0.02)
+    for sample in range(1, 51):
         pose = start.copy()
-        pose[2] -= distance(0.02 * look)
-        if track.ends(pose, still):
+        pose[2] -= distance(0.02 * sample)
+        if track.ends(pose):
             break
-    return 0.02 * look, track.motion(0.0)
+    return 0.02 * sample, track.motion(0.0)
 
 
 @pytest.mark.parametrize("acceleration", [0.1, 0.5, 9.81])
 def test_object_that_slides_at_a_constant_acceleration_is_not_held(acceleration: float) -> None:
     end, motion = recorded(lambda time: acceleration * time**2 / 2)
-    assert not LIFT.passes(motion)
+    assert not is_held(motion.moved, motion.speed)
     assert motion.moved == pytest.approx(acceleration * end**2 / 2)
-    start = max(end - 0.24, 0)  # of the last twelve looks
+    start = max(end - 0.24, 0)  # of the last twelve samples
     assert motion.speed == pytest.approx(acceleration * (start + end) / 2)
 
 
 @pytest.mark.parametrize("sag", [0.0, 0.015, 0.03])
 def test_object_that_sags_with_its_motors_and_rests_is_held(sag: float) -> None:
     end, motion = recorded(lambda time: sag * (1 - np.exp(-time / 0.05)))
-    assert LIFT.passes(motion)
+    assert is_held(motion.moved, motion.speed)
     assert motion.moved == pytest.approx(sag, rel=0.02)
     assert motion.speed < 0.005
     assert end < 0.6  # it rests, and the test ends
 
 
 def test_object_that_creeps_is_judged_by_its_speed_at_the_end() -> None:
-    for speed in (0.5 * LIFT.speed, 1.5 * LIFT.speed):
+    for speed in (0.5 * REST, 1.5 * REST):
         end, motion = recorded(lambda time, speed=speed: speed * time)
         assert end == 1.0
         assert motion.speed == pytest.approx(speed)
-        assert LIFT.passes(motion) == (speed < LIFT.speed)
+        assert is_held(motion.moved, motion.speed) == (speed < REST)
 
 
 def test_motion_of_an_engine_that_failed_is_no_hold() -> None:
     end, motion = recorded(lambda time: np.nan if time > 0.1 else 0.0)
     assert end < 0.2
     assert motion.moved == motion.speed == np.inf
-    assert not LIFT.passes(motion)
+    assert not is_held(motion.moved, motion.speed)
 
 
 @pytest.mark.parametrize("thickness", [None, 2 * SENSOR.w])

@@ -1,17 +1,16 @@
 """The inertia that engines give a link: that of the URDF, about the joint's axis, against the parallel-axis theorem."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.formats.hand_file import load_hand
-from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.model import Hand
-from pipeline.physics.gel_plates import GEL_MASS
-from pipeline.physics.mujoco_engine import ARMATURE, MujocoHoldTest
 from pipeline.physics.simulation import Simulation
-from tests.kernels.hand.meshes import bar, points_on
+from tests.kernels.hand.meshes import bar
 
 MASS, CENTRE, TURN = 0.03, np.array([0.004, -0.006, 0.03]), np.array([0.3, -0.5, 0.9])
 """Of a finger, kg, m and rad: its centre of mass, and how the frame of its <inertia> is turned."""
@@ -29,9 +28,7 @@ HAND = f"""{{name: one, urdf: one.urdf, sensor: gel_16mm, torque: 1, palm: {{lin
 fingers: [{{name: only, joints: [bend], sensor: {{link: finger, origin: {GEL.tolist()}, normal: [0, -1, 0], columns: [1, 0, 0]}}}}]}}"""
 
 
-@pytest.fixture(scope="module")
-def finger(tmp_path_factory: pytest.TempPathFactory) -> Hand:
-    folder = tmp_path_factory.mktemp("finger")
+def load_finger(folder: Path) -> Hand:
     (folder / "one.urdf").write_text(FINGER)
     (folder / "one.yaml").write_text(HAND)
     return load_hand(folder / "one.yaml")
@@ -46,20 +43,8 @@ def expected() -> float:
     return about_axis(turn @ TENSOR @ turn.T, MASS, CENTRE)
 
 
-def test_pybullet_takes_the_inertia_of_the_urdf(finger: Hand) -> None:
-    with Simulation(finger) as physics:
+def test_pybullet_takes_the_inertia_of_the_urdf(tmp_path: Path) -> None:
+    with Simulation(load_finger(tmp_path)) as physics:
         physics.load(bar())
         matrix = physics.client.calculateMassMatrix(physics._body.body, [0.2])
     assert matrix[0][0] == pytest.approx(expected(), rel=1e-4)
-
-
-def test_mujoco_takes_the_inertia_of_the_urdf(finger: Hand) -> None:
-    with MujocoHoldTest(finger, [load_sensor("gel_16mm")], mass=0.1) as test:
-        test.load(bar(), points_on(bar(), 100, seed=0)[0])
-        mujoco, model, data = test.mujoco, test.model, test.data
-        mujoco.mj_forward(model, data)
-        matrix = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, data, matrix)
-    joint = model.joint("bend").dofadr[0]
-    gel = about_axis(1e-6 * np.eye(3), GEL_MASS, GEL)
-    assert matrix[joint, joint] == pytest.approx(expected() + gel + ARMATURE["revolute"], rel=1e-6)

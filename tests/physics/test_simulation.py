@@ -9,8 +9,8 @@ import trimesh
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.hand.model import Hand
+from pipeline.physics.client import pybullet
 from pipeline.physics.hold_test import GRAVITY
-from pipeline.physics.quiet_pybullet import pybullet
 from pipeline.physics.simulation import Simulation
 from tests.kernels.hand.meshes import centred, mug
 

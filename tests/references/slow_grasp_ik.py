@@ -1,7 +1,5 @@
 """The inverse kinematics on a distance grid, with every posture measured in full; numpy, in the same order of additions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.hand import grasp_ik as constants
@@ -85,13 +83,6 @@ def slow_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -> tuple[
     clearance = slow_clearance(ik, field, frames)
     lack = np.maximum(np.float32(ik.clearance) - clearance, 0) / np.float32(1e-3)
     return slow_contact_values(ik, field, frames) - 2 * lack, clearance >= np.float32(ik.clearance)
-
-
-def slow_fingers_fit(ik: GraspIk, field: DistanceField, pose: np.ndarray) -> bool:
-    """Whether every finger has, among the even samples, one that is clear."""
-    rows = np.linspace(0, len(ik.joint_angles) - 1, posture_samples.EVEN_SAMPLES).astype(int)
-    clear = slow_values(ik, field, product(pose, ik.frames[rows]))[1]
-    return bool((clear & ik.free[rows]).any(axis=0).all())
 
 
 def slow_grasp_ik(ik: GraspIk, field: DistanceField, pose: np.ndarray, *, rounds: int, rng: np.random.Generator) -> np.ndarray | None:

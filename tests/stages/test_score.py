@@ -337,4 +337,4 @@ def test_report_leaves_out_scores_of_changed_inputs(data, folder, tmp_path):
     vt("score", folder, copy, "--name", "old")
     seal(copy / "scores/old.json", lambda record: {"inputs": record["inputs"] | {"surfaces": "0" * 64}})
     assert "scores/old" not in scores(DataDirectory(copy))
-    assert "scores/old is left out" in vt("report", copy, "--no-pages")
+    assert "scores/old is outdated" in vt("report", copy, "--no-pages")

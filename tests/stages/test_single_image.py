@@ -31,7 +31,7 @@ from stages.evaluate.single_image_tables import means_by_class
 from stages.evaluate.supplement_figures import TABLE_4
 from stages.evaluate.tables import evaluation_tables
 from stages.registry import load_stage, resolve
-from stages.train_gcn.settings import SingleImageSettings
+from stages.train_gcn.stage import SingleImageSettings
 from tests.stages.tiny_dataset import manifest, run_stage
 from tools.synthetic_renderings import write_dataset
 

@@ -30,7 +30,7 @@ from pipeline.drawing.written_files import PAGES as WRITTEN
 from pipeline.drawing.written_files import ObjectCard, Pages, read_list, refuse_links
 from pipeline.engine.keys import sources_hash
 from pipeline.errors import StoreError
-from pipeline.physics.grasp_tests import REST, WITHIN
+from pipeline.physics.motion import REST, WITHIN
 from pipeline.store import digest
 from pipeline.store.atomic import atomic_writes
 from pipeline.store.digest import hashes_of

@@ -1,11 +1,15 @@
 """The undeformed touch chart: a square grid of vertices on the sensor plane (supplement 2.3)."""
 
-from enum import IntEnum
+from __future__ import annotations
 
-import torch
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
 from pydantic import ConfigDict, NonNegativeInt, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
-from torch import Tensor
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 SIDE = 9  # vertices along a side: 81 vertices and 128 faces, the supplement's
 MAX_SIDE = 101  # more vertices would be finer than any tactile image resolves
@@ -22,6 +26,8 @@ def chart_square(
     """
     if side % 2 == 0 or not 3 <= side <= MAX_SIDE:
         raise ValueError(f"a chart of side {side}: its side is odd, so that it has a centre, and 3 to {MAX_SIDE}; {SIDE} in the supplement")
+    import torch  # takes a second, which readers of settings save
+
     along = torch.arange(side, dtype=torch.float64) / (side - 1) - 0.5
     y, x = torch.meshgrid(aspect * along, along, indexing="ij")
     vertices = torch.stack([x, y, torch.zeros_like(x)], dim=-1).reshape(-1, 3)

@@ -20,15 +20,27 @@ class Shape:
     mesh: Mesh  # the shape in its link's frame, m, with its colour
     path: Path | None = None  # mesh file, None for other kinds
     beside: tuple[Path, ...] = ()  # files that it names: materials and textures
+    rpy: tuple[float, ...] | None = None  # rad, the turn of `origin` as the URDF states it: physics engines make their own matrix of it
+
+
+@dataclass(frozen=True, eq=False)
+class Inertial:
+    """The mass of a link and its moments of inertia."""
+
+    mass: float  # kg
+    centre: Array  # (3,) in the link's frame, m
+    rpy: tuple[float, ...]  # rad, turn of the frame of the moments
+    moments: tuple[float, ...] | None  # xx, xy, xz, yy, yz, zz, kg m²; None where the URDF does not state them
 
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid part of a hand: its name and shapes."""
+    """A rigid part of a hand: its name, shapes and mass."""
 
     name: str
     visuals: tuple[Shape, ...]
     collisions: tuple[Shape, ...]
+    inertial: Inertial | None = None  # None where the URDF states no mass
 
 
 @dataclass(frozen=True)
@@ -50,9 +62,17 @@ class Joint:
     child: int
     origin: Array  # (4, 4) the child's frame in the parent's at rest
     axis: Array  # (3,) unit vector in the child's frame
-    lower: float  # rad, of a prismatic joint m
+    lower: float  # rad, of a prismatic joint m; as the URDF states it, also of a continuous joint
     upper: float
     mimic: Mimic | None = None  # names the joint that it follows
+    rpy: tuple[float, ...] | None = None  # rad, as of a `Shape`; None where the joint is frozen
+    damping: float = 0.0  # N m s/rad, of a prismatic joint N s/m
+    friction: float = 0.0  # N m, of a prismatic joint N
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Its range, rad (m): a full turn of a continuous joint."""
+        return (-np.pi, np.pi) if self.kind == "continuous" else (self.lower, self.upper)
 
 
 @dataclass(frozen=True)

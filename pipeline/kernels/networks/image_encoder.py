@@ -4,16 +4,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import gcd
-from typing import Literal
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from pipeline.errors import InvalidInput
+from pipeline.kernels.networks.network_configurations import Norm
 from pipeline.kernels.tensor_checks import COLOURS, check_full_precision, check_intensities
 
-Norm = Literal["batch", "instance", "group"]
 GROUPS = 8  # most groups of channels of a group normalisation; fewer where groups would have different sizes
 NEAREST_DEPTH = 0.01
 """m; nearer points are moved to this depth. Cameras are farther than 0.5 m from objects of the size that networks see."""

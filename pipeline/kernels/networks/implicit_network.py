@@ -1,12 +1,10 @@
 """Implicit networks: signed distances to an object's surface from an image and touches."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import torch
-from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -14,7 +12,7 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.networks.image_encoder import ENCODER_PLANS, ImageEncoder, MapGrid, pool_features, project_to_pixels
 from pipeline.kernels.networks.initial_weights import draw_weights
-from pipeline.kernels.networks.network_configurations import NetworkInputs
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.kernels.networks.touch_features import POINT_FEATURES, TOUCH_FEATURES, TouchPoints, heights_above_touches, touches_by_item
 from pipeline.kernels.tensor_checks import COLOURS
 
@@ -30,31 +28,6 @@ LEAST_REACH, REACH_PER_ERROR = 0.001, 4.0
 SMALLEST_REACH = 1e-6  # m: below this reach no point is near a touch; squares of shares of it leave float32
 TANH_SLOPE = 0.05
 """Slope that is added to the tanh of the predicted distances: a tanh alone is flat where most points are, and stops learning there."""
-
-
-class ImplicitConfig(NetworkInputs):
-    """The inputs and sizes of an `ImplicitNetwork`."""
-
-    encoder_layers: Literal[12, 15, 18, 25] = 12
-    encoder_kernel: Literal[3, 5] = 5
-    encoder_width: float = Field(default=0.25, gt=0, le=64)
-    features: int = Field(default=128, ge=2, le=2**12)  # of each layer of the decoder
-    blocks: int = Field(default=3, ge=0, le=100)  # of the decoder: residual, of two layers
-    band: float = Field(default=0.03, gt=0)  # m: distances beyond, on either side, count the same
-    spacing: float = Field(default=0.004, gt=0)  # of the grid that a reconstruction's mesh is made on, m
-    touch_reach: float = Field(default=0.01, ge=0, le=1)
-    """Largest distance, m, to which a reconstruction follows touches: the weight is 1/e there. 0: the network alone."""
-
-
-IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
-    "implicit-touch": ImplicitConfig(touch=True),
-    "implicit-occluded": ImplicitConfig(image="occluded"),
-    "implicit-occluded-touch": ImplicitConfig(image="occluded", touch=True),
-    "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
-    "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
-    "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
-}
-"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them."""
 
 
 @dataclass(frozen=True)

@@ -115,7 +115,7 @@ def test_rows_without_their_inputs_are_left_out_with_the_reason(data, tmp_path, 
     copy = shutil.copytree(data, tmp_path / "data", ignore=shutil.ignore_patterns("charts", "evaluation*", "vision"))
     assert (copy / "scores" / "shipped.json").exists()
     printed = vt("report", copy, "--shipped", "--no-pages")
-    assert "the network that ships is left out: touch: fit-charts has not been run" in printed
+    assert "the pretrained network is not measured: touch: fit-charts has not been run" in printed
     assert "unoccluded: render-vision has not made it" in printed
     assert "no network has been evaluated" in printed
     assert not (copy / "scores" / "shipped.json").exists(), "it was of images and charts that are gone"
@@ -150,7 +150,7 @@ def test_a_dataset_without_test_objects_has_a_report_without_shipped_rows(tmp_pa
     spheres.make_data(tmp_path, 2, ("train",))
     ship(monkeypatch, tmp_path)
     printed = vt("report", tmp_path, "--shipped", "--no-pages")
-    assert "the network that ships is left out: the dataset has no test objects (`splits` of its manifest)" in printed
+    assert "the pretrained network is not measured: the dataset has no test objects (`splits` of its manifest)" in printed
 
 
 def test_the_summary_keeps_a_network_whose_own_meshes_were_scored_under_its_name(tmp_path):

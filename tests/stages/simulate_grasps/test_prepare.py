@@ -1,7 +1,5 @@
 """Prepared hands and objects: the distance grid classifies clear fingers and palms correctly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ def test_distance_grid_classifies_clear_fingers_as_clear(hand_name: str) -> None
     for seed, mesh in enumerate((mug(), bar())):
         rng = np.random.default_rng(seed)
         points, normals = points_on(mesh, 2000, seed=seed)
-        prepared_object = prepare_object(mesh, points, normals, cell=SETTINGS.grid_cell, reach=prepared.reach)
+        prepared_object = prepare_object(mesh, points, normals, reach=prepared.reach)
         for place, distance in zip(rng.integers(len(points), size=8), np.linspace(0.01, 0.15, 8), strict=True):
             pose = tangent_palm_pose(prepared.hand, points[place], normals[place], distance=distance, angle=rng.uniform(0, 2 * np.pi))
             frames = compose(pose, prepared.ik.frames[rng.integers(len(prepared.ik.frames), size=20)])
@@ -39,7 +37,7 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
     """A band narrower than the palm's spheres had a gripper's palm in the way at any distance."""
     prepared, mesh = prepare_hand(SETTINGS.model_copy(update={"hand": hand_name})), bar()
     points, normals = points_on(mesh, 2000, seed=0)
-    field = prepare_object(mesh, points, normals, cell=SETTINGS.grid_cell, reach=prepared.reach).field
+    field = prepare_object(mesh, points, normals, reach=prepared.reach).field
     rng, clearance = np.random.default_rng(0), prepared.ik.clearance
     poses = [
         tangent_palm_pose(prepared.hand, points[place], normals[place], distance=0.15, angle=rng.uniform(0, 2 * np.pi))

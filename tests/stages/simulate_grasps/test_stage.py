@@ -21,8 +21,8 @@ from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
-from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.stage import HOLD_TESTS, SimulateGrasps
+from stages.simulate_grasps.grasping import HOLD_TESTS
+from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages import ball_dataset
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -140,7 +140,7 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
 def test_failed_attempts_report_the_reason() -> None:
     """Twenty steps are too few for fingers to rest; the object has room."""
     ball = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
-    settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20, "resting_speed": 1e-12})
+    settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20})
     error = pytest.raises(
         InvalidInput, match=r"0 of 1 grasps found in 2 attempts: fingers still move after 20 steps \(simulate-grasps.settle_steps\)"
     )

@@ -1,0 +1,84 @@
+"""Objects as convex parts, for engines without concave shapes: coacd's decomposition, kept in a cache."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import igl
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from pipeline.errors import InvalidInput
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.geometry.mesh import Mesh, is_watertight
+from pipeline.store.storage import temporary
+
+THRESHOLD = 0.05
+"""Largest concavity of a part, as a share of the object's size (Wei et al. 2022): coacd's default."""
+CONVEX = 0.99
+"""Share of its convex hull's volume from which on a piece counts as convex."""
+THICKENED = 0.022
+"""Distance from the surface, as a share of half of the object's largest extent, within which vertices of parts are moved to it: coacd
+remeshes objects that are no closed manifolds, half as far outside (0.55 of its voxels), and every part would be too thick."""
+
+
+def convex_parts(mesh: Mesh) -> list[Array]:
+    """Split a mesh, m, into convex parts, each the hull of its vertices (N, 3); cached below `XDG_CACHE_HOME` by the mesh's hash."""
+    content = hashlib.sha256(mesh.vertices.tobytes() + mesh.faces.tobytes() + repr((THRESHOLD, CONVEX, THICKENED)).encode()).hexdigest()
+    path = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "vt-pipeline" / "convex-parts" / f"{content}.npz"
+    if not path.exists():
+        parts = _decompose(mesh)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with temporary(path) as beside:
+            with beside.open("wb") as file:
+                np.savez(file, *parts)
+            beside.replace(path)
+    with np.load(path) as stored:
+        return [stored[name] for name in stored.files]
+
+
+def _decompose(mesh: Mesh) -> list[Array]:
+    """Take the closed pieces of a mesh that are convex as they are, and split the others."""
+    try:
+        import coacd
+    except ModuleNotFoundError as error:
+        raise InvalidInput("convex parts need coacd; `pip install -c constraints.txt -e '.[mujoco]'` installs it") from error
+    coacd.set_log_level("error")
+    parts = []
+    for piece in _pieces(mesh):
+        hull = ConvexHull(piece.vertices)
+        if _volume(piece) >= CONVEX * hull.volume:
+            parts.append(piece.vertices[hull.vertices])
+        else:
+            hulls = coacd.run_coacd(coacd.Mesh(piece.vertices, piece.faces), threshold=THRESHOLD, seed=0)
+            parts += [_at_surface(np.asarray(vertices), piece) for vertices, _ in hulls]
+    return parts
+
+
+def _pieces(mesh: Mesh) -> list[Mesh]:
+    """Split a mesh into its connected pieces; one that is open, or encloses a cavity, stays whole.
+
+    Pieces of a closed mesh may overlap: the object is their union.
+    """
+    positions, inverse = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    faces = inverse.reshape(-1)[mesh.faces]
+    labels = igl.facet_components(np.ascontiguousarray(faces.astype(np.int64)))[1]
+    pieces = []
+    for label in range(labels.max() + 1):
+        used, corners = np.unique(faces[labels == label], return_inverse=True)
+        pieces.append(Mesh.bare(positions[used], corners.reshape(-1, 3)))
+    split = all(is_watertight(piece.faces) and _volume(piece) > 0 for piece in pieces)
+    return pieces if split else [Mesh.bare(positions, faces)]
+
+
+def _volume(mesh: Mesh) -> float:
+    """Compute the signed volume that a closed mesh encloses, m³."""
+    first, second, third = np.moveaxis(mesh.triangles - mesh.vertices[0], 1, 0)
+    return float(np.einsum("fi,fi->", first, np.cross(second, third)) / 6)
+
+
+def _at_surface(points: Array, mesh: Mesh) -> Array:
+    """Move the points (N, 3) that are near a mesh onto it."""
+    squares, _, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces.astype(np.int64))
+    reach = THICKENED * float(np.ptp(mesh.vertices, axis=0).max()) / 2
+    return np.where((squares <= reach**2)[:, None], nearest, points)

@@ -1,0 +1,183 @@
+"""Write the URDF that physics engines load: a hand as its files describe it, with a plate for each gel."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from pipeline.console import abbreviate
+from pipeline.kernels.arrays import Array
+from pipeline.kernels.hand.model import Hand, Inertial, Joint, Link
+from pipeline.kernels.touch.depth_maps import gel_top
+from pipeline.kernels.touch.sensor import Sensor
+
+DENSITY = 1000.0
+"""kg/m³ of the boxes around a link's collision shapes, to estimate the mass of a link without one."""
+MIN_MASS = 1e-3
+"""Mass of a link without a mass and without collision shapes, kg."""
+MIN_MOMENT = 1e-9
+"""kg m², least moment of inertia that is estimated."""
+ROUNDED = 0.01
+"""Share by which the largest moment of inertia may exceed the sum of the two others, which no body's does: files round."""
+LEAST_GYRATION = 0.01
+"""Least possible greatest radius of gyration of a link, as a share of the diagonal of its box: a rod has 0.29. No body has more than 1."""
+GEL_MASS = 0.02
+"""kg, of a gel's plate: a lighter one swings on its spring faster than steps of 1/240 s can follow."""
+FOLLOWER_SLACK = 0.1
+"""rad (m) beyond the limits of its leader that a following joint is free to move, so that the two limits do not conflict."""
+SIZES = {"box": ("size",), "sphere": ("radius",), "cylinder": ("radius", "length"), "capsule": ("radius", "length")}
+"""The attributes of a shape that hold its size."""
+
+
+def write_hand_urdf(hand: Hand, folder: Path, sensors: Sequence[Sensor] = ()) -> Path:
+    """Write a hand's URDF and its collision meshes, as convex OBJ files, into a folder.
+
+    Visuals are left away, every link has a mass and an inertia that a body can have, frozen joints are fixed, and a joint that follows
+    another one is as free as that one. With the sensors of its mounts, each has a plate that slides along its normal.
+    """
+    robot = Element("robot", name=hand.name)
+    for number, link in enumerate(hand.links):
+        _add_link(robot, link, folder / f"link-{number}")
+    for joint in hand.joints:
+        _add_joint(robot, joint, hand)
+    for number, sensor in enumerate(sensors):
+        _add_plate(robot, hand, number, sensor)
+    indent(robot)  # PyBullet breaks lines after 8192 characters, wherever that is
+    path = folder / "hand.urdf"
+    ElementTree(robot).write(path)
+    return path
+
+
+def inertia_notes(hand: Hand) -> list[str]:
+    """Name the links whose mass or inertia is estimated, because the URDF states none, or one that no body can have."""
+    massless = [link.name for link in hand.links if link.inertial is None]
+    guessed = [link.name for link in hand.links if link.inertial is not None and _possible_moments(link) is None]
+    notes = []
+    if massless:
+        notes.append(
+            f"the URDF states no mass for {abbreviate(massless)}: estimated at {DENSITY:g} kg/m³ of the collision shapes, "
+            "at least 1 g per link"
+        )
+    if guessed:
+        notes.append(
+            f"the URDF states no <inertia> that a body of that mass and size can have for {abbreviate(guessed)}: estimated from mass and "
+            "collision shapes; give positive moments in kg m², none greater than the sum of the two others"
+        )
+    return notes
+
+
+def gel_name(number: int) -> str:
+    """Name the link of a sensor's plate, and the joint that moves it."""
+    return f"gel of sensor {number}"
+
+
+def _add_link(robot: Element, link: Link, stem: Path) -> None:
+    element = SubElement(robot, "link", name=link.name)
+    _add_inertial(element, _estimated(link))
+    for number, shape in enumerate(link.collisions):
+        collision = SubElement(element, "collision")
+        geometry = SubElement(collision, "geometry")
+        if shape.kind == "mesh":
+            path = stem.with_name(f"{stem.name}-{number}.obj")
+            trimesh.Trimesh(shape.mesh.vertices, shape.mesh.faces, process=False).convex_hull.export(path)
+            SubElement(geometry, "mesh", filename=str(path))
+        else:
+            _add_origin(collision, shape.origin, shape.rpy)
+            names = SIZES[shape.kind]
+            sizes = [shape.size] if len(names) == 1 else [[size] for size in shape.size]
+            SubElement(geometry, shape.kind, {name: _text(size) for name, size in zip(names, sizes, strict=True)})
+
+
+def _add_inertial(element: Element, body: Inertial) -> None:
+    inertial = SubElement(element, "inertial")
+    SubElement(inertial, "origin", xyz=_text(body.centre), rpy=_text(body.rpy))
+    SubElement(inertial, "mass", value=repr(body.mass))
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    SubElement(inertial, "inertia", {name: repr(moment) for name, moment in zip(names, body.moments or (), strict=True)})
+
+
+def _estimated(link: Link) -> Inertial:
+    """Return the mass and the moments of a link; what is not known is estimated as that of a box of water around its shapes."""
+    low, high = _box(link)
+    body = link.inertial
+    if body is None:
+        mass = max(DENSITY * float(np.prod(high - low)), MIN_MASS)
+        body = Inertial(mass, (low + high) / 2, (0.0, 0.0, 0.0), None)
+    x, y, z = (high - low).tolist()
+    moments = [max(body.mass / 12 * moment, MIN_MOMENT) for moment in (y * y + z * z, x * x + z * z, x * x + y * y)]
+    box = (moments[0], 0.0, 0.0, moments[1], 0.0, moments[2])
+    return replace(body, moments=_possible_moments(link) or box)
+
+
+def _possible_moments(link: Link) -> tuple[float, ...] | None:
+    """Return the stated moments of a link; None if there are none, or no body of this mass and size has them.
+
+    Where rounded numbers violate the triangle inequality, all moments are raised by what is missing: PyBullet would take 0, and MuJoCo
+    the mean of the three.
+    """
+    if link.inertial is None or link.inertial.moments is None:
+        return None
+    xx, xy, xz, yy, yz, zz = link.inertial.moments
+    least, middle, greatest = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).tolist()
+    if least <= 0 or greatest > (1 + ROUNDED) * (least + middle):
+        return None
+    low, high = _box(link)
+    gyration, size = np.sqrt(greatest / link.inertial.mass), float(np.linalg.norm(high - low))
+    if size and not LEAST_GYRATION * size <= gyration <= size:
+        return None
+    missing = max(greatest * (1 + 1e-6) - least - middle, 0.0)
+    return xx + missing, xy, xz, yy + missing, yz, zz + missing
+
+
+def _box(link: Link) -> tuple[Array, Array]:
+    """Find the least and the greatest corner (3,) of the collision shapes, else of what is seen, m; both 0 for a link without shapes."""
+    corners = np.concatenate([shape.mesh.vertices for shape in link.collisions or link.visuals] or [np.zeros((1, 3))])
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _add_joint(robot: Element, joint: Joint, hand: Hand) -> None:
+    element = SubElement(robot, "joint", name=joint.name, type=joint.kind)
+    SubElement(element, "parent", link=hand.links[joint.parent].name)
+    SubElement(element, "child", link=hand.links[joint.child].name)
+    _add_origin(element, joint.origin, joint.rpy)
+    SubElement(element, "axis", xyz=_text(joint.axis))  # of length 1: PyBullet slides along an axis by its length
+    lower, upper = joint.lower, joint.upper
+    for follower in hand.followers:
+        if follower.link == joint.child:
+            ends = [follower.multiplier * float(limit[follower.entry]) + follower.offset for limit in (hand.lower, hand.upper)]
+            lower, upper = min(ends) - FOLLOWER_SLACK, max(ends) + FOLLOWER_SLACK
+    SubElement(element, "limit", lower=repr(lower), upper=repr(upper), effort=repr(hand.torque), velocity="100")
+    SubElement(element, "dynamics", damping=repr(joint.damping), friction=repr(joint.friction))
+
+
+def _add_plate(robot: Element, hand: Hand, number: int, sensor: Sensor) -> None:
+    """Add the plate of a gel, which slides from the sensor plane to the surface of the gel."""
+    link = SubElement(robot, "link", name=gel_name(number))
+    _add_inertial(link, Inertial(GEL_MASS, np.zeros(3), (0.0, 0.0, 0.0), (1e-6, 0.0, 0.0, 1e-6, 0.0, 1e-6)))
+    plate = SubElement(link, "collision")
+    SubElement(plate, "origin", xyz=f"0 0 {-sensor.w / 2}")
+    SubElement(SubElement(plate, "geometry"), "box", size=f"{sensor.width} {sensor.height} {sensor.w}")
+    joint = SubElement(robot, "joint", name=gel_name(number), type="prismatic")
+    SubElement(joint, "parent", link=hand.links[hand.sensors[number].link].name)
+    SubElement(joint, "child", link=gel_name(number))
+    _add_origin(joint, hand.sensors[number].pose, None)
+    SubElement(joint, "axis", xyz="0 0 1")
+    SubElement(joint, "limit", lower="0", upper=str(gel_top(sensor)), effort="1000", velocity="10")
+
+
+def _add_origin(
+    element: Element,
+    pose: Array,  # (4, 4)
+    rpy: Sequence[float] | None,  # rad; None: any angles of the pose, of several at a pitch of 90°
+) -> None:
+    angles = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz", suppress_warnings=True) if rpy is None else rpy
+    SubElement(element, "origin", xyz=_text(pose[:3, 3]), rpy=_text(angles))
+
+
+def _text(numbers: ArrayLike) -> str:
+    return " ".join(map(repr, np.asarray(numbers, np.float64).tolist()))
