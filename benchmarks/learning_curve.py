@@ -3,8 +3,6 @@
 Trains implicit networks on these numbers of training objects, from each class in turn, and measures them on the test objects.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import defaultdict

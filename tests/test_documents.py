@@ -1,7 +1,5 @@
 """Files, functions, links, make targets, commands, options and settings named in the documents exist."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path

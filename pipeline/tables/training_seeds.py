@@ -13,7 +13,7 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
+from pipeline.store.validate import check_origins
 from stages.evaluate.baselines import retrieved_by
 from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
 from stages.evaluate.settings import SHIPPED_SCORES
@@ -47,7 +47,7 @@ def _scored(directory: DataDirectory) -> Iterator[tuple[str, str | None]]:
                 yield name, str(error)
             else:
                 outdated = name == SHIPPED_SCORES and settings["weights"] != shipped_digest()
-                yield name, "another network ships now; measure it with `report --shipped`" if outdated else None
+                yield name, "the pretrained network is another now; measure it with `report --shipped`" if outdated else None
 
 
 def read_values(folders: Sequence[Path]) -> Values:

@@ -17,7 +17,7 @@ from pipeline.errors import StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.directory import DataDirectory
-from pipeline.store.spec import array_spec, numpy_dtype
+from pipeline.store.layout import array_spec, numpy_dtype
 from pipeline.store.storage import list_folder, zarr_store
 from schemas.evaluation import GROUPS, VERSION
 

@@ -11,8 +11,7 @@ from pipeline.config.manifest import TOTAL
 from pipeline.console import pluralise
 from pipeline.dataset.grasps import grasping_sensors
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.dataset.touch_statistics import tally
 from pipeline.engine.stage import DatasetJob
 from pipeline.errors import InvalidInput

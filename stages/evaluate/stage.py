@@ -17,7 +17,7 @@ from pipeline.engine.stage import Cost, DatasetJob, DatasetStage
 from pipeline.models.families import inputs_of, load_rows, model_name
 from pipeline.models.reconstruction import Reconstructor
 from pipeline.store.directory import DataDirectory
-from pipeline.store.row_files import Result, RowFiles
+from pipeline.store.rows import Result, RowFiles
 from pipeline.training.device import device_of, torch_threads
 from schemas.base import Artifact
 from schemas.charts import CHARTS

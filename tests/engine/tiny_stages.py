@@ -29,8 +29,7 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
-from pipeline.store.row_files import Result
-from pipeline.store.rows import Row, conform
+from pipeline.store.rows import Result, Row, conform
 from schemas.base import Array, Artifact, coordinates
 from tests import conftest
 

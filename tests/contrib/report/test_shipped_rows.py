@@ -85,7 +85,7 @@ def test_report_shows_rows_and_meshes_of_the_shipped_network_and_measures_it_onc
     ship(monkeypatch, data)
     with monkeypatch.context() as another:
         another.setattr("pipeline.tables.training_seeds.shipped_digest", lambda: "another")
-        assert "another network ships now" in outdated_scores(DataDirectory(data))["scores/shipped"]
+        assert "the pretrained network is another now" in outdated_scores(DataDirectory(data))["scores/shipped"]
     assert not outdated_scores(DataDirectory(data))
     before = DataDirectory(data).verified_folder("scores/shipped")
     printed = vt("report", data, "--shipped", "--no-pages")
