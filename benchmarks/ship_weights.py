@@ -20,8 +20,7 @@ from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import as_location
 from pipeline.store.validate import check_origins
 from pipeline.training.training_stage import learned_from
-from stages.evaluate.evaluation_files import read_figures, read_table
-from stages.evaluate.settings import SHIPPED_ROWS, SHIPPED_SCORES
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, read_figures, read_table
 
 NOT_FOR = (
     "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "

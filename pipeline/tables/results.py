@@ -12,11 +12,11 @@ from pipeline.errors import StoreError, first_line
 from pipeline.formats.description_file import invalid_entries
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import exists
+from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.orderings import orderings, orderings_table
+from pipeline.tables.supplement_figures import BEST_EPOCH
 from pipeline.tables.training_seeds import trainings_table
 from pipeline.training.loop import METRICS, read_metrics
-from stages.evaluate.supplement_figures import BEST_EPOCH
-from stages.evaluate.tables import evaluation_tables
 
 
 def trained_models(directory: DataDirectory, evaluated: Sequence[str]) -> dict[str, str]:

@@ -11,8 +11,8 @@ from pipeline.console import pluralise
 from pipeline.kernels.metrics.bootstrap import Interval, mean_interval
 from pipeline.kernels.networks.network_configurations import INPUT_CHOICES
 from pipeline.rng import numpy_rng
+from pipeline.tables.comparison import comparable_figures
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.comparison import comparable_figures
 from stages.evaluate.evaluation_files import Figures, read_root, read_table
 
 GIVEN = {

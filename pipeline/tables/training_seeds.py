@@ -14,11 +14,10 @@ from pipeline.models.families import inputs_of
 from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from pipeline.store.validate import check_origins
+from pipeline.tables.evaluation_tables import QUALITY_UNITS
 from stages.evaluate.baselines import retrieved_by
-from stages.evaluate.evaluation_files import Figures, read_figures, read_root, read_table
-from stages.evaluate.settings import SHIPPED_SCORES
+from stages.evaluate.evaluation_files import SHIPPED_SCORES, Figures, read_figures, read_root, read_table
 from stages.evaluate.shipped import shipped_digest
-from stages.evaluate.tables import QUALITY_UNITS
 
 MAY_DIFFER = ("training_seed", "configurations")
 """Settings in which evaluations of one report may differ."""

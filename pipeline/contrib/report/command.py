@@ -24,10 +24,10 @@ def report(
     The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
     """
     from pipeline.contrib.report.html_report import write_report
+    from pipeline.tables.evaluation_tables import evaluation_tables
     from pipeline.tables.results import results_tables, training_facts, training_table
     from pipeline.tables.training_seeds import outdated_scores, scores
     from stages.evaluate.evaluation_files import evaluations
-    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     if shipped:

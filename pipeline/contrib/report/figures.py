@@ -27,7 +27,7 @@ from pipeline.kernels.hand.pregrasp import pregrasp_angles
 from pipeline.kernels.touch.depth_maps import in_gel, local_points
 from pipeline.kernels.touch.sensor import masked_points
 from pipeline.models.touch_model import load_touch_model
-from stages.evaluate.settings import SHIPPED_ROWS
+from stages.evaluate.evaluation_files import SHIPPED_ROWS
 from stages.render_vision.renderer import Renderer
 
 PIXELS = 384

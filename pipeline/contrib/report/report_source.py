@@ -19,9 +19,11 @@ from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
 from pipeline.store.collection import Collection
 from pipeline.store.storage import Location
 from pipeline.store.validate import check_origins
+from pipeline.tables.comparison import difference
+from pipeline.tables.evaluation_tables import ACCURACY
 from pipeline.tables.training_seeds import scores
-from stages.evaluate.comparison import difference
 from stages.evaluate.evaluation_files import (
+    SHIPPED_SCORES,
     Arrays,
     Figures,
     evaluations,
@@ -32,8 +34,6 @@ from stages.evaluate.evaluation_files import (
     read_table,
     surface_of,
 )
-from stages.evaluate.settings import SHIPPED_SCORES
-from stages.evaluate.tables import ACCURACY
 
 SHOWN_METRICS = {**dict(ACCURACY.values()), "chamfer": TABLE_3_FACTOR}
 """The metrics of single objects, and the factors to their units."""

@@ -14,8 +14,7 @@ ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
-RADIUS = DIAGONAL / 2
-"""m, of the ball that objects lie in, as networks see them. Lengths in settings of trainings are for these."""
+RADIUS = DIAGONAL / 2  # m, of the ball that objects lie in, as networks see them; settings of trainings are for these
 
 
 class NetworkInputs(BaseModel):

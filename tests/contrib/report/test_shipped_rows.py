@@ -26,15 +26,14 @@ from pipeline.engine.plan import Request
 from pipeline.models.shipped_weights import DEFAULT
 from pipeline.reconstruct.score import _learned_from, _settings
 from pipeline.store.directory import DataDirectory
+from pipeline.tables.evaluation_tables import evaluation_tables
 from pipeline.tables.results_summary import DEFAULT_SERIES, _ways, summarise
 from pipeline.tables.training_seeds import outdated_scores
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
 from stages.evaluate.evaluation_files import read_figures, read_root
-from stages.evaluate.settings import EvaluationSettings
 from stages.evaluate.shipped import fitting_rows
-from stages.evaluate.stage import Evaluate
-from stages.evaluate.tables import evaluation_tables
+from stages.evaluate.stage import Evaluate, EvaluationSettings
 from tests.engine.tiny_stages import pack
 from tests.stages import ball_dataset as spheres
 
