@@ -13,7 +13,6 @@ from pipeline.console import abbreviate, pluralise
 from pipeline.formats.file_content import MESH_SUFFIXES
 
 Layout = Literal["files", "folders"]
-
 SCANS = ("google_16k", "google_64k", "google_512k", "poisson", "tsdf")
 """Folders of the YCB objects' scans, best first."""
 COLLISION = {"collision", "collisions", "convex", "coacd", "vhacd", "decomposition"}

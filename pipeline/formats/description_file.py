@@ -19,7 +19,6 @@ from pipeline.formats.file_content import expanded, read_text
 
 Kind = Literal["manifest", "hand", "sensor", "scene", "cluster", "observation", "about"]
 Model = TypeVar("Model", bound=BaseModel)
-
 UNION_MEMBER = re.compile(r"(literal|tuple)\[.*\]|constrained-[a-z]+|str|int|float|bool")
 """Part of a location in pydantic's errors that is no entry but the type tried, where an entry may have several."""
 MAX_BYTES, MAX_DEPTH = 10 * 2**20, 40

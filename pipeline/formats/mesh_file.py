@@ -30,7 +30,6 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 PLACEHOLDER = trimesh.visual.material.empty_material().image
 PLACEHOLDER_PIXELS = np.array(PLACEHOLDER.convert("RGBA"))
 """The image that trimesh substitutes where a file has texture coordinates and no material."""
-
 trimesh.util.log.disabled = True  # it logs tracebacks of what it recovers from
 
 

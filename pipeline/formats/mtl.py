@@ -12,15 +12,11 @@ from pipeline.formats.file_content import decode_text, foreign_content, without_
 
 OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
 """What may stand before the name of a texture, as `-s 1 1 1`."""
-
 MOVED = re.compile(r"-[sot](\s+-?\.?\d[\d.]*)+")
 """Options that scale, move or disturb texture coordinates."""
-
 STILL = re.compile(r"-s(\s+1(\.0*)?)+|-[ot](\s+-?\.?0[0.]*)+")
 """Those that leave them as they are."""
-
 CLAMP = re.compile(r"-clamp\s+on\b")
-
 Values = Mapping[str, Any]
 """The entries of a material by their names in lower case, as trimesh keeps them: lists of words, or numbers of colours."""
 

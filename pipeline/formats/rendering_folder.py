@@ -15,7 +15,6 @@ from pipeline.kernels.vision.camera import Viewpoint
 
 VIEWS, PIXELS = 24, 137
 """Images per model, and pixels per side of each."""
-
 METADATA, LIST = "rendering_metadata.txt", "renderings.txt"
 FIELD_OF_VIEW = 25.0
 """Degrees, the last value of each line of the metadata: the cited renderings state it, and were not made with it."""

@@ -27,7 +27,6 @@ HOLD_TESTS = {"lift": (DOWN,), "six": tuple(tuple((sign * axis).tolist()) for ax
 STEPS_PER_SECOND = 240
 LOCK_FORCE = 1000.0
 """N that hold the plate of a gel without contact where it is drawn in."""
-
 GEL_MODULUS = 1e5
 """Pa, Young's modulus of a gel whose sensor file gives none: soft silicone. Pressed in by 2 mm over 60 mm², a gel of 7 mm presses back
 with 2 N."""
