@@ -20,8 +20,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats import collada
 from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_foreign, refuse_pointer, regular_stat, without_mark
 from pipeline.formats.gltf import file_names, read_document
-from pipeline.formats.mtl import OPTIONS, read_library
-from pipeline.formats.obj_lines import LIBRARY
+from pipeline.formats.obj import LIBRARY, OPTIONS, read_library
 
 MAX_BYTES = 256 * 2**20
 """Maximum size of a mesh file, and of all files that it names together."""

@@ -12,14 +12,14 @@ import trimesh
 from numpy.typing import NDArray
 
 from pipeline.errors import InvalidInput, first_line
-from pipeline.formats import mtl
+from pipeline.formats import obj
 from pipeline.formats.collada import check_shape, cut_concave, rewrite_effects
 from pipeline.formats.file_content import MESH_SUFFIXES, refuse_foreign
 from pipeline.formats.gltf_scene import read_gltf
 from pipeline.formats.mesh_companions import ALL_LIBRARIES, Companions
 from pipeline.formats.mesh_parts import GREY, WHITE, build_part, check_corners, check_mesh
 from pipeline.formats.mesh_reader import read_in_subprocess
-from pipeline.formats.obj_lines import check_statements, rewrite_lines, rewrite_uses, usual_text
+from pipeline.formats.obj import check_statements, rewrite_lines, rewrite_uses, usual_text
 from pipeline.formats.off import read_off
 from pipeline.formats.ply import read_ply
 from pipeline.formats.stl import read_stl
@@ -127,7 +127,7 @@ def _look(part: trimesh.Trimesh, textures: Textures) -> dict[str, Any]:
     color, uv, texture = np.array(WHITE if visual.kind == "vertex" else GREY, np.uint8), None, None
     if visual.kind == "texture":
         color, texture = _material(visual.material, textures)
-        textures.unread += mtl.losses(visual.material, visual.uv)
+        textures.unread += obj.losses(visual.material, visual.uv)
         if texture is not None and visual.uv is not None and len(visual.uv) == len(part.vertices):
             uv = np.asarray(visual.uv, np.float64)[:, :2]
     return {
@@ -194,12 +194,12 @@ def _material(material: Any, textures: Textures) -> tuple[NDArray[np.uint8], NDA
         image = material.baseColorTexture
         return color, None if image is None else textures.decode(image, opaque=not textures.is_transparent(image))
     values, image = getattr(material, "kwargs", {}), getattr(material, "image", None)
-    texture = None if image is None else textures.decode(image, opaque=not mtl.keeps_alpha(values, image.info.get("file_path", "")))
+    texture = None if image is None else textures.decode(image, opaque=not obj.keeps_alpha(values, image.info.get("file_path", "")))
     if texture is None:
         color[:] = getattr(material, "diffuse", GREY) if image is None or "kd" in values else GREY
-        if (light := mtl.emission(values)) is not None:
+        if (light := obj.emission(values)) is not None:
             color[:3] = np.rint(255 * light)
-    color[3] = round(255 * mtl.opacity(values))
+    color[3] = round(255 * obj.opacity(values))
     if image is not None and texture is not None and image.mode == PLACEHOLDER.mode and np.array_equal(texture, PLACEHOLDER_PIXELS):
         color[:], texture = GREY, None  # the file states no material, or a missing one
     return color, texture
