@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from benchmarks.mujoco_hold_test import MujocoHoldTest
-from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hold_test import HOLD_TESTS, HoldTest
@@ -39,9 +39,9 @@ class GraspTest:
         hold_test = MujocoHoldTest if engine == "mujoco" else HoldTest
         return hold_test(hand, sensors, mass=self.mass, friction=self.friction, torsion=self.torsion)
 
-    def holds(self, test: HoldTest, grasp: StoredGrasp) -> bool:
+    def holds(self, test: HoldTest, grasp: Grasp) -> bool:
         """Check whether a grasp of the loaded object holds; the first acceleration under which it does not ends the test."""
-        postures = (grasp.pregrasp, grasp.joint_angles, grasp.squeeze) if self.closes else ()
+        postures = (grasp.pregrasp_angles, grasp.joint_angles, grasp.squeeze_angles) if self.closes else ()
         path = [posture for first, last in pairwise(postures) for posture in np.linspace(first, last, CLOSING_STAGES + 1)[1:]]
         step = CLOSING_SECONDS / CLOSING_STAGES
         return all(

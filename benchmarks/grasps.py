@@ -1,7 +1,5 @@
 """Time one grasp attempt, physics included. For touches see `vt-pipeline summary`, for penetration `benchmarks.stored_grasps`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from benchmarks.cases import touched_objects
@@ -11,7 +9,7 @@ from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.stage import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 
 ATTEMPTS = 10
@@ -26,7 +24,7 @@ def measure(data: Path, turns: int) -> Table:
         for case in touched_objects(data):
             points, normals = sample_exterior(case.mesh, 10_000, numpy_rng(0, "points"))
             physics.load(case.mesh)
-            prepared_object = prepare_object(case.mesh, points, normals, cell=settings.grid_cell, reach=prepared_hand.reach)
+            prepared_object = prepare_object(case.mesh, points, normals, reach=prepared_hand.reach)
             search = GraspSearch(prepared_hand, prepared_object, physics, settings, TouchPlanner(prepared_hand, prepared_object, settings))
             attempts = over_items(lambda number, s=search: s.attempt(numpy_rng(0, "attempt", number)), range(ATTEMPTS))
             table.add(case.name, side_by_side({"": attempts}, turns)[""])

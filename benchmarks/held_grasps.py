@@ -3,13 +3,12 @@
 A grasp holds if the object stays in every direction of a test; `agree` is the share of grasps on which all engines agree.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,9 +20,10 @@ from numpy.typing import NDArray
 from benchmarks.grasp_tests import GRASP_TESTS, Engine
 from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
-from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
+from pipeline.dataset.grasps import grasping_hand, grasping_sensors, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import read_grasps
+from pipeline.kernels.hand.grasp_closure import measure_contact
+from pipeline.kernels.touch.ray_depth import box_faces
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
@@ -51,7 +51,11 @@ def measure_object(data: Path, tests: Sequence[str], engines: Sequence[Engine], 
     attributes = {"grasps": grasps.first.attributes}
     hand, sensors = grasping_hand(attributes), grasping_sensors(attributes)
     surface = surfaces.view(object_id)
-    stored = read_grasps(grasps.view(object_id), surface, sensors)
+    faces, stored = box_faces(read_mesh(surface).triangles), []
+    for grasp in read_grasps(grasps.view(object_id)):
+        sites = zip(grasp.sensor_pose, sensors, grasp.touched, strict=True)
+        contacts = [measure_contact(faces, pose, sensor) if touches else None for pose, sensor, touches in sites]
+        stored.append(replace(grasp, contacts=contacts))  # with the depths of the contacts, which are not stored
     results: HoldResults = {}
     for name in tests:
         for engine in engines:

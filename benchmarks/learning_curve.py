@@ -3,8 +3,6 @@
 Trains implicit networks on these numbers of training objects, from each class in turn, and measures them on the test objects.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections import defaultdict
@@ -20,7 +18,8 @@ from benchmarks.provenance import commit, machine
 from benchmarks.timing import Table
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR, cloud_distances
-from pipeline.kernels.networks.implicit_network import ImplicitConfig, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import ImplicitConfig
 from pipeline.models.families import inputs_of, load_reconstructor
 from pipeline.models.model_files import save_model
 from pipeline.models.observation import observed_arrays, stored_observation
@@ -31,8 +30,8 @@ from pipeline.training.items import Items
 from pipeline.training.loop import train
 from stages.evaluate.measure import sample_reconstruction
 from stages.registry import resolve
-from stages.train_implicit.settings import ImplicitSettings
-from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from stages.train_implicit.learner import ImplicitLearner
+from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
 
 ANY = "implicit-any"
 POINTS = 10_000
@@ -73,7 +72,7 @@ class Experiment:
                 split,
                 settings.named,
                 items,
-                learned=ImplicitLearner.arrays,
+                learned=TrainImplicit.arrays,
                 cache_megabytes=settings.cache_megabytes,
             )
             for split, items in (("train", settings.samples_per_object), ("valid", settings.validation_items))

@@ -9,10 +9,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pipeline.contrib.exports.convex_parts import convex_parts
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.touch.depth_maps import gel_top
 from pipeline.physics.hand_urdf import gel_name, write_hand_urdf
@@ -98,13 +98,13 @@ class MujocoHoldTest(HoldTest):
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
 
-    def _begin(self, grasp: StoredGrasp, *, closes: bool) -> float:
+    def _begin(self, grasp: Grasp, *, closes: bool) -> float:
         model, data, hand = self.model, self.data, self.hand
         root = model.body(hand.links[0].name).id
         model.body_pos[root] = grasp.hand_pose[:3, 3]
         model.body_quat[root] = Rotation.from_matrix(grasp.hand_pose[:3, :3]).as_quat(scalar_first=True)
         self.mujoco.mj_resetData(model, data)
-        start = grasp.pregrasp if closes else grasp.joint_angles
+        start = grasp.pregrasp_angles if closes else grasp.joint_angles
         for name, angle in zip(hand.joint_names, start, strict=True):
             data.joint(name).qpos = angle
         for follower in hand.followers:

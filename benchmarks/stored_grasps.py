@@ -5,8 +5,6 @@ winding numbers, and random points on the object against the boxes), and whether
 that are not watertight have no inside for a winding number: for them only the object's points in the hand count.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.timing import Table, quantiles
+from pipeline.dataset.grasps import read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.kernels.geometry.mesh import Mesh, sample_triangles
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses
 from pipeline.kernels.touch.depth_maps import touch_success
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
@@ -25,9 +25,8 @@ from pipeline.physics.simulation import Simulation
 from pipeline.store.directory import DataDirectory
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.grasp_search import Grasp
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.stage import GraspSettings
 
 MORE_STEPS = 500
 """Steps that must not change a touch."""
@@ -61,9 +60,8 @@ def examine(data: Path, points: int = POINTS) -> dict[str, list[ExaminedGrasp]]:
             mesh = read_mesh(surface)
             faces = box_faces(mesh.triangles)
             physics.load(mesh)
-            for g, (pose, angles) in enumerate(zip(row["hand_pose"], row["joint_angles"], strict=True)):
-                touched, recorded = row["touch_success"][g], float(row["penetration"][g])
-                grasp = Grasp(pose, angles, row["sensor_pose"][g], touched, recorded, None)
+            for g, grasp in enumerate(read_grasps(row)):
+                pose, angles, touched, recorded = grasp.hand_pose, grasp.joint_angles, grasp.touched, float(row["penetration"][g])
                 depth = independent_depth(prepared, mesh, grasp, np.random.default_rng(g), points)
                 later, _ = physics.settle(pose, angles, angles, max_steps=MORE_STEPS, resting_speed=0.0)
                 after = [

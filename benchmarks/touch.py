@@ -1,7 +1,5 @@
 """Measure depth and tactile image of one sensor beside TACTO and Taxim."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import tempfile
@@ -23,7 +21,7 @@ from pipeline.kernels.touch.depth_maps import quantise_depth
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor, pixel_centres, sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image
-from stages.simulate_touch.settings import TouchSettings
+from stages.simulate_touch import TouchSettings
 
 TACTO = ROOT / ".venv-peers-tacto" / "bin" / "python"
 LARGE = "480 × 640"

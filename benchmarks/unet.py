@@ -1,7 +1,5 @@
 """Measure a training step of the U-Net with and without each loss."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +14,7 @@ from benchmarks.depth import press, wavy_ball
 from benchmarks.timing import Table, Times
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss, projected_chamfer_loss
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.rng import seeded_weights

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from importlib.metadata import EntryPoint
-from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 from pydantic import ValidationError
@@ -22,35 +21,27 @@ from pipeline.errors import InvalidInput, PipelineError, StageError, unknown_nam
 from pipeline.formats.description_file import invalid_entries
 from schemas.catalogue import ARTIFACTS
 
-
-class Entry(NamedTuple):
-    """Locate a stage: its folder, and the classes in the modules `stage` and `settings` of the folder."""
-
-    folder: str
-    stage: str
-    settings: str
-
-
 BUILT_IN = {
-    "sample-surfaces": Entry("stages.sample_surfaces", "SampleSurfaces", "SurfaceSettings"),
-    "simulate-grasps": Entry("stages.simulate_grasps", "SimulateGrasps", "GraspSettings"),
-    "render-vision": Entry("stages.render_vision", "RenderVision", "VisionSettings"),
-    "simulate-touch": Entry("stages.simulate_touch", "SimulateTouch", "TouchSettings"),
-    "simulate-presses": Entry("stages.simulate_presses", "SimulatePresses", "PressSettings"),
-    "sample-distances": Entry("stages.sample_distances", "SampleDistances", "DistanceSettings"),
-    "train-unet": Entry("stages.train_unet", "TrainUnet", "UnetSettings"),
-    "train-touch": Entry("stages.train_touch", "TrainTouch", "TouchTrainingSettings"),
-    "fit-charts": Entry("stages.fit_charts", "FitCharts", "ChartSettings"),
-    "train-gcn": Entry("stages.train_gcn", "TrainGcn", "GcnSettings"),
-    "train-implicit": Entry("stages.train_implicit", "TrainImplicit", "ImplicitSettings"),
-    "evaluate": Entry("stages.evaluate", "Evaluate", "EvaluationSettings"),
-    "read-renderings": Entry("stages.read_renderings", "ReadRenderings", "RenderingSettings"),
-    "train-single-image": Entry("stages.train_gcn", "TrainSingleImage", "SingleImageSettings"),
-    "evaluate-single-image": Entry("stages.evaluate", "EvaluateSingleImage", "SingleImageEvaluationSettings"),
+    "sample-surfaces": "stages.sample_surfaces:SampleSurfaces",
+    "simulate-grasps": "stages.simulate_grasps.stage:SimulateGrasps",
+    "render-vision": "stages.render_vision.stage:RenderVision",
+    "simulate-touch": "stages.simulate_touch:SimulateTouch",
+    "simulate-presses": "stages.simulate_presses:SimulatePresses",
+    "sample-distances": "stages.sample_distances:SampleDistances",
+    "train-unet": "stages.train_unet.stage:TrainUnet",
+    "train-touch": "stages.train_touch.stage:TrainTouch",
+    "fit-charts": "stages.fit_charts:FitCharts",
+    "train-gcn": "stages.train_gcn.stage:TrainGcn",
+    "train-implicit": "stages.train_implicit.stage:TrainImplicit",
+    "evaluate": "stages.evaluate.stage:Evaluate",
+    "read-renderings": "stages.read_renderings:ReadRenderings",
+    "train-single-image": "stages.train_gcn.stage:TrainSingleImage",
+    "evaluate-single-image": "stages.evaluate.stage:EvaluateSingleImage",
 }
+"""Module and class of each stage. Importing the module is cheap: what a stage computes with is imported in its session."""
 
-STAGES: dict[str, Entry | EntryPoint] = {
-    **BUILT_IN,
+STAGES = {
+    **{name: EntryPoint(name, value, "vt_pipeline.stages") for name, value in BUILT_IN.items()},
     **{entry.name: entry for entry in plugins.declared("stages") if entry.name not in BUILT_IN},
 }
 """All stages: `BUILT_IN`, then those of plugins."""
@@ -60,8 +51,8 @@ GRASP_STAGES = [name for name in BUILT_IN if "single-image" not in name and name
 
 DATASET = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch")
 """Stages that make a dataset."""
-TRADED = tuple(name for name in GRASP_STAGES if find_spec(f"{BUILT_IN[name].folder}.trade"))
-"""Stages that declare what they trade between speed and accuracy, in the module `trade` of their folder."""
+TRADED = ("sample-surfaces", "simulate-grasps", "render-vision", "simulate-touch", "train-unet", "fit-charts", "train-gcn")
+"""Stages that declare what they trade between speed and accuracy: their modules have a `TRADE`."""
 
 
 def load_stage(name: str) -> ObjectStage | DatasetStage:
@@ -73,9 +64,7 @@ def load_stage(name: str) -> ObjectStage | DatasetStage:
     packages = [plugins.package_of(entry) for entry in plugins.declared("stages") if entry.name == name]
     plugins.check_unique("stage", name, ["vt-pipeline"] * (name in BUILT_IN) + packages)
     entry = STAGES[name]
-    if isinstance(entry, EntryPoint):
-        return _load_plugin(entry)
-    stage: ObjectStage | DatasetStage = getattr(import_module(f"{entry.folder}.stage"), entry.stage)()
+    stage: ObjectStage | DatasetStage = entry.load()() if name in BUILT_IN else _load_plugin(entry)
     return stage
 
 
@@ -90,18 +79,9 @@ def _load_plugin(entry: EntryPoint) -> ObjectStage | DatasetStage:
     return stage
 
 
-def load_settings_type(name: str) -> type[Settings]:
-    """Load the settings type of the stage called `name`, without the libraries that the stage needs."""
-    entry = STAGES[name]
-    if isinstance(entry, EntryPoint):
-        return load_stage(name).settings_type
-    settings: type[Settings] = getattr(import_module(f"{entry.folder}.settings"), entry.settings)
-    return settings
-
-
 def load_trade(name: str) -> Trade:
     """Load what the stage called `name`, one of `TRADED`, trades between speed and accuracy."""
-    trade: Trade = import_module(f"{BUILT_IN[name].folder}.trade").TRADE
+    trade: Trade = import_module(STAGES[name].module).TRADE
     return trade
 
 
@@ -115,7 +95,7 @@ def resolve(
     Assignments to other stages change nothing, hence one list serves all stages. For an unknown preset, stage or
     setting, or a value that is not allowed, an `InvalidInput` lists the known ones.
     """
-    presets, settings = load_presets(), load_settings_type(stage)
+    presets, settings = load_presets(), load_stage(stage).settings_type
     if preset not in presets:
         raise InvalidInput(unknown_name("preset", preset, presets))
     values = {**settings.presets.get(preset, {}), **presets[preset].get(stage, {})}
@@ -129,7 +109,7 @@ def resolve(
         if owner == stage or (not owner and (setting in settings.model_fields or not _is_known(setting, STAGES))):
             values[setting] = _value(assignment, text)
         elif owner and not _is_known(setting, [owner]):
-            raise InvalidInput(f"--set {assignment}: {unknown_name('setting', setting, load_settings_type(owner).model_fields)}")
+            raise InvalidInput(f"--set {assignment}: {unknown_name('setting', setting, load_stage(owner).settings_type.model_fields)}")
     try:
         return settings.model_validate(values)
     except ValidationError as error:
@@ -155,7 +135,7 @@ def check_assignments(preset: str, assignments: Sequence[str], stage: str) -> No
 def _is_known(setting: str, stages: Iterable[str]) -> bool:
     for stage in stages:
         with suppress(PipelineError):  # of a plugin that cannot be used
-            if setting in load_settings_type(stage).model_fields:
+            if setting in load_stage(stage).settings_type.model_fields:
                 return True
     return False
 

@@ -19,8 +19,9 @@ from pipeline.cli.request import make_executor
 from pipeline.config.settings import value_text
 from pipeline.formats.description_file import shipped_files
 from pipeline.tradeoff.sweep import point_folder
-from stages.registry import STAGES, load_settings_type, load_stage
+from stages.registry import STAGES, load_stage
 from stages.request import make_request
+from stages.sample_surfaces import SurfaceSettings
 
 RUN = ["run", "sample-surfaces"]
 
@@ -43,12 +44,12 @@ def test_stages_lists_every_setting_with_its_reason():
 def test_stages_shows_folders_that_are_read_and_defaults_as_set_takes_them():
     output = invoke("stages")[1]
     assert "reads touch, grasps, models/unet; writes charts" in output
-    reads = load_stage("evaluate").reads(load_settings_type("evaluate")())
+    reads = load_stage("evaluate").reads(load_stage("evaluate").settings_type())
     assert [name for name in reads if name.startswith("models/")]
     assert f"reads {', '.join(reads)}; writes evaluation" in output
     for word in ("False", "None", "(", "'"):
-        assert all(word not in value_text(info.default) for name in STAGES for info in load_settings_type(name).model_fields.values())
-    assert f"configurations {value_text(load_settings_type('evaluate').model_fields['configurations'].default)} " in output
+        assert all(word not in value_text(info.default) for name in STAGES for info in load_stage(name).settings_type.model_fields.values())
+    assert f"configurations {value_text(load_stage('evaluate').settings_type.model_fields['configurations'].default)} " in output
 
 
 def test_up_to_date_run_imports_neither_executor_nor_torch(tmp_path):
@@ -293,7 +294,7 @@ def test_dry_run_checks_the_hand_file_before_inputs_exist(tmp_path):
 
 @pytest.mark.parametrize(("address", "warns"), [("tcp://HOST:8786", True), ("HOST:8786", True), ("tls://HOST:8786", False)])
 def test_scheduler_without_authentication_is_warned_of(capsys, address, warns):
-    make_executor("dask", 0, address)
+    make_executor("processes", 0, address)
     output = " ".join(capsys.readouterr().err.split())
     assert (f"warning: whoever reaches {address} can run code as you" in output) == warns
 
@@ -324,7 +325,10 @@ def test_version_equals_the_package_version() -> None:
         ("run sample-surfaces --manifest no-such --object duc", []),
         ("run sample-surfaces --manifest fo", ["four-classes"]),
         ("run sample-surfaces --set simulate-", ["simulate-grasps.", "simulate-touch.", "simulate-presses."]),
-        ("run sample-surfaces --set sample-s", [f"sample-surfaces.{name}=" for name in load_settings_type("sample-surfaces").model_fields]),
+        (
+            "run sample-surfaces --set sample-s",
+            [f"sample-surfaces.{name}=" for name in SurfaceSettings.model_fields],
+        ),
         ("run sample-surfaces --set simulate-grasps.attem", ["simulate-grasps.attempts=50"]),
         ("run sample-surfaces --set simulate-grasps.sensor", [f"simulate-grasps.sensor={name}" for name in shipped_files("sensor")]),
         ("run sample-surfaces --set simulate-touch.tracer", ["simulate-touch.tracer=ray", "simulate-touch.tracer=sphere"]),

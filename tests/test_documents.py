@@ -1,7 +1,5 @@
 """Files, functions, links, make targets, commands, options and settings named in the documents exist."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from pathlib import Path
@@ -13,7 +11,7 @@ import yaml
 
 from checks.documents import run_commands
 from pipeline.cli import app
-from stages.registry import STAGES, load_settings_type
+from stages.registry import STAGES, load_stage
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -76,7 +74,7 @@ def test_targets_of_make_and_settings_in_documents_exist(page):
         assert {word for word in words if re.fullmatch("[a-z][a-z-]*", word)} <= targets, line
         assert {word.partition("=")[0] for word in words if "=" in word} <= variables, line
     for stage, setting in re.findall(rf"\b({'|'.join(STAGES)})\.([a-z_]+)", shell):
-        assert setting in load_settings_type(stage).model_fields, f"{stage}.{setting}"
+        assert setting in load_stage(stage).settings_type.model_fields, f"{stage}.{setting}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -25,8 +25,7 @@ from pipeline.models.shipped_weights import card_path, read_card
 from pipeline.recipes.recipe import read_recipe
 from pipeline.reconstruct.observation_file import read_entries
 from pipeline.store.storage import read_bytes
-from stages.sample_surfaces.settings import SurfaceSettings
-from stages.sample_surfaces.stage import SampleSurfaces
+from stages.sample_surfaces import SampleSurfaces, SurfaceSettings
 
 POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:" + 64 * "5" + "\nsize 70000\n"
 BOX = trimesh.creation.box()

@@ -106,8 +106,7 @@ def grasp(
         A setting or the hand file cannot be used, the object has no exterior, or the hand finds too few grasps; the message names the
         remedy.
     """
-    from stages.simulate_grasps.settings import GraspSettings  # imports physics, which `touch` does not need
-    from stages.simulate_grasps.stage import SimulateGrasps
+    from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 
     object_ = as_object(object_)
     if not isinstance(seed, int | np.integer) or seed < 0:

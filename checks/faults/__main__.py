@@ -3,8 +3,6 @@
 Ends with status 1 if anything was lost, wrong or silent.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os
@@ -54,15 +52,11 @@ FAULTS: dict[str, tuple[Fault, int]] = {
 
 NEEDS_MOUNT = ("disk full", "disk read-only")
 
-CACHES = ("inductor", "dask-scratch-space")
-"""Folders that torch and Dask keep among temporary files for all runs; Dask clears its folder at the start."""
+CACHE = "inductor"
+"""Folder that torch keeps among temporary files for all runs."""
 
 TEMPORARY = "temporary files after all of these"
 """Name of the row for what the runs left among temporary files."""
-
-CERTIFICATE = """
-The last fault is no loss of data: a killed run left Dask's temporary folder with its certificate ([Reliability](reliability.md)).
-"""
 
 INTRODUCTION = """# Faults
 
@@ -125,7 +119,7 @@ def inject(root: Path, kinds: Sequence[str], share: float, seed: int, lanes: int
     with temporary_folder():  # removes the folders of killed runs, as the next run does
         private = private_folder()
     leftovers = [path for folder in (temporary, private) for path in folder.iterdir() if path != private]
-    if leftovers := [_described(path) for path in leftovers if not any(cache in path.name for cache in CACHES) and not _of_ctypes(path)]:
+    if leftovers := [_described(path) for path in leftovers if CACHE not in path.name and not _of_ctypes(path)]:
         left_behind = Verdict("temporary folder", fault_of_ours=f"left behind: {', '.join(leftovers[:5])}")
         print(f"{left_behind.what}: {left_behind.fault_of_ours}", file=progress)
         verdicts[TEMPORARY] = [left_behind]
@@ -183,8 +177,7 @@ def _page(verdicts: dict[str, list[Verdict]], seconds: float, missing: Sequence[
     about = provenance("make faults", "python -m checks.faults")
     heading = f"`{about['command']}`, commit {about['commit']}, {about['date']}, {about['machine']}:"
     note = f"\nNot injected, for want of the right to mount a disk: {', '.join(missing)}.\n" if missing else ""
-    certificate = CERTIFICATE if any("dask.crt" in verdict.fault_of_ours for verdict in verdicts.get(TEMPORARY, ())) else ""
-    return "\n".join([INTRODUCTION, heading, f"{seconds / 60:.0f} minutes.\n", *lines, certificate + note])
+    return "\n".join([INTRODUCTION, heading, f"{seconds / 60:.0f} minutes.\n", *lines, note])
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """Runs that are killed, interrupted, short of disk space or memory, or concurrent."""
 
-from __future__ import annotations
-
 import os
 import resource
 import shutil
@@ -162,7 +160,7 @@ def _workers(process: int) -> list[int]:
     """List the worker processes of a run."""
     workers = []
     with suppress(OSError):  # the run or a worker may have ended
-        for thread in Path(f"/proc/{process}/task").iterdir():  # Dask starts workers from another thread
+        for thread in Path(f"/proc/{process}/task").iterdir():
             for child in (thread / "children").read_text().split():
                 if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
                     workers.append(int(child))

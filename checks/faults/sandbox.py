@@ -1,21 +1,20 @@
 """A small dataset that runs through all stages in forked processes, into which faults are injected."""
 
-from __future__ import annotations
-
 import importlib
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import yaml
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.make import make
 from pipeline.engine.plan import Request
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.store.directory import DataDirectory
 from stages.registry import GRASP_STAGES, load_stage, resolve
 
@@ -71,7 +70,7 @@ class Sandbox:
         for name in GRASP_STAGES:
             load_stage(name)
 
-    def only(self, *stages: str) -> Sandbox:
+    def only(self, *stages: str) -> Self:
         """Return a sandbox of these stages alone."""
         return replace(self, stages=stages)
 
@@ -79,7 +78,7 @@ class Sandbox:
         """Run the stages."""
         described = load_manifest(str(self.manifest))
         for name in self.stages:
-            with Dask(workers) if workers else Serial() as executor:
+            with WorkerProcesses(workers) if workers else Serial() as executor:
                 asked = Request(
                     stage=load_stage(name),
                     settings=resolve(name, "draft", self.settings),

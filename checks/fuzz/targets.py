@@ -1,7 +1,5 @@
 """Fuzzing targets: everything that opens files of users or strangers."""
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -34,8 +34,8 @@ from pipeline.kernels.touch.sensor import Sensor
 from pipeline.physics.hand_urdf import inertia_notes
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.prepare import MEASURE_SPACING, finger_gap
-from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.size_warnings import opening, sensor_places
+from stages.simulate_grasps.size_warnings import opening, sensor_positions
+from stages.simulate_grasps.stage import GraspSettings
 
 POSTURES = 512
 """Random postures in which links are checked for overlaps."""
@@ -135,7 +135,7 @@ def _unusable_shapes(hand: Hand) -> list[str]:
 
 def _far_palm(hand: Hand) -> list[str]:
     """Detect a palm far from the fingers, such as the base of an arm."""
-    places = sensor_places(hand)
+    places = sensor_positions(hand)
     nearest = np.linalg.norm(places - hand.palm_centre, axis=-1).min()
     farthest = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1).max()
     if len(hand.sensors) < 2 or nearest <= FAR_PALM * farthest:

@@ -13,8 +13,8 @@ from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
 from stages.simulate_grasps.grasp_search import GraspSearch
 from stages.simulate_grasps.prepare import prepare_hand, prepare_object
-from stages.simulate_grasps.settings import GraspSettings
 from stages.simulate_grasps.size_warnings import opening
+from stages.simulate_grasps.stage import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 
 ATTEMPTS = 10
@@ -47,16 +47,16 @@ def trial_grasps(path: Path) -> list[str]:
     radius = SHARE * opening(prepared.hand) / 2
     sphere = trimesh.creation.icosphere(subdivisions=4, radius=1.0)
     ball = Mesh.bare(POSITION + radius * sphere.vertices, np.asarray(sphere.faces))
-    prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), cell=settings.grid_cell, reach=prepared.reach)
+    prepared_ball = prepare_object(ball, ball.vertices, np.asarray(sphere.vertices), reach=prepared.reach)
     with Simulation(prepared.hand) as physics, Meter(errors, "trial grasps", ATTEMPTS, "attempts", after=1.0) as meter:
         physics.load(ball)
         search = GraspSearch(prepared, prepared_ball, physics, settings, TouchPlanner(prepared, prepared_ball, settings))
-        grasps = []
+        attempts = []
         for number in range(ATTEMPTS):
-            grasps.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
+            attempts.append(search.attempt(numpy_rng(0, "check", prepared.hand.name, number)))
             meter.advance()
-    touches = [int(grasp.touched.sum()) for grasp in grasps if grasp is not None and grasp.sound]
-    reasons = Counter(NO_ROOM if grasp is None else grasp.fault for grasp in grasps if grasp is None or grasp.fault)
+    touches = [int(attempt.grasp.touched.sum()) for attempt in attempts if attempt is not None and attempt.fault is None]
+    reasons = Counter(NO_ROOM if attempt is None else attempt.fault for attempt in attempts if attempt is None or attempt.fault)
     summary = f"trial: {len(touches)} of {ATTEMPTS} attempts at a ball of {2e3 * radius:.0f} mm are grasps"
     if touches:
         summary += f", which touch with {np.mean(touches):.1f} of {len(prepared.sensors)} sensors"

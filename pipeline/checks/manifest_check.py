@@ -22,8 +22,7 @@ from pipeline.formats.file_units import METRES, stated_units
 from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import bounding_diagonal
 from stages.render_vision.renderer import Renderer
-from stages.sample_surfaces.settings import SurfaceSettings
-from stages.sample_surfaces.stage import SampleSurfaces, normalised_mesh, unread_remarks
+from stages.sample_surfaces import SampleSurfaces, SurfaceSettings, normalised_mesh, unread_remarks
 
 LISTED = 50
 """Objects, faults or categories that are listed one by one."""

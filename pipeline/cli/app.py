@@ -14,7 +14,7 @@ from pipeline.errors import PipelineError
 
 PANELS = {
     "Make": {"run": "run", "submit": "submit", "remake": "recipe", "tradeoff": "tradeoff", "advise": "advise"},
-    "Learn": {"sweep": "learn", "report": "learn", "predict": "learn", "demo": "learn", "score": "learn", "read-touch": "read"},
+    "Learn": {"sweep": "learn", "predict": "learn", "demo": "learn", "score": "learn", "read-touch": "read"},
     "Describe": {"check": "check", "stages": "inspection"},
     "Look and export": {"status": "inspection", "summary": "inspection", "export": "export", "recipe": "recipe"},
     "Maintain": {"validate": "inspection", "collect-garbage": "inspection", "doctor": "inspection"},

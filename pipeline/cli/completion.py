@@ -11,9 +11,10 @@ from pipeline.config.presets import load_presets
 from pipeline.config.settings import value_text
 from pipeline.errors import PipelineError
 from pipeline.formats.description_file import Kind, shipped_files
+from pipeline.plugins import declared
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
-from stages.registry import STAGES, load_settings_type
+from stages.registry import STAGES, load_stage
 
 
 def complete_stage(incomplete: str) -> list[str]:
@@ -49,6 +50,11 @@ def complete_made_object(context: typer.Context, incomplete: str) -> list[str]:
         return []
 
 
+def complete_export(incomplete: str) -> list[str]:
+    """Complete the name of an export."""
+    return _with_prefix(incomplete, (entry.name for entry in declared("exports")))
+
+
 def complete_setting(incomplete: str) -> list[str]:
     """Complete STAGE.SETTING=VALUE: stages, then a stage's settings, then a setting's values, or its default if any value is allowed.
 
@@ -57,13 +63,13 @@ def complete_setting(incomplete: str) -> list[str]:
     before, equals, text = incomplete.partition("=")
     if equals:
         stage, _, name = before.partition(".")
-        fields = load_settings_type(stage).model_fields if stage in STAGES else {}
+        fields = load_stage(stage).settings_type.model_fields if stage in STAGES else {}
         return [f"{before}={value}" for value in _with_prefix(text, _values(name, fields[name]) if name in fields else ())]
     stages = [name for name in STAGES if f"{name}.".startswith(incomplete) or incomplete.startswith(f"{name}.")]
     if len(stages) != 1:
         return [f"{name}." for name in stages]
     (stage,) = stages
-    fields = load_settings_type(stage).model_fields
+    fields = load_stage(stage).settings_type.model_fields
     names = [name for name in fields if f"{stage}.{name}".startswith(incomplete)]
     if len(names) > 1:
         return [f"{stage}.{name}=" for name in names]

@@ -1,19 +1,23 @@
 """`vt-pipeline export`: write a dataset for other programs."""
 
-from functools import partial
+from collections.abc import Iterator
+from contextlib import contextmanager
+from inspect import signature
 from pathlib import Path
-from typing import Annotated, Literal
+from tempfile import TemporaryDirectory
+from typing import Annotated
 
 import typer
 
+from pipeline import plugins
+from pipeline.cli.completion import complete_export, complete_made_object
 from pipeline.cli.failures import fail
 from pipeline.cli.request import DataArgument
-from pipeline.console import pluralise, print_line
-from pipeline.formats.description_file import read_description
+from pipeline.console import print_line
+from pipeline.errors import InvalidInput, unknown_name
 from pipeline.store.atomic import UNFINISHED, atomic_writes
 from pipeline.store.storage import as_location, list_folder
 
-Format = Literal["lerobot", "parquet", "webdataset", "mesh", "grasps", "dexgraspbench"]
 MESHES = (".obj", ".ply", ".stl", ".off", ".dae", ".gltf", ".3mf")
 """Suffixes of mesh formats that are not written: a folder with such a name would be a mistake."""
 
@@ -22,9 +26,17 @@ def export(
     data: DataArgument,
     out: Annotated[Path, typer.Argument(help="Folder to write; of one object's scene, a .glb file.")],
     to: Annotated[
-        Format, typer.Option(help="lerobot and parquet need the packages of '.\\[export]', dexgraspbench those of '.\\[mujoco]'.")
+        str,
+        typer.Option(
+            help="mesh, webdataset, lerobot or parquet (packages of '.\\[export]'), grasps, dexgraspbench (packages of '.\\[mujoco]'), "
+            "or the name of another package's export.",
+            autocompletion=complete_export,
+        ),
     ] = "mesh",
-    objects: Annotated[list[str] | None, typer.Option("--object", help="With --to mesh: only this object; repeat for several.")] = None,
+    objects: Annotated[
+        list[str] | None,
+        typer.Option("--object", help="With --to mesh: only this object; repeat for several.", autocompletion=complete_made_object),
+    ] = None,
     about: Annotated[
         Path | None, typer.Option(help="With --to parquet: a YAML file with title, creators, url, licence … for card and Croissant.")
     ] = None,
@@ -34,42 +46,34 @@ def export(
     The formats are LeRobot v3, Hugging Face parquet, WebDataset shards and glTF scenes, all lossless; and grasps for robots: arrays in each
     object's own frame, or the files of DexGraspBench.
     """
-    from pipeline.contrib.exports.croissant import write_croissant
-    from pipeline.contrib.exports.dataset_card import About, facts_of, write_card
-    from pipeline.contrib.exports.grasp_files import GraspedObjects, write_dexgraspbench, write_grasps
-    from pipeline.contrib.exports.grasp_frames import GraspFrames
-    from pipeline.contrib.exports.lerobot_files import write_lerobot
-    from pipeline.contrib.exports.parquet_files import write_parquet
-    from pipeline.contrib.exports.scene_files import write_scenes
-    from pipeline.contrib.exports.webdataset_shards import write_webdataset
-    from pipeline.dataset.completed_objects import CompletedObjects
-
     if out.suffix.lower() in MESHES:
         fail(f"{out}: scenes are written as glTF; name a folder, or of one object (--object) a .glb file")
-    existing = list_folder(out)
-    blocked = out.is_file() and (to != "mesh" or out.suffix.lower() != ".glb")
-    if blocked or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
-        fail(f"{out} is {'a file' if blocked else 'not empty'}; name a folder that is not there yet")
-    if to == "mesh":
-        source = CompletedObjects(as_location(data), ("surfaces", "grasps", "touch"), ("charts",))
-        print_line(f"{out}: {pluralise(write_scenes(source, out, list(dict.fromkeys(objects or []))), 'scene')}")
+    entries = {entry.name: entry for entry in plugins.declared("exports")}
+    if to not in entries:
+        fail(unknown_name("export", to, entries))
+    write = plugins.load(entries[to], InvalidInput)
+    chosen = list(dict.fromkeys(objects or []))
+    options = {name: value for name, value in {"objects": chosen, "about": about}.items() if value}
+    if refused := sorted(options.keys() - signature(write).parameters.keys()):
+        fail(f"--{refused[0].removesuffix('s')} is no option of --to {to}; leave it out")
+    one_file, existing = out.suffix.lower() == ".glb", list_folder(out)
+    if one_file and len(chosen) != 1:
+        fail(f"{out} is one file: name one object with --object, or a folder")
+    if (out.is_file() and not one_file) or (existing and UNFINISHED not in existing):  # an export that was killed is begun again
+        fail(f"{out} is {'a file' if out.is_file() else 'not empty'}; name a folder that is not there yet")
+    with _written(out, one_file) as folder:
+        lines = write(as_location(data), folder, **options)
+    print_line(f"{out}: {lines}")
+
+
+@contextmanager
+def _written(out: Path, one_file: bool) -> Iterator[Path]:
+    """Yield an empty folder; at the end its files are moved to `out`, or its one file is."""
+    if not one_file:
+        with atomic_writes(out) as folder:
+            yield folder
         return
-    if objects:
-        fail(f"--object is for --to mesh; --to {to} writes the whole dataset")
-    if about and to != "parquet":
-        fail(f"--about is for --to parquet; --to {to} writes no card")
-    publisher = read_description("about", about, About) if about else About()
-    grasp_writers = {"grasps": write_grasps, "dexgraspbench": write_dexgraspbench}
-    table_writers = {"lerobot": write_lerobot, "parquet": write_parquet, "webdataset": write_webdataset}
-    frames = None if to in grasp_writers else GraspFrames(as_location(data))
-    write = partial(table_writers[to], frames) if frames else partial(grasp_writers[to], GraspedObjects(as_location(data)))
-    with atomic_writes(out) as folder:
-        count = write(folder)
-        if to == "parquet" and frames:
-            facts = facts_of(as_location(data), frames)
-            write_card(as_location(data), facts, publisher, folder)
-            write_croissant(facts, publisher, folder)
-    print_line(f"{out}: {pluralise(count, 'grasp')}")
-    missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
-    if to == "parquet" and missing:
-        print_line(f"README.md and croissant.json lack {', '.join(missing)}, which only you know: give --about FILE with these entries")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=out.parent) as beside:
+        yield Path(beside)
+        next(Path(beside).iterdir()).replace(out)

@@ -27,10 +27,8 @@ from pipeline.console import console, errors, pluralise, print_line, show_tables
 from pipeline.engine.make import make
 from pipeline.errors import StageError
 from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
-from pipeline.store.storage import as_location, exists
+from pipeline.store.storage import as_location
 from pipeline.tradeoff import sweep as sweeps
-from schemas.grasps import GRASPS
 from stages.registry import STAGES, load_stage, resolve
 from stages.request import make_request
 
@@ -176,57 +174,14 @@ def score(
     Each file that is missing, unreadable or not in the world's frame is named, and then nothing is written.
     """
     from pipeline.reconstruct.score import score as measure
+    from pipeline.tables.evaluation_tables import evaluation_tables
     from stages.evaluate.evaluation_files import METRICS
-    from stages.evaluate.tables import evaluation_tables
 
     directory = DataDirectory(data)
     results = directory.verified_folder(measure(folder, directory.root, console, name=name, grasps=grasps, misplaced=misplaced))
     show_tables(console, evaluation_tables(results))
     shown = f"`vt-pipeline report {shlex.quote(data)}` shows them beside the networks'"
-    print_line(f"{results / METRICS}: these tables as JSON, with the settings; {shown}")
-
-
-def report(
-    data: DataArgument,
-    most: Annotated[int, typer.Option(min=1, help="Objects in a figure of reconstructions at most: best, middling, worst.")] = 10,
-    pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
-    shipped: Annotated[
-        bool, typer.Option("--shipped", help="Measure the network that ships too: its rows stand beside the others.")
-    ] = False,
-) -> None:
-    """Print the evaluation's tables, and write pages to DATA/report.
-
-    The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
-    """
-    from pipeline.contrib.report.html_report import write_report
-    from pipeline.tables.results import results_tables, training_facts, training_table
-    from pipeline.tables.training_seeds import outdated_scores, scores
-    from stages.evaluate.evaluation_files import evaluations
-    from stages.evaluate.tables import evaluation_tables
-
-    directory = DataDirectory(data)
-    if shipped:
-        from pipeline.reconstruct.score import score_shipped
-
-        for reason in score_shipped(directory.root, console):
-            print_line(f"the network that ships is left out: {reason}")
-    evaluated, scored = evaluations(directory), scores(directory)
-    for name, problem in outdated_scores(directory).items():
-        print_line(f"{name} is left out: {problem}")
-    if exists(directory.folder_record(SINGLE)):
-        check_origins(directory, [SINGLE])
-        trained = {"single-image": training_facts(directory, "models/single-image")}
-        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), training_table(trained)])
-        if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
-            return
-    if evaluated or scored:
-        check_origins(directory, evaluated)
-        show_tables(console, results_tables(directory, evaluated, scored))
-    if pages:
-        print_line(f"report: {write_report(directory.root, console, most)}")
-    if not (evaluated or scored):
-        note = ": the report shows the dataset alone" if pages else ""
-        print_line(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")
+    print_line(f"{results / METRICS}: the means as JSON, with the settings; {shown}")
 
 
 def _grid(options: list[str]) -> dict[str, list[Any]]:

@@ -57,7 +57,7 @@ def remake(
     ] = None,
     sample: Annotated[int | None, typer.Option(min=1, help="Make this many objects, drawn at random, and compare them.")] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = "dask",
+    executor: ExecutorOption = "processes",
     workers: WorkersOption = 0,
 ) -> None:
     """Make a dataset again from its recipe, and compare digests.

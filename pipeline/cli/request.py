@@ -11,11 +11,12 @@ from pipeline.cli.completion import complete_described, complete_preset, complet
 from pipeline.cli.failures import fail
 from pipeline.config.presets import load_presets
 from pipeline.console import errors
-from pipeline.engine.executor import Deferred, Executor, Serial
+from pipeline.engine.executor import Executor, Serial
+from pipeline.engine.worker_processes import WorkerProcesses
 
 Unit = Literal["mm", "cm", "dm", "m", "in", "ft"]
 Axis = Literal["x", "y", "z"]
-ExecutorName = Literal["serial", "dask"]
+ExecutorName = Literal["processes", "serial"]
 
 OBJECTS, SETTINGS, RUN = "Objects and data", "Settings", "How to run"
 """Panels in which help lists the options."""
@@ -69,7 +70,7 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(min=0, help="Root seed, instead of the manifest's.", rich_help_panel=SETTINGS)]
 
 
-ExecutorOption = Annotated[ExecutorName, typer.Option(help="dask: worker processes; serial: this process alone.", rich_help_panel=RUN)]
+ExecutorOption = Annotated[ExecutorName, typer.Option(help="processes: one per core; serial: this process alone.", rich_help_panel=RUN)]
 WorkersOption = Annotated[int, typer.Option(min=0, help="Worker processes on this machine; 0 for one per core.", rich_help_panel=RUN)]
 ShardsOption = Annotated[
     int | None, typer.Option(min=1, max=9999, help="Number of shards; by default the dataset's, or 1.", rich_help_panel=RUN)
@@ -89,10 +90,8 @@ def make_executor(name: ExecutorName, workers: int, scheduler: str | None) -> Ex
             f"[yellow]warning:[/] whoever reaches {escape(scheduler)} can run code as you, on its workers and here; where others share the "
             "machines or the network, use tls://HOST:8786 and certificates"
         )
-
-    def dask() -> Executor:
+    if scheduler:
         from pipeline.engine.dask_executor import Dask
 
-        return Dask(workers or len(os.sched_getaffinity(0)), scheduler)
-
-    return Deferred(dask)
+        return Dask(scheduler)
+    return WorkerProcesses(workers or len(os.sched_getaffinity(0)))

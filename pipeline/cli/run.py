@@ -39,7 +39,7 @@ def run(
     objects: ObjectsOption = None,
     shard: Annotated[int | None, typer.Option(min=0, help="Only this shard of --shards.", rich_help_panel=RUN)] = None,
     shards: ShardsOption = None,
-    executor: ExecutorOption = "dask",
+    executor: ExecutorOption = "processes",
     workers: WorkersOption = 0,
     scheduler: Annotated[
         str | None, typer.Option(help="Use the workers of this Dask scheduler, such as tls://HOST:8786.", rich_help_panel=RUN)

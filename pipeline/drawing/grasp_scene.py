@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.spatial import cKDTree
 
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import is_surface
 from pipeline.drawing.colors import TOUCH_COLOR, VISION_COLORS, Y_UP, Color, finger_colors, linear_colors
 from pipeline.drawing.grasp_pictures import Rows, gel_squares, touch_patch
 from pipeline.kernels.geometry.mesh import Mesh

@@ -1,11 +1,11 @@
 """Executors process the units of a plan. Their output depends neither on the executor nor on the order."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 from pipeline.engine.session import Work, session
 from pipeline.engine.unit import Unit
-from pipeline.store.row_files import Result
+from pipeline.store.rows import Result
 
 
 class Executor(ABC):
@@ -43,31 +43,3 @@ class Serial(Executor):
         """Process units in their order."""
         with session(work) as process:
             yield from map(process, units)
-
-
-class Deferred(Executor):
-    """Another executor, created on first use: importing its libraries takes a second, and there may be no units."""
-
-    def __init__(self, make: Callable[[], Executor]) -> None:
-        self._make = make
-        self._executor: Executor | None = None
-
-    @property
-    def _delegate(self) -> Executor:
-        if self._executor is None:
-            self._executor = self._make()
-        return self._executor
-
-    @property
-    def processes(self) -> int:
-        """Those of the other executor."""
-        return self._delegate.processes
-
-    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
-        """Let the other executor process the units."""
-        return self._delegate.run(work, units)
-
-    def close(self, *, at_once: bool) -> None:
-        """Release the other executor's resources, if it was created."""
-        if self._executor is not None:
-            self._executor.close(at_once=at_once)

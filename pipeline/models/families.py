@@ -1,28 +1,35 @@
 """The families of networks that reconstruct: one entry adds a family to models, evaluation, prediction and reports."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from pathlib import Path
-
-import torch
+from typing import TYPE_CHECKING
 
 from pipeline.errors import StageError, closest_name
-from pipeline.kernels.networks.network_configurations import INPUT_CHOICES, NetworkInputs
-from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
-from pipeline.models.implicit_reconstruction import ImplicitReconstructor
-from pipeline.models.reconstruction import Reconstructor, Trained
+from pipeline.kernels.networks.network_configurations import (
+    CONFIGURATIONS,
+    IMPLICIT_CONFIGURATIONS,
+    INPUT_CHOICES,
+    SINGLE_IMAGE,
+    NetworkInputs,
+)
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, list_folder
 
-FAMILIES: Mapping[str, type[Reconstructor]] = {
-    "gcn": DeformationReconstructor,
-    "implicit": ImplicitReconstructor,
-    "": SingleImageReconstructor,
-}
-"""By the folder of its models below `models`; a family of one network needs none."""
+if TYPE_CHECKING:
+    import torch
 
-EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {
-    name: config for family in FAMILIES.values() for name, config in family.configurations.items()
+    from pipeline.models.reconstruction import Reconstructor, Trained
+
+FAMILIES: Mapping[str, Mapping[str, NetworkInputs]] = {
+    "gcn": CONFIGURATIONS,
+    "implicit": IMPLICIT_CONFIGURATIONS,
+    "": {"single-image": SINGLE_IMAGE},
 }
+"""The networks of each family, by the folder of its models below `models`; a family of one network needs none."""
+
+EVERY_CONFIGURATION: Mapping[str, NetworkInputs] = {name: config for family in FAMILIES.values() for name, config in family.items()}
 """The networks of all families by name."""
 
 ROWS: Mapping[str, tuple[str, NetworkInputs]] = {
@@ -56,8 +63,21 @@ def row_of(trained: Trained) -> str:
 def family_of(configuration: str) -> str:
     """Name the family of a configuration's network; raise a `KeyError` for an unknown configuration."""
     configuration = network_of(configuration)
-    families = {name: folder for folder, family in FAMILIES.items() for name in family.configurations}
+    families = {name: folder for folder, family in FAMILIES.items() for name in family}
     return families[configuration]
+
+
+def reconstructor_type(configuration: str) -> type[Reconstructor]:
+    """Load what makes and uses a configuration's network; it needs torch, which the names of networks do not."""
+    from pipeline.models.deformation_reconstruction import DeformationReconstructor, SingleImageReconstructor
+    from pipeline.models.implicit_reconstruction import ImplicitReconstructor
+
+    types: Mapping[str, type[Reconstructor]] = {
+        "gcn": DeformationReconstructor,
+        "implicit": ImplicitReconstructor,
+        "": SingleImageReconstructor,
+    }
+    return types[family_of(configuration)]
 
 
 def model_name(configuration: str, training_seed: int = 0) -> str:
@@ -80,7 +100,7 @@ def load_rows(folders: Mapping[str, Path], device: torch.device | str = "cpu") -
     loaded: dict[Path, Reconstructor] = {}
     for name, folder in folders.items():
         if folder not in loaded:
-            loaded[folder] = FAMILIES[family_of(name)](folder, device)
+            loaded[folder] = reconstructor_type(name)(folder, device)
     return {name: loaded[folder].restricted_to(inputs_of(name)) if name in ROWS else loaded[folder] for name, folder in folders.items()}
 
 

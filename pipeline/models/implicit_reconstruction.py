@@ -7,7 +7,8 @@ import torch
 from numpy.typing import NDArray
 
 from pipeline.kernels.geometry.level_set import level_set_mesh
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, Encoding, ImplicitNetwork
+from pipeline.kernels.networks.implicit_network import Encoding, ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.models.observation import Observation
 from pipeline.models.reconstruction import Reconstruction, Reconstructor
 

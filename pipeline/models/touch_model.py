@@ -17,7 +17,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.image_file import read_image
 from pipeline.kernels.networks.local_network import LocalNetwork, pixel_positions, without_drift
 from pipeline.kernels.networks.unet import UNet, contact_mask
-from pipeline.kernels.tensor_checks import COLOURS, network_input
+from pipeline.kernels.tensors import COLOURS, network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import MM, Sensor, masked_points, resample, sensor_differences
 from pipeline.models.model_files import load_network, read_description, save_model, unusable

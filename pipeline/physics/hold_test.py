@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.depth_maps import gel_top
@@ -146,7 +146,7 @@ class HoldTest(AbstractContextManager["HoldTest"]):
 
     def hold(
         self,
-        grasp: StoredGrasp,  # of the object that is loaded
+        grasp: Grasp,  # of the object that is loaded
         *,
         acceleration: Sequence[float] = DOWN,  # (3,) on the object and the hand's links, world, m/s²
         seconds: float = 1.0,  # at most: the test ends early when the object rests
@@ -166,16 +166,16 @@ class HoldTest(AbstractContextManager["HoldTest"]):
             self._drive(posture)
             self._step(path_seconds)
         self._accelerate(acceleration)
-        self._drive(grasp.squeeze)
+        self._drive(grasp.squeeze_angles)
         for _ in range(round(seconds / self.sample_interval)):
             self._step(self.sample_interval)
             if track.ends(self._object_pose()):
                 break
         return track.motion(penetration)
 
-    def _begin(self, grasp: StoredGrasp, *, closes: bool) -> float:
+    def _begin(self, grasp: Grasp, *, closes: bool) -> float:
         """Set hand, gels and object to the start of a test; return the penetration of the hand into the object, m."""
-        client, hand, start = self.client, self._hand, grasp.pregrasp if closes else grasp.joint_angles
+        client, hand, start = self.client, self._hand, grasp.pregrasp_angles if closes else grasp.joint_angles
         hand.set_pose(grasp.hand_pose, start, start)
         self._springs = [self._press(number, contact, out=closes) for number, contact in enumerate(grasp.contacts)]
         client.resetBasePositionAndOrientation(self._object, *self._start)

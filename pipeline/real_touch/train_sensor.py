@@ -10,7 +10,7 @@ from pipeline.kernels.touch.sensor import Sensor, resample_longer_side
 from pipeline.models.touch_model import LocalTouchModel, save_touch_model
 from stages.train_touch.learner import train_local_network
 from stages.train_touch.presses import random_presses
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.stage import TouchTrainingSettings
 
 PIXELS = 160
 """Pixels along the longer side of the network's input, as in `simulate-presses`."""

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from pipeline.console import abbreviate
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_charts import is_surface
+from pipeline.dataset.object_rows import ObjectRows, is_surface
 from pipeline.errors import StageError, StoreError
 from pipeline.formats.description_file import invalid_entries
 from pipeline.kernels.charts.chart_fitting import fit_charts
@@ -28,7 +27,7 @@ from pipeline.rng import torch_generator
 from pipeline.store.directory import DataDirectory
 from pipeline.store.storage import Location, list_folder
 from schemas.charts import CHARTS
-from stages.fit_charts.settings import ChartSettings
+from stages.fit_charts import ChartSettings
 
 TOUCHES = ("tactile_image", "sensor_pose", "touch_success")
 """Arrays that charts are fitted to if none are stored."""

@@ -28,11 +28,11 @@ from pipeline.store.storage import Location
 from schemas.surfaces import SURFACES
 from schemas.touch import TOUCH
 from schemas.vision import VISION
-from stages.evaluate.evaluation_files import evaluations, read_root
-from stages.evaluate.score import Score
+from stages.evaluate.evaluation_files import METHOD_NAME, SHIPPED_SCORES, evaluations, read_root
+from stages.evaluate.score import Score, ScoreSettings
 from stages.evaluate.scored_files import SUFFIXES, surface_files
-from stages.evaluate.settings import METHOD_NAME, SHIPPED_SCORES, GraspMeasuringSettings, ScoreSettings, ShippedSettings
-from stages.evaluate.shipped import EvaluateShipped, fitting_rows, shipped_digest
+from stages.evaluate.shipped import EvaluateShipped, ShippedSettings, fitting_rows, shipped_digest
+from stages.evaluate.stage import GraspMeasuringSettings
 
 
 def score(folder: Path, data: Location, console: Console, *, name: str | None = None, grasps: int = 1, misplaced: bool = False) -> str:

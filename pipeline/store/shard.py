@@ -15,9 +15,9 @@ from pydantic_zarr.v3 import ArraySpec
 
 from pipeline.errors import StoreError, first_line
 from pipeline.store import digest
+from pipeline.store.layout import array_violations, numpy_dtype, schema_name
 from pipeline.store.record import RowRecord, ShardRecord, named_location
 from pipeline.store.rows import Row, row_digest
-from pipeline.store.spec import array_violations, numpy_dtype, schema_name
 from pipeline.store.storage import File, Location, exists, files_below, is_machine_fault, read_bytes, zarr_store
 from schemas.base import COMMON, Artifact
 

@@ -15,9 +15,9 @@ from pipeline.console import Columns, abbreviate, pluralise, show_tables, tabula
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory, made_by
 from pipeline.store.garbage import all_unreferenced
-from pipeline.store.origins import check_origins
-from pipeline.store.row_files import RowFiles
+from pipeline.store.rows import RowFiles
 from pipeline.store.storage import File, Location, files_below, list_folder, on_disk
+from pipeline.store.validate import check_origins
 from schemas.catalogue import ARTIFACTS
 
 JOB_STATES = ("pending", "running", "done", "failed", "unknown")

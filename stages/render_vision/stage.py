@@ -3,15 +3,18 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.console import abbreviate, pluralise
-from pipeline.dataset.grasping_hand import check_is_there
+from pipeline.dataset.grasps import check_hand_exists
 from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.dataset.object_rows import paired_rows
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
@@ -20,24 +23,48 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.geometry.normalise import DIAGONAL, POSITION, bounding_diagonal
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.vision.camera import project_points, projection_matrix
+from pipeline.kernels.vision.camera import Camera, project_points, projection_matrix
 from pipeline.kernels.vision.scene import Label, NamedCamera, Scene
 from pipeline.store.rows import Row
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
 from schemas.vision import VISION
-from stages.render_vision.image_warnings import SPECK, is_speck, leaves_image
 from stages.render_vision.opengl_context import shader_paths
 from stages.render_vision.renderer import MeshHandle, PosedMesh, RenderedImage, Renderer
-from stages.render_vision.settings import VisionSettings
 
 HandMeshes = list[tuple[int, MeshHandle]]
 """The hand's visual meshes, each with the number of its link."""
 
 
+SPECK = 0.1
+"""Share of an image's side below which an object has too few pixels: 25 of 256."""
+
+
+class VisionSettings(ObjectSettings):
+    """How objects and grasps become images (supplement 1.4)."""
+
+    scene: Annotated[str, described_by("scene")] = setting(
+        "supplement",
+        "the supplement's camera, one lamp, constant light; name of a built-in scene, or path of a .yaml file",
+        changes="definition",
+    )
+    hand: Annotated[str, described_by("hand")] | None = setting(None, "null: the hand that made the grasps", changes="definition")
+    zoom: float | None = setting(
+        None,
+        "factor of the focal lengths of the scene's cameras; null shows each object as large as one of 0.5 m: 5 for an object of 0.1 m",
+        ge=0.01,
+        le=10_000,
+        changes="definition",
+    )
+    resolution: int = setting(256, "pixels per side, the supplement's; the camera's intrinsics scale with it", ge=16, le=4096)
+    occluded: bool = setting(
+        True, "one image per grasp; false renders only the object alone, in a sixth of the time and the bytes", changes="definition"
+    )
+
+
 class RenderVision(ObjectStage):
-    """Renders objects, alone and with the hand at every grasp."""
+    """Render objects, alone and with the hand at every grasp."""
 
     name = "render-vision"
     summary = "Images of every object alone and in every grasp, with segmentation."
@@ -45,7 +72,6 @@ class RenderVision(ObjectStage):
     settings_type = VisionSettings
 
     def inputs(self, settings: VisionSettings) -> tuple[Artifact, ...]:
-        """Name the inputs: the meshes and the poses of the hand."""
         return (SURFACES, GRASPS)
 
     def assets(self, settings: VisionSettings) -> list[Path]:
@@ -53,14 +79,14 @@ class RenderVision(ObjectStage):
         return [description_path("scene", settings.scene), *_hand(settings).files, *shader_paths()]
 
     def resolve_settings(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> VisionSettings:
-        """Take the hand of the grasps."""
+        """Choose the hand of the grasps."""
         return settings.model_copy(update={"hand": settings.hand or attributes["grasps"]["settings"]["hand"]})
 
     def check_inputs(self, settings: VisionSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
         """Check that the hand to draw is the one that grasped."""
         hand = attributes["grasps"]["settings"]["hand"]
         if settings.hand == hand:
-            check_is_there(hand, "name the file with --set render-vision.hand=PATH")
+            check_hand_exists(hand, "name the file with --set render-vision.hand=PATH")
         if attributes["grasps"]["hand"]["digest"] == assets_digest(_hand(settings).files):  # the files may have been moved
             return
         if hand != settings.hand:
@@ -92,7 +118,6 @@ class RenderVision(ObjectStage):
             yield f"{pluralise(len(names))} {share} ({abbreviate(names)}): {remedy}"
 
     def constants(self, settings: VisionSettings) -> Row:
-        """Name the cameras."""
         return {"camera": np.array([camera.name for camera in _scene(settings).cameras])}
 
     def attributes(self, settings: VisionSettings) -> dict[str, Any]:
@@ -161,3 +186,37 @@ def _image_row(images: Sequence[Sequence[RenderedImage]], *, depth: bool) -> Row
     if depth:
         row["camera_depth"] = np.array([[image.depth for image in view] for view in images])
     return row
+
+
+def leaves_image(camera: Camera, points: np.ndarray) -> bool:
+    """Check whether any of the points (N, 3), world frame, m, is outside a camera's image."""
+    rows, cols = camera.shape
+    pixels = project_points(projection_matrix(camera), points.astype(np.float64))
+    return not bool(((pixels >= 0) & (pixels <= [cols, rows])).all())  # NaN behind the camera is not
+
+
+def is_speck(camera: Camera, points: np.ndarray) -> bool:
+    """Check whether points (N, 3), world frame, m, span less than `SPECK` of a camera's image both ways."""
+    rows, cols = camera.shape
+    spans = np.ptp(project_points(projection_matrix(camera), points.astype(np.float64)), axis=0)
+    return bool((spans < [SPECK * cols, SPECK * rows]).all())
+
+
+def image_differences(data: Path, reference: Path) -> dict[str, float]:
+    """Compare images, enlarged to the reference's size, with it: RMS by object, levels of 255."""
+    from skimage.transform import resize
+
+    differences = {}
+    for name, (image,), (truth,) in paired_rows(data, reference, "unoccluded"):
+        enlarged = resize(image / 255.0, truth.shape, order=1)
+        differences[name] = 255 * float(np.sqrt(np.square(enlarged - truth / 255.0).mean()))
+    return differences
+
+
+TRADE = Trade(
+    metric="difference from an image of four times as many pixels, RMS",
+    unit="levels",
+    candidates=({"resolution": 64}, {"resolution": 128}, {"resolution": 192}, {"resolution": 384}),
+    errors=image_differences,
+    reference={"resolution": 512},
+)

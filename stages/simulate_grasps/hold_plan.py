@@ -1,7 +1,5 @@
 """Plans of grasps that hold: two gels on opposed points of the surface, and fingers whose contacts carry the object's weight."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +10,13 @@ from pipeline.kernels.hand.grasp_closure import measure_contact
 from pipeline.kernels.hand.grasp_ik import GraspChoices, grasp_ik
 from pipeline.kernels.hand.grid_loops import gaps
 from pipeline.kernels.hand.kinematics import forward_kinematics, sensor_poses_from_links
-from pipeline.kernels.hand.load_residual import NO_LOAD, Load, lightest_grasp
+from pipeline.kernels.hand.load_residual import NO_SUPPORT, Support, best_supporting_grasp
 from pipeline.kernels.hand.object_distances import finger_clearance, gel_contact, gel_probes
 from pipeline.kernels.hand.pinches import WIDTH_STEP, AntipodalPoints, OpposedPostures, antipodal_points, central_weights, opposed_postures
 from pipeline.kernels.hand.pregrasp import frame_along
-from stages.simulate_grasps.grasp_search import GraspPlan
-from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.grasp_search import Posture
+from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
+from stages.simulate_grasps.stage import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 
 DRAWS = 256
@@ -37,16 +35,16 @@ BATCHES = (1, 8, 32)
 
 @dataclass(frozen=True, eq=False)
 class Pinches:
-    """A hand's opposed postures, with the frames of their grips and of their links in the root link's frame, and their pairs of fingers."""
+    """A hand's opposed postures; frames are in the root link's frame, m."""
 
-    postures: OpposedPostures
-    grips: NDArray[np.float64]
-    frames: NDArray[np.float64]
-    fingers: NDArray[np.intp]
+    postures: OpposedPostures  # P
+    grips: NDArray[np.float64]  # (P, 4, 4)
+    frames: NDArray[np.float64]  # (P, L, 4, 4) of the links
+    fingers: NDArray[np.intp]  # (P, 2)
 
 
 def prepare_pinches(prepared_hand: PreparedHand) -> Pinches:
-    """Find a hand's opposed postures, once per session."""
+    """Search a hand's opposed postures, once per session."""
     hand, postures = prepared_hand.hand, opposed_postures(prepared_hand.ik)
     grips = frame_along(postures.axis, np.zeros(len(postures.axis)), postures.centre)
     return Pinches(postures, grips, forward_kinematics(hand, np.eye(4), postures.joint_angles), hand.sensor_fingers[postures.sensors])
@@ -54,7 +52,7 @@ def prepare_pinches(prepared_hand: PreparedHand) -> Pinches:
 
 @dataclass(frozen=True, eq=False)
 class HoldPlanner:
-    """Plans grasps of one object, each the best of a few, that hold it whichever way gravity points."""
+    """Plan grasps of one object, each the best of a few, that hold it whichever way gravity points."""
 
     prepared_hand: PreparedHand
     prepared_object: PreparedObject
@@ -66,8 +64,8 @@ class HoldPlanner:
     @classmethod
     def of_object(
         cls, hand: PreparedHand, prepared_object: PreparedObject, settings: GraspSettings, pinches: Pinches, rng: np.random.Generator
-    ) -> HoldPlanner:
-        """Find the object's opposed points; `rng` draws rays."""
+    ) -> "HoldPlanner":
+        """Search the object's opposed points; `rng` draws rays."""
         widest = float(pinches.postures.width.max(initial=0.0)) + WIDTH_STEP
         pairs = antipodal_points(
             prepared_object.field, prepared_object.points, prepared_object.normals, friction=hand.hand.friction, widest=widest, rng=rng
@@ -75,22 +73,22 @@ class HoldPlanner:
         weights = central_weights(pairs, prepared_object.centre, spread=settings.spread) if len(pairs.width) else np.empty(0)
         return cls(hand, prepared_object, settings, pinches, pairs, weights)
 
-    def __call__(self, rng: np.random.Generator) -> GraspPlan | None:
-        """Draw a few plans and return the best; None where the hand finds no room around the object."""
-        best, plan = NO_LOAD, None
+    def __call__(self, rng: np.random.Generator) -> Posture | None:
+        """Plan a few postures and return the best; None where the hand has no room around the object."""
+        best, plan = NO_SUPPORT, None
         for _ in range(self.settings.plans):
             if (draw := self._draw_choices(rng)) is None:
                 continue
             pose, choices = draw
             number, best = self._lightest(choices, best)
             if number >= 0:
-                plan = GraspPlan(pose, choices.joint_angles(number))
+                plan = pose, choices.joint_angles(number)
             if self._is_perfect(best):
                 break
         return plan
 
     def _draw_choices(self, rng: np.random.Generator) -> tuple[NDArray[np.float64], GraspChoices] | None:
-        """Draw a pose (4, 4) and solve for the fingers; None where they find no room."""
+        """Draw a pose (4, 4) and solve for the fingers; None where they have no room."""
         pose, start = self._draw_opposed_pose(rng)
         if pose is None:
             pose = next(TouchPlanner(self.prepared_hand, self.prepared_object, self.settings).poses_with_room(rng), None)
@@ -127,7 +125,7 @@ class HoldPlanner:
         hand, ik, field = self.prepared_hand.hand, self.prepared_hand.ik, self.prepared_object.field
         palm = self.prepared_hand.palm_spheres
         frames = compose(poses[:, None], self.pinches.frames[rows])
-        has_room = gaps(field.grid, frames, palm.single, np.float32(self.settings.clearance)) >= self.settings.clearance
+        has_room = gaps(field.grid, frames, palm.single, np.float32(CLEARANCE)) >= CLEARANCE
         clear = finger_clearance(field, ik.fingers, frames, floor=FINGER_ROOM) >= FINGER_ROOM
         clear = np.column_stack([clear, np.ones(len(rows), bool)])  # the palm is the last
         at_object = np.abs(gel_contact(field, gel_probes(hand, ik.fingers, frames))[0]) <= GEL_DISTANCE
@@ -135,7 +133,7 @@ class HoldPlanner:
         fits = np.take_along_axis(clear, fingers, axis=1) & np.take_along_axis(at_object, sensors, axis=1)
         return np.flatnonzero(has_room & fits.all(axis=1))
 
-    def _lightest(self, choices: GraspChoices, best: Load) -> tuple[int, Load]:
+    def _lightest(self, choices: GraspChoices, best: Support) -> tuple[int, Support]:
         """Find the choice that carries the object best: its number and load; -1 and `best` if none surpasses `best`."""
         hand, faces, number = self.prepared_hand.hand, self.prepared_object.faces, -1
         owners = hand.sensor_fingers
@@ -155,13 +153,13 @@ class HoldPlanner:
                     points[option, sensor], normals[option, sensor] = contact.point - self.prepared_object.centre, contact.normal
                     touching[option, sensor] = True
             measured |= needed
-            row, best = lightest_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
+            row, best = best_supporting_grasp(points[of_batch], normals[of_batch], touching[of_batch], hand.friction, best)
             if row >= 0:
                 number = int(batch[row])
             if self._is_perfect(best):
                 break
         return number, best
 
-    def _is_perfect(self, load: Load) -> bool:
+    def _is_perfect(self, load: Support) -> bool:
         """Check whether no plan can surpass a load."""
         return load == (0, len(self.prepared_hand.sensors))

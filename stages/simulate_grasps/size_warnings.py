@@ -1,7 +1,5 @@
 """Warnings of objects that are too small or too large for the hand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -17,22 +15,14 @@ POSTURES = 512
 """Random postures, of which the widest gives how far a hand opens."""
 
 
-def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest: float, hand: str) -> Iterator[str]:
-    """List objects that do not fit a hand.
-
-    Parameters
-    ----------
-    extents
-        The sides of each object's bounding box (3,), m, by name.
-    smallest, largest
-        An object fits whose longest side is not below `smallest` and whose shortest is not above `largest`, m.
-    hand
-        The hand's name.
-
-    Yields
-    ------
-    A line for objects that are too small, and one for those that are too large.
-    """
+def size_warnings(
+    extents: Mapping[str, np.ndarray],  # (3,) sides of each object's bounding box, m
+    *,
+    smallest: float,  # m, least longest side of an object that fits
+    largest: float,  # m, greatest shortest side of one that fits
+    hand: str,  # its name
+) -> Iterator[str]:
+    """Name the objects that are too small or too large for a hand."""
     small = [name for name, sides in extents.items() if sides.max() < smallest]
     large = [name for name, sides in extents.items() if sides.min() > largest]
     if small:
@@ -47,8 +37,8 @@ def size_warnings(extents: Mapping[str, np.ndarray], *, smallest: float, largest
         )
 
 
-def sensor_places(hand: Hand) -> NDArray[np.float64]:
-    """Compute where the S sensors are in P random postures and at the joints' limits: (P, S, 3), frame of the palm's link, m."""
+def sensor_positions(hand: Hand) -> NDArray[np.float64]:
+    """Compute the positions (P, S, 3) of the sensors in random postures and at the joints' limits, frame of the palm's link, m."""
     return sensor_poses_from_links(hand, _frames(hand))[..., :3, 3]
 
 

@@ -1,59 +1,134 @@
 """Supplement 1.3: the hand is set on the object at random, its fingers close, contact settles; the best grasps are kept."""
 
-from __future__ import annotations
-
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from pydantic import model_validator
 
+from pipeline.config.settings import ObjectSettings, described_by, setting
 from pipeline.console import abbreviate, pluralise
-from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import StoredGrasp
+from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.trade import Trade
 from pipeline.engine.unit import Unit
-from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_files, sensor_names
-from pipeline.kernels.hand.buried_gels import buried_gels
-from pipeline.kernels.hand.pregrasp import pregrasp_angles
-from pipeline.physics.hand_urdf import inertia_notes
-from pipeline.physics.hold_test import DOWN, HOLD_TESTS, HoldTest
-from pipeline.physics.motion import is_held
-from pipeline.physics.simulation import Simulation
 from pipeline.store.rows import Row
 from pipeline.store.shard import Shard
 from schemas.base import Artifact
 from schemas.grasps import GRASPS
 from schemas.surfaces import SURFACES
-from stages.simulate_grasps.grasp_search import Grasp, GraspPlan, GraspSearch, keep_best
-from stages.simulate_grasps.hold_plan import HoldPlanner, Pinches, prepare_pinches
-from stages.simulate_grasps.prepare import PreparedHand, PreparedObject, prepare_hand, prepare_object
-from stages.simulate_grasps.settings import SECOND_CHANCES, GraspSettings
-from stages.simulate_grasps.size_warnings import opening, size_warnings
-from stages.simulate_grasps.touch_plan import TouchPlanner
+
+MAX_ATTEMPTS_FACTOR = 4
+"""Factor of `attempts` after which the search for an object with some sound grasps, but not enough, is given up."""
+
+
+class GraspSettings(ObjectSettings):
+    """How grasps are searched (supplement 1.3)."""
+
+    hand: Annotated[str, described_by("hand")] = setting(
+        "allegro_right", "the supplement's hand; another is another hand file, by name or by path ending in .yaml", changes="definition"
+    )
+    sensor: Annotated[str, described_by("sensor")] | None = setting(
+        None, "null: the sensors that the hand file names; another sensor file, by name or path, is for all fingers", changes="definition"
+    )
+    grasps: int = setting(5, "the best five are kept (supplement 1.3)", ge=1, changes="definition")
+    search: Literal["touch", "hold"] = setting(
+        "touch",
+        "touch: the supplement's (1.3), palms tangent to the object at random, as many touches as possible; hold: gels on opposed points, "
+        "contacts that carry the object, kept if it stays in the hand",
+        changes="definition",
+    )
+    plans: int = setting(2, "plans that a hold search makes per attempt; physics gets the best", ge=1)
+    spread: float = setting(
+        0.05, "m from the centre of mass at which a hold search pinches a quarter as often as at the centre: more covers long objects", gt=0
+    )
+    prefer: Literal["touches", "area", "closure"] = setting(
+        "touches",
+        "the supplement's rule (1.3); area: most area of contact; closure: the greatest margin of force closure, then most touches; "
+        "both make all attempts",
+        changes="definition",
+    )
+    attempts: int = setting(
+        50,
+        "poses of the palm tried per object, as many as the authors' later simulator tries, and up to four times as many where too few "
+        "grasps are sound; 12 leave 4 % of the sensors untouched",
+        ge=1,
+    )
+    exhaustive: bool = setting(
+        False,
+        "make all attempts, for their statistics; else a touch search ends once no attempt could add a touch, with the same grasps in a "
+        "third of the time, and a hold search once all grasps hold",
+    )
+    least_distance: float = setting(
+        0.005, "m from object to palm at least: nearer, the thumb's base is in the way; 30 mm touches as often", ge=0
+    )
+    greatest_distance: float = setting(0.06, "m from object to palm at most: up to 100 mm 70 % of all sensors touch instead of 76", gt=0)
+    ik_samples: int = setting(
+        1024,
+        "joint vectors per finger that the inverse kinematics chooses among: 256, 1024, 2048 touch with 72, 76, 80 % of all sensors",
+        ge=64,
+    )
+    ik_refinements: int = setting(
+        3, "rounds of local search around the best of them: 0, 1, 3, 5 touch with 52, 68, 76, 79 % of all sensors", ge=0
+    )
+    settle_steps: int = setting(400, "steps of 1/240 s in which contact must settle; otherwise the attempt fails", ge=20)
+    penetration_limit: float = setting(0.001, "m that a rigid link may penetrate the object in a kept grasp", ge=0, changes="definition")
+    hold_test: Literal["none", "lift", "six"] | None = setting(
+        None,
+        "lift: the object is freed in the grasp, and must rest in the hand after a second of gravity; six: along ± x, ± y and ± z in turn, "
+        "in six times the time; null: none for search touch, where it is recorded only, and lift for hold, which keeps what passes",
+        changes="definition",
+    )
+    hold_mass: float = setting(
+        0.2, "kg of any object in the hold test, spread evenly over its surface: a full glass; with 1 kg few grasps hold", gt=0, le=1000
+    )
+    squeeze: float = setting(
+        0.002,
+        "m that each sensor presses beyond the grasp in `squeeze_angles`, to which the motors drive in the hold test",
+        ge=0,
+        changes="definition",
+    )
+
+    @property
+    def test(self) -> Literal["none", "lift", "six"]:
+        """The hold test, with its default."""
+        return self.hold_test or ("lift" if self.search == "hold" else "none")
+
+    @property
+    def makes_all_attempts(self) -> bool:
+        """Whether no grasp ends the search early: areas and margins have no greatest value at which it could end."""
+        return self.exhaustive or self.prefer != "touches"
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> "GraspSettings":
+        if self.least_distance > self.greatest_distance:
+            raise ValueError(f"least_distance {self.least_distance} m is above greatest_distance {self.greatest_distance} m")
+        if self.grasps > (limit := MAX_ATTEMPTS_FACTOR * self.attempts):
+            raise ValueError(
+                f"{self.grasps} grasps need more than {self.attempts} attempts, which yield at most {limit}; ask for fewer grasps, or for "
+                f"at least {-(-self.grasps // MAX_ATTEMPTS_FACTOR)} attempts"
+            )
+        return self
 
 
 class SimulateGrasps(ObjectStage):
     """From an object's surface to the poses of the hand and its sensors around it."""
 
     name = "simulate-grasps"
-    summary = "The best grasps of many, settled in physics, and where each touches."
+    summary = "Simulate grasps; keep the best and record which sensors touch."
     output = GRASPS
     settings_type = GraspSettings
 
     def inputs(self, settings: GraspSettings) -> tuple[Artifact, ...]:
-        """Name the inputs: the normalised meshes and their surface points."""
         return (SURFACES,)
 
     def assets(self, settings: GraspSettings) -> list[Path]:
-        """List the hand file with all it names, and the fingers' sensor files."""
+        """List the hand file with all it names, and the sensor files."""
         hand = load_hand(settings.hand)
         return [*hand.files, *sensor_files(sensor_names(hand, settings.sensor))]
 
@@ -80,6 +155,10 @@ class SimulateGrasps(ObjectStage):
 
     def describe_misfits(self, settings: GraspSettings, objects: Iterable[tuple[str, Inputs]]) -> Iterator[str]:
         """Name links whose mass or inertia is estimated, gels inside their links, and objects that do not fit the hand."""
+        from pipeline.kernels.hand.buried_gels import buried_gels
+        from pipeline.physics.hand_urdf import inertia_notes
+        from stages.simulate_grasps.size_warnings import opening, size_warnings
+
         hand = load_hand(settings.hand)
         yield from (f"hand {hand.name}: {note}" for note in inertia_notes(hand))
         sensors = load_worn_sensors(sensor_names(hand, settings.sensor))
@@ -109,135 +188,34 @@ class SimulateGrasps(ObjectStage):
     @contextmanager
     def session(self, settings: GraspSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         """Prepare the hand and open physics clients, for all objects of a worker."""
-        prepared_hand = prepare_hand(settings)
+        from stages.simulate_grasps.grasping import Grasping
+
         with ExitStack() as opened:
-            yield _Grasping(
-                settings,
-                prepared_hand,
-                pinches=prepare_pinches(prepared_hand) if settings.search == "hold" else None,
-                physics=opened.enter_context(Simulation(prepared_hand.hand)),
-                test=opened.enter_context(HoldTest(prepared_hand.hand, prepared_hand.sensors, mass=settings.hold_mass))
-                if settings.test != "none"
-                else None,
-            )
+            yield Grasping(settings, opened).process
 
 
-@dataclass(frozen=True, eq=False)
-class _Grasping:
-    """Finds the grasps of one object after the other."""
+def missing_touches(data: Path, reference: Path) -> dict[str, float]:
+    """Compute the share of the sensors of all kept grasps that do not touch, % by object."""
+    rows = ObjectRows(data, ("touch_success",), split=None)
+    return {name: 100 * (1 - float(rows.read("touch_success", name).mean())) for name in rows.object_ids}
 
-    settings: GraspSettings
-    hand: PreparedHand
-    pinches: Pinches | None
-    physics: Simulation
-    test: HoldTest | None
 
-    def __call__(self, unit: Unit, inputs: Inputs) -> Row:
-        """Find the best grasps of an object and return its row."""
-        settings, surface = self.settings, inputs["surfaces"]
-        mesh = read_mesh(surface)
-        prepared_object = prepare_object(mesh, surface["points"], surface["normals"], cell=settings.grid_cell, reach=self.hand.reach)
-        self.physics.load(mesh)
-        if self.test is not None:
-            self.test.load(mesh, prepared_object.points)
-        search = GraspSearch(self.hand, prepared_object, self.physics, settings, self._planner(prepared_object, unit))
-        kept, touched, faults = self._search(search, unit)
-        if len(kept) < settings.grasps:
-            most_common_fault = faults.most_common(1)[0][0]
-            raise InvalidInput(
-                f"{len(kept)} of {settings.grasps} grasps found in {len(touched)} attempts: {most_common_fault}; scale the object "
-                f"({', '.join(f'{extent:.3g}' for extent in np.ptp(mesh.vertices, axis=0))} m) to between one and five hands, "
-                f"or raise simulate-grasps.attempts"
-            )
-        stored = [self._stored(grasp) for grasp in kept]
-        return {
-            "hand_pose": np.stack([grasp.hand_pose for grasp in kept]),
-            "pregrasp_angles": np.stack([grasp.pregrasp_angles for grasp in kept]),
-            "joint_angles": np.stack([grasp.joint_angles for grasp in kept]),
-            "squeeze_angles": np.stack([grasp.squeeze for grasp in stored]),
-            "sensor_pose": np.stack([grasp.sensor_pose for grasp in kept]),
-            "touch_success": np.stack([grasp.touched for grasp in kept]),
-            "contact_point": np.stack([[contact.point if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
-            "contact_normal": np.stack([[contact.normal if contact else np.zeros(3) for contact in grasp.contacts] for grasp in kept]),
-            "contact_area": np.stack([grasp.contact_area for grasp in kept]).astype(np.float32),
-            "opposition": np.array([grasp.opposition for grasp in kept], np.float32),
-            "closure": np.array([grasp.closure for grasp in kept], np.float32),
-            "penetration": np.array([grasp.penetration for grasp in kept], np.float32),
-            "attempts": np.array(len(touched), np.int32),
-            "attempt_success": np.mean(touched, axis=0).astype(np.float32),
-            **self._held(kept, stored),
-        }
+def sensors_of_grasps(data: Path) -> int:
+    """Count the sensors of the kept grasps of an object."""
+    rows = ObjectRows(data, ("touch_success",), split=None)
+    return rows.read("touch_success", rows.object_ids[0]).size
 
-    def _planner(self, prepared_object: PreparedObject, unit: Unit) -> Callable[[np.random.Generator], GraspPlan | None]:
-        if self.pinches is None:
-            return TouchPlanner(self.hand, prepared_object, self.settings)
-        return HoldPlanner.of_object(self.hand, prepared_object, self.settings, self.pinches, unit.rng("simulate-grasps", "rays"))
 
-    def _search(self, search: GraspSearch, unit: Unit) -> tuple[list[Grasp], list[NDArray[np.bool_]], Counter[str]]:
-        """Attempt grasps until no better ones are needed; return the best, which sensors touched in each attempt, and counts of faults."""
-        settings = self.settings
-        kept: list[Grasp] = []
-        touched, faults = [], Counter[str]()
-        for number in range(SECOND_CHANCES * settings.attempts):
-            full = len(kept) == settings.grasps
-            if (number >= settings.attempts and (full or not kept)) or (full and self._are_enough(kept)):
-                break
-            grasp = search.attempt(unit.rng("simulate-grasps", number))
-            touched.append(grasp.touched if grasp else np.zeros(len(self.hand.hand.sensors), bool))
-            if grasp is None:
-                faults[f"the hand has no room around the object with clearance {settings.clearance:g} m"] += 1
-            elif grasp.fault is not None:
-                faults[grasp.fault] += 1
-            if grasp is not None and grasp.sound and settings.search == "hold":
-                motions, holds = self._measure(self._stored(grasp), to_end=False)
-                grasp = replace(grasp, holds=holds, motions=motions)
-            kept = keep_best(kept, grasp, settings.grasps, settings.prefer)
-        return kept, touched, faults
-
-    def _are_enough(self, kept: list[Grasp]) -> bool:
-        """Check whether the search may end: no attempt can add touches to these grasps or, of a hold search, all of them hold."""
-        if self.settings.makes_all_attempts:
-            return False
-        return all(grasp.holds if self.settings.search == "hold" else grasp.touched.all() for grasp in kept)
-
-    def _stored(self, grasp: Grasp) -> StoredGrasp:
-        """Add the squeeze to a grasp: the joint angles at which every sensor presses on."""
-        squeeze = pregrasp_angles(self.hand.hand, grasp.joint_angles, [-self.settings.squeeze])[0]
-        return StoredGrasp(grasp.hand_pose, grasp.pregrasp_angles, grasp.joint_angles, squeeze, grasp.contacts)
-
-    def _measure(self, grasp: StoredGrasp, *, to_end: bool) -> tuple[NDArray[np.float32], bool]:
-        """Measure how far, m, and how fast, m/s, the object moved at the end of the hold test, along one direction after the other.
-
-        Returns
-        -------
-        motions
-            (D, 2); unless `to_end`, up to the first direction in which the grasp does not hold.
-        holds
-            Whether it holds in all; so does any without a test.
-        """
-        if self.test is None:
-            return np.empty((0, 2), np.float32), True
-        motions, holds = [], True
-        for acceleration in HOLD_TESTS[self.settings.test]:
-            motion = self.test.hold(grasp, acceleration=acceleration)
-            motions.append(np.array([motion.moved, motion.speed], np.float32))
-            holds &= bool(is_held(*motions[-1]))
-            if not (holds or to_end):
-                break
-        return np.stack(motions), holds
-
-    def _held(self, kept: list[Grasp], stored: list[StoredGrasp]) -> Row:
-        """Tell which grasps hold, and how the object moved; those that have not passed all directions are tested in every one."""
-        if self.test is None:
-            return {}
-        motions = np.stack(
-            [grasp.motions if grasp.holds else self._measure(one, to_end=True)[0] for grasp, one in zip(kept, stored, strict=True)]
-        )
-        distance, speed = np.moveaxis(motions, -1, 0)
-        held = is_held(distance, speed)
-        return {
-            "held": held[:, HOLD_TESTS[self.settings.test].index(DOWN)],
-            "hold_distance": distance,
-            "hold_speed": speed,
-            **({"held_directions": held} if self.settings.test == "six" else {}),
-        }
+TRADE = Trade(
+    metric="sensors of kept grasps that do not touch",
+    unit="%",
+    candidates=(
+        {"ik_samples": 256, "ik_refinements": 0},
+        {"ik_samples": 256},
+        {"ik_refinements": 1},
+        {"attempts": 10},
+        {"ik_samples": 2048},
+    ),
+    errors=missing_touches,
+    trials=sensors_of_grasps,
+)

@@ -1,7 +1,5 @@
 """Plans of the supplement (1.3): a palm tangent to the object at random, fingers that touch it where they can."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
@@ -13,9 +11,9 @@ from pipeline.kernels.hand.grasp_ik import fingers_fit, grasp_ik
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.object_distances import near_gaps
 from pipeline.kernels.hand.pregrasp import tangent_palm_pose
-from stages.simulate_grasps.grasp_search import GraspPlan
-from stages.simulate_grasps.prepare import PreparedHand, PreparedObject
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.grasp_search import Posture
+from stages.simulate_grasps.prepare import CLEARANCE, PreparedHand, PreparedObject
+from stages.simulate_grasps.stage import GraspSettings
 
 MAX_POSES = 40
 """Most draws of palm point, distance and rotation per plan; a draw at which the hand would be in the object is repeated."""
@@ -25,18 +23,18 @@ MAX_SEARCHES = 3
 
 @dataclass(frozen=True, eq=False)
 class TouchPlanner:
-    """Plans grasps of one object that touch it with as many sensors as they can."""
+    """Plan grasps of one object that touch it with as many sensors as they can."""
 
     prepared_hand: PreparedHand
     prepared_object: PreparedObject
     settings: GraspSettings
 
-    def __call__(self, rng: np.random.Generator) -> GraspPlan | None:
-        """Draw a plan; None where the hand finds no room around the object."""
+    def __call__(self, rng: np.random.Generator) -> Posture | None:
+        """Plan a posture; None where the hand has no room around the object."""
         for pose in islice(self.poses_with_room(rng), MAX_SEARCHES):
             choices = grasp_ik(self.prepared_hand.ik, self.prepared_object.field, pose, rounds=self.settings.ik_refinements, rng=rng)
             if len(choices.picks):
-                return GraspPlan(pose, choices.joint_angles(0))
+                return pose, choices.joint_angles(0)
         return None
 
     def poses_with_room(self, rng: np.random.Generator) -> Iterator[NDArray[np.float64]]:
@@ -53,5 +51,5 @@ class TouchPlanner:
     def _has_room(self, pose: NDArray[np.float64]) -> bool:
         """Check whether the palm stays clear of the object, and every finger can."""
         hand, palm, field = self.prepared_hand.hand, self.prepared_hand.palm_spheres, self.prepared_object.field
-        gaps = near_gaps(field, palm, forward_kinematics(hand, pose, hand.lower), self.settings.clearance)
-        return bool((gaps >= self.settings.clearance).all()) and fingers_fit(self.prepared_hand.ik, field, pose)
+        gaps = near_gaps(field, palm, forward_kinematics(hand, pose, hand.lower), CLEARANCE)
+        return bool((gaps >= CLEARANCE).all()) and fingers_fit(self.prepared_hand.ik, field, pose)

@@ -1,70 +1,94 @@
 """`train-implicit`: learn the signed distance from any point in space to the object, from images and touches."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-import torch
-from torch import Tensor
+from pydantic import model_validator
 
+from pipeline.config.settings import setting
 from pipeline.engine.stage import Cost
-from pipeline.models.implicit_reconstruction import ImplicitReconstructor
-from pipeline.training.augmentation import draw_misplacement, misplace
-from pipeline.training.items import Items
-from pipeline.training.reconstruction import Batch, ReconstructionLearner, ReconstructionTraining
+from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS, Norm
+from pipeline.training.schedule import Schedule
+from pipeline.training.settings import ReconstructionSettings
+from pipeline.training.training_stage import ReconstructionTraining
 from schemas.distances import DISTANCES
-from stages.train_implicit.settings import ImplicitSettings
 
-MISPLACED = 0.5
-"""Share of the items with image and touches that are at a wrong place, if `placement_error` is not 0."""
+if TYPE_CHECKING:
+    from pipeline.training.reconstruction import ReconstructionLearner
 
 
-class ImplicitLearner(ReconstructionLearner):
-    """Minimise the mean error of the predicted distances, which are cut off at the band."""
+class ImplicitSettings(ReconstructionSettings):
+    """How signed distances are learned from images and touches; lengths are those of objects that are scaled to 0.5 m."""
 
-    target, arrays, seeded_as = DISTANCES, ("query_points", "signed_distance"), "train-implicit"
+    configurations = IMPLICIT_CONFIGURATIONS
 
-    def targets(
-        self, items: Items, numbers: Sequence[int], generators: Sequence[torch.Generator], *, validates: bool
-    ) -> tuple[Tensor, Tensor]:
-        """Draw points of each item, (B, N, 3) world, m, and their signed distances (B, N), m, scaled as its observation is."""
-        count = self.settings.validation_queries if validates else self.settings.queries
-        queries, distances = [], []
-        for item, generator in zip(numbers, generators, strict=True):
-            object_id = items.object_of(item)
-            points, point_distances = (items.rows.read(name, object_id) for name in self.arrays)
-            rows = torch.randint(len(points), (count,), generator=generator).numpy()
-            queries.append(items.scaled(points[rows], object_id))
-            distances.append(np.float32(items.scale(object_id)) * point_distances[rows])
-        return torch.from_numpy(np.stack(queries)), torch.from_numpy(np.stack(distances))
+    configuration: str = setting("implicit-unoccluded", f"which network: {', '.join(IMPLICIT_CONFIGURATIONS)}", changes="definition")
+    features: int = setting(128, "of each layer of the decoder", ge=2, le=2**12)
+    blocks: int = setting(3, "residual blocks of the decoder, of two layers each", ge=0, le=100)
+    band: float = setting(
+        0.03,
+        "m, beyond which distances count the same: more than the 28 mm at which meshing begins to look closer",
+        gt=0,
+        le=1,
+    )
+    spacing: float = setting(0.004, "of the grid of a reconstruction's mesh, m; half of it takes four times as long", ge=1.25e-3, le=0.05)
+    touch_reach: float = setting(
+        0.01,
+        "m, largest distance to which a reconstruction follows touches where the network errs; 0 uses the network alone",
+        ge=0,
+        le=1,
+    )
+    encoder_layers: Literal[12, 15, 18] = setting(12, "as in Table 10")
+    encoder_kernel: Literal[3, 5] = setting(5, "as `train-gcn`'s")
+    encoder_norm: Norm | None = setting(
+        None,
+        "as `train-gcn`'s; with group the validation loss does not jump on its way, and ends where it does with batch; null takes "
+        "group for implicit-any, whose batches have more or fewer images, and batch for the others",
+    )
+    encoder_width: float = setting(0.25, "share of the tables' channels", gt=0, le=2)
+    learning_rate: float = setting(2e-3, "with the cosine schedule", gt=0, le=100)
+    schedule: Schedule = setting("cosine", "rises for a twentieth of all steps, then falls to 0: distances settle in its last third")
+    gradient_limit: float | None = setting(1.0, "norm to which a longer gradient is shortened before each step; null leaves it", gt=0)
+    batch_size: int = setting(4, "as `train-gcn`'s: steps count more than the size of a batch", ge=1)
+    epochs: int = setting(
+        500, "half an hour of one core for 168 objects; draft's 100 take a fifth of it, and docs/results.md has what they leave", ge=1
+    )
+    queries: int = setting(500, "points per item at which distances are learned", ge=1)
+    validation_queries: int = setting(4000, "points per validation item", ge=1)
+    samples_per_object: int = setting(
+        1, "per object and epoch; the grasp that each begins with is drawn where they are fewer than the grasps", ge=1
+    )
+    validation_items: int = setting(1, "items per validation object, with 1, 2, … grasps", ge=1)
+    dropped_image: float = setting(0.2, "implicit-any alone: share of items without image; half of the others' is occluded", ge=0, le=1)
+    dropped_grasps: float = setting(0.35, "implicit-any alone: share of items without touches, with an image or without", ge=0, le=1)
+    dropped_touches: float | None = setting(
+        None,
+        "share of an item's touch charts that is left out, drawn for each item; null: a tenth for implicit-any, else none",
+        ge=0,
+        lt=1,
+    )
+    placement_error: float = setting(
+        0.0,
+        "m, standard deviation of the error of an object's place along each axis; its size errs by this over 0.25 m. Half of the items "
+        "with image and touches have such an error, as places have that are estimated from depth",
+        ge=0,
+        le=0.1,
+    )
 
-    def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Batch:
-        """Read items as every family does, some of them at a wrong pose if the settings ask for it."""
-        batch, deviation = super().read(items, generators), self.settings.placement_error
-        if not deviation:
-            return batch
-        config = self._config
-        observations, (queries, distances) = list(batch.observations), batch.targets
-        for number, (observation, generator) in enumerate(zip(batch.observations, generators, strict=True)):
-            place = draw_misplacement(deviation, config.centre, config.radius, generator)
-            is_chosen = float(torch.rand((), generator=generator, dtype=torch.float64)) < MISPLACED
-            if is_chosen and observation.image is not None and observation.touched.any():
-                observations[number] = misplace(observation.scaled(config.centre), place, np.array(config.centre))
-                queries[number] = torch.from_numpy(place.moved(queries[number].numpy()))
-                distances[number] *= place.scale
-        return Batch(observations, (queries, distances), generators)
+    @model_validator(mode="after")
+    def _norm_of_any(self) -> "ImplicitSettings":
+        if self.named.image == "any" and self.encoder_norm == "batch" and self.devices > 1:
+            raise ValueError("encoder_norm=batch needs an image of some item in each process, which implicit-any may not have; take group")
+        return self
 
-    def loss(self, network: Any, batch: Batch) -> Tensor:
-        """Compute the mean absolute error of the distances within the band, as a share of the band."""
-        inputs, (queries, distances) = self.stack(network, batch), batch.targets
-        predicted: Tensor = network(queries.to(inputs.touch_vertices), **vars(inputs))
-        band: float = self._config.band
-        loss: Tensor = (predicted - distances.to(predicted).clamp(-band, band)).abs().mean() / band
-        return loss
+    @property
+    def dropped_inputs(self) -> tuple[float, float]:
+        """The shares of items that `implicit-any` is given without image, and without touches."""
+        return self.dropped_image, self.dropped_grasps
 
-    def errors(self, network: Any, batch: Batch) -> Tensor:
-        """Give each item the mean error of the batch, (B,), as all items have the same number of points."""
-        return self.loss(network, batch).expand(len(batch.observations))
+    @property
+    def touch_dropout(self) -> float:
+        """The share of touch charts that is skipped."""
+        return (0.1 if self.named.image == "any" else 0.0) if self.dropped_touches is None else self.dropped_touches
 
 
 class TrainImplicit(ReconstructionTraining):
@@ -73,8 +97,12 @@ class TrainImplicit(ReconstructionTraining):
     name = "train-implicit"
     summary = "Train an implicit network: signed distances at any point, from an image or touches or both."
     settings_type = ImplicitSettings
-    family = ImplicitReconstructor
-    learner = ImplicitLearner
+    target, arrays = DISTANCES, ("query_points", "signed_distance")
+
+    def learner(self) -> "type[ReconstructionLearner]":
+        from stages.train_implicit.learner import ImplicitLearner
+
+        return ImplicitLearner
 
     def cost(self, settings: ImplicitSettings, objects: int) -> Cost:
         """Estimate the time per item on one core, in proportion to its points and the squared features."""

@@ -14,7 +14,7 @@ from pipeline.rng import seeded_weights
 from pipeline.training.learner import Learner
 from pipeline.training.loop import train
 from stages.train_touch.presses import Presses
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.stage import TouchTrainingSettings
 from stages.train_touch.variation import vary_change
 
 NAME = "train-touch"
@@ -46,7 +46,7 @@ class PressLearner(Learner):
 
     def describe(self, item: int) -> str:
         """Name a training press."""
-        return self.train.describe(item)
+        return self.train.names[item]
 
     def read(self, items: Sequence[int], generators: Sequence[torch.Generator]) -> Windows:
         """Read a varied window of each press."""

@@ -1,13 +1,13 @@
 """The training data of a local network: presses of `simulate-presses`, or presses made here for a sensor without a dataset."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows, touch_sensor
 from pipeline.kernels.touch.press_shapes import random_press
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.sensor import Sensor
@@ -27,69 +27,30 @@ class SimulatedPress(NamedTuple):
     contact: NDArray[np.bool_]  # (rows, cols)
 
 
-class Presses(Protocol):
+@dataclass(frozen=True, eq=False)
+class Presses:
     """Presses of one sensor."""
 
-    @property
-    def sensor(self) -> Sensor:
-        """Their sensor, with their pixels."""
-
-    @property
-    def untouched(self) -> NDArray[np.uint8]:
-        """The image (rows, cols, 3) without a press."""
+    sensor: Sensor  # with their pixels
+    untouched: NDArray[np.uint8]  # (rows, cols, 3) the image without a press
+    names: Sequence[str]  # of the presses, in messages
+    read: Callable[[int], SimulatedPress]  # a press, by number
 
     def __len__(self) -> int:
-        """Count the presses."""
-
-    def read(self, item: int) -> SimulatedPress:
-        """Read a press."""
-
-    def describe(self, item: int) -> str:
-        """Name a press."""
+        return len(self.names)
 
 
-class StoredPresses:
-    """The presses of a split of a data directory."""
+def stored_presses(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Presses:
+    """Open the presses of a split of a data directory."""
+    rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
+    per_object = rows.size("press_image", "press")
+    names = [f"{object_id} press {press}" for object_id in rows.object_ids for press in range(per_object)]
 
-    def __init__(self, data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> None:
-        self.rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
-        self.sensor = touch_sensor(self.rows.attributes("presses"))
-        self.untouched = self.rows.read("press_untouched", self.rows.object_ids[0])
-        self.presses_per_object = self.rows.size("press_image", "press")
+    def read(item: int) -> SimulatedPress:
+        number, press = divmod(item, per_object)
+        return SimulatedPress(*(rows.read(array, rows.object_ids[number], press) for array in ARRAYS[:3]))
 
-    def __len__(self) -> int:
-        return len(self.rows) * self.presses_per_object
-
-    def read(self, item: int) -> SimulatedPress:
-        """Read a press."""
-        number, press = divmod(item, self.presses_per_object)
-        image, indentation, contact = (self.rows.read(array, self.rows.object_ids[number], press) for array in ARRAYS[:3])
-        return SimulatedPress(image, indentation, contact)
-
-    def describe(self, item: int) -> str:
-        """Name the object and the number of a press."""
-        number, press = divmod(item, self.presses_per_object)
-        return f"{self.rows.object_ids[number]} press {press}"
-
-
-@dataclass(frozen=True, eq=False)
-class RandomPresses:
-    """Random shapes pressed into a sensor, in memory: for a sensor without a dataset."""
-
-    sensor: Sensor
-    untouched: NDArray[np.uint8]  # (rows, cols, 3)
-    presses: list[SimulatedPress]
-
-    def __len__(self) -> int:
-        return len(self.presses)
-
-    def read(self, item: int) -> SimulatedPress:
-        """Return a press."""
-        return self.presses[item]
-
-    def describe(self, item: int) -> str:
-        """Name a press."""
-        return f"random press {item}"
+    return Presses(touch_sensor(rows.attributes("presses")), rows.read("press_untouched", rows.object_ids[0]), names, read)
 
 
 def random_presses(
@@ -98,8 +59,8 @@ def random_presses(
     seed: int,  # of all draws
     *,
     gel: tuple[float, float],  # least and greatest factor of gel thickness or membrane width, drawn per press
-) -> RandomPresses:
-    """Press random shapes into a sensor."""
+) -> Presses:
+    """Press random shapes into a sensor without a dataset; they stay in memory."""
     presses = []
     for number in range(count):
         rng = numpy_rng(seed, "random-presses", number)
@@ -107,4 +68,4 @@ def random_presses(
         varied = scaled_gel(sensor, rng.uniform(*gel))
         state = press_gel(press.depth, varied)
         presses.append(SimulatedPress(render_gel(state.indentation, varied, rng), state.indentation.astype(np.float32), state.contact))
-    return RandomPresses(sensor, untouched_image(sensor), presses)
+    return Presses(sensor, untouched_image(sensor), [f"random press {number}" for number in range(count)], presses.__getitem__)

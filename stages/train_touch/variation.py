@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import conv2d, interpolate, pad
 
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.stage import TouchTrainingSettings
 
 DRIFT_SIDE = 3
 """Points per side between which drift is interpolated: it is smooth."""

@@ -10,13 +10,13 @@ from torch import Tensor, nn
 from pipeline.dataset.object_rows import CACHE_MEGABYTES, ObjectRows
 from pipeline.errors import StageError
 from pipeline.kernels.networks.unet import UNet, contact_mask, masked_depth_loss, projected_chamfer_loss, visible_depth
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 from pipeline.kernels.touch.depth_maps import gel_surface, gel_top
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.store.storage import Location
 from pipeline.training.augmentation import vary_image
 from pipeline.training.learner import Learner
-from stages.train_unet.settings import UnetSettings
+from stages.train_unet.stage import UnetSettings
 
 ARRAYS = ("tactile_image", "depth", "untouched", "touch_success")
 """Arrays that are read of each object."""
@@ -46,13 +46,13 @@ class Touches:
 
 
 def load_touches(data: Location, split: str, *, cache_megabytes: float = CACHE_MEGABYTES) -> Touches:
-    """Find the touches among a split's sensors; at most `cache_megabytes` of them stay in memory."""
+    """List the touches among a split's sensors; at most `cache_megabytes` of them stay in memory."""
     rows = ObjectRows(data, ARRAYS, split, cache_megabytes=cache_megabytes)
     success = np.stack([rows.read("touch_success", object_id) for object_id in rows.object_ids])  # (object, grasp, sensor)
     if not success.any():
         raise StageError(
             f"none of the {success.size} sensors of split {split} ({len(rows)} objects) touches; "
-            "take more objects, or more simulate-grasps.attempts"
+            "use more objects, or more simulate-grasps.attempts"
         )
     sensor = rows.sensor()
     return Touches(rows, np.argwhere(success), sensor, rows.read("untouched", rows.object_ids[0])[0])

@@ -10,10 +10,10 @@ import trimesh
 
 from benchmarks.grasp_tests import GRASP_TESTS, Engine
 from benchmarks.mujoco_hold_test import ARMATURE, MujocoHoldTest
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_worn_sensors, sensor_names
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.hand_urdf import GEL_MASS, gel_name
 from tests.kernels.hand.meshes import bar, centred, points_on
@@ -59,7 +59,7 @@ def test_hand_without_contact_keeps_its_posture() -> None:
     angles = (hand.lower + hand.upper) / 2
     with MujocoHoldTest(hand, load_worn_sensors(sensor_names(hand, None)), mass=0.2) as test:
         test.load(far, points_on(far, 500, seed=0)[0])
-        grasp = StoredGrasp(pose, angles, angles, angles, [None] * len(hand.sensors))
+        grasp = Grasp(pose, angles, angles, angles, np.empty((0, 4, 4)), [None] * len(hand.sensors))
         motion = test.hold(grasp, acceleration=(0.0, 0.0, 0.0), seconds=0.2)
         np.testing.assert_allclose([test.data.joint(name).qpos[0] for name in hand.joint_names], angles, atol=1e-3)
     assert motion.moved < 1e-6

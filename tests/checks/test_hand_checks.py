@@ -15,8 +15,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.description_file import description_path
 from pipeline.formats.hand_file import load_hand
 from stages.simulate_grasps.prepare import prepare_hand
-from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.stage import SimulateGrasps
+from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.checks.edited_descriptions import edited
 
 

@@ -1,7 +1,5 @@
 """Workers that die, hang or cannot start, full disks and unreachable schedulers."""
 
-from __future__ import annotations
-
 import errno
 import os
 import resource
@@ -11,20 +9,22 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import dask
 import pytest
 from distributed import Security
 
-from pipeline.engine import dask_executor, local_cluster
+from pipeline.engine import dask_executor
 from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.session import Work
 from pipeline.engine.stage import Inputs
 from pipeline.engine.unit import Unit
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import StageError, StoreError
 from pipeline.store import publish
 from pipeline.store.rows import Row
@@ -49,8 +49,8 @@ class DiesOpening(MakeNoise):
             yield process
 
 
-class NotesItsEnd(MakeNoise):
-    """Writes a file when its session closes; its name says whether the same thread opened the session."""
+class Notes(MakeNoise):
+    """Writes files that describe its process when its session opens and closes."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__()
@@ -59,79 +59,136 @@ class NotesItsEnd(MakeNoise):
     @contextmanager
     def session(self, settings: NoiseSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
         opener = threading.get_ident()
+        (self.folder / "temporary").write_text(tempfile.mkdtemp())
+        (self.folder / "threads").write_text(os.environ["OMP_NUM_THREADS"])
         with super().session(settings, models) as process:
             yield process
         (self.folder / ("closed there" if threading.get_ident() == opener else "closed elsewhere")).touch()
 
 
-def test_workers_close_sessions_in_the_thread_that_opened_them(tmp_path):
-    run(request(tmp_path / "data", stage=NotesItsEnd(tmp_path), executor=Dask()))
+def work_of(data: Path, stage: MakeNoise | None = None) -> tuple[Work, list[Unit]]:
+    plan = plan_of(request(data, stage=stage))
+    return Work(plan.stage, plan.settings, data, {}, plan.assets), plan.units
+
+
+def test_workers_close_sessions_in_the_thread_that_opened_them_and_leave_no_files(tmp_path, monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    run(request(tmp_path / "data", stage=Notes(tmp_path), executor=WorkerProcesses()))
     assert [path.name for path in tmp_path.glob("closed*")] == ["closed there"]
+    assert (tmp_path / "threads").read_text() == "1"
+    assert "OMP_NUM_THREADS" not in os.environ
+    temporary = Path((tmp_path / "temporary").read_text())
+    assert temporary.parent.parent.name == f"vt-pipeline-{os.getuid()}"
+    assert not temporary.parent.exists()
 
 
 def test_a_run_whose_worker_died_while_idle_continues(tmp_path):
-    plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets)
-    units = plan.units
-    with Dask() as executor:
+    work, units = work_of(tmp_path)
+    with WorkerProcesses() as executor:
         assert len([*executor.run(work, units[:1])]) == 1
-        for process in executor._connect(1).run(os.getpid).values():
-            os.kill(process, signal.SIGKILL)
+        (worker,) = executor._idle
+        os.kill(worker.process.pid, signal.SIGKILL)
         results = [*executor.run(work, units[1:])]
         assert [(result.failure, result.bug) for result in results] == [(None, None)] * 4
 
 
-def test_no_more_workers_start_than_there_are_units(tmp_path):
-    plan = plan_of(request(tmp_path))
-    work = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets)
-    with Dask(3) as executor:
-        list(executor.run(work, plan.units[:1]))
-        assert len(executor._connect(1).nthreads()) == 1
-        list(executor.run(work, plan.units[1:3]))
-        client = executor._connect(2)
-        client.wait_for_workers(2, timeout=60)
-        assert len(client.nthreads()) == 2
+def test_no_more_workers_start_than_there_are_units_and_they_are_reused(tmp_path):
+    work, units = work_of(tmp_path)
+    with WorkerProcesses(3) as executor:
+        list(executor.run(work, units[:1]))
+        (first,) = executor._idle
+        list(executor.run(work, units[1:3]))
+        assert first in executor._idle
+        assert len(executor._idle) == 2
+        processes = [worker.process for worker in executor._idle]
+    assert not any(process.is_alive() for process in processes)
 
 
-def test_object_beyond_its_time_limit_fails_and_the_others_are_processed(tmp_path):
-    run(request(tmp_path, items=objects(3, b="hang"), settings={"object_seconds": 1}, executor=Dask()))
-    assert "it took longer than object_seconds = 1; simplify the mesh, or raise it" in published(tmp_path).failure("b").reason
-    assert published(tmp_path).failure("c") is None
+def test_reused_workers_read_replaced_inputs(tmp_path):
+    with WorkerProcesses() as executor:
+        for samples in (50, 60):
+            run(request(tmp_path, settings={"samples": samples}))
+            assert plan_of(request(tmp_path, TakeMean(), executor=executor)).make(CONSOLE).objects == 5
 
 
-@pytest.mark.slow
-def test_only_the_crashing_and_hanging_objects_of_a_bundle_fail(tmp_path):
-    items = objects(16, h="crash", j="hang")
-    run(request(tmp_path, items=items, settings={"object_seconds": 6}, executor=Dask()))  # longer than replacing a worker takes
+def test_only_the_crashing_and_hanging_objects_fail_each_after_two_tries(tmp_path):
+    items = objects(6, b="crash", d="hang", e=f"crash once {tmp_path / 'crashed'}")
+    run(request(tmp_path, items=items, settings={"object_seconds": 2}, executor=WorkerProcesses(2)))
     failed = {item.object_id: failure.reason for item in items if (failure := published(tmp_path).failure(item.object_id))}
-    assert failed.keys() == {"h", "j"}
-    assert "its process died each time" in failed["h"]
-    assert "it took longer than object_seconds = 6" in failed["j"]
+    assert failed.keys() == {"b", "d"}
+    assert "its process died each time" in failed["b"]
+    assert "it took longer than object_seconds = 2; simplify the mesh, or raise it" in failed["d"]
 
 
-@pytest.mark.parametrize(("rate", "share", "size"), [(0.0, 100, 1), (0.1, 100, 1), (7, 100, 14), (1e6, 100, 50), (1e6, 1.5, 1)])
-def test_bundle_size_is_about_two_seconds_of_work_and_at_most_a_fair_share(rate, share, size):
-    assert dask_executor._bundle_size(rate, share) == size
+def test_closing_at_once_ends_workers_in_the_middle_of_an_object(tmp_path):
+    work, units = work_of(tmp_path)
+    executor = WorkerProcesses(2)
+    results = executor.run(work, units)
+    next(results)
+    processes = [worker.process for worker in executor._busy]
+    executor.close(at_once=True)
+    assert processes
+    assert not any(process.is_alive() for process in processes)
+
+
+def _workers(process: int) -> list[int]:
+    """List the worker processes of a process."""
+    workers = []
+    for children in Path(f"/proc/{process}/task").glob("*/children"):
+        with suppress(OSError):
+            workers += [
+                int(child) for child in children.read_text().split() if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+            ]
+    return workers
+
+
+@pytest.mark.parametrize(("number", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")])
+def test_run_stopped_while_its_workers_start_ends_with_one_line(tmp_path, number, status, word):
+    command = [sys.executable, "-m", "pipeline", "run", "sample-surfaces", "--data", str(tmp_path), "--workers", "2"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True) as started:
+        while started.poll() is None and not _workers(started.pid):
+            time.sleep(0.01)
+        if number == signal.SIGINT:
+            os.killpg(started.pid, number)  # as a terminal does
+        else:
+            started.send_signal(number)
+        _, message = started.communicate()
+    assert (started.returncode, message) == (status, f"error: {word}; what is finished is kept, run the same command to continue\n")
+
+
+def test_workers_of_a_killed_run_end_in_the_middle_of_an_object(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from tests.engine.tiny_stages import *\nfrom pipeline.engine.worker_processes import WorkerProcesses\n"
+        f"items = objects(2, a='sleep {tmp_path}/asleep-a', b='sleep {tmp_path}/asleep-b')\n"
+        "if __name__ == '__main__':\n    run(request(Path(sys.argv[1]), items=items, executor=WorkerProcesses(2)))\n"
+    )
+    with subprocess.Popen([sys.executable, str(script), str(tmp_path / "data")]) as started:
+        while started.poll() is None and len(list(tmp_path.glob("asleep*"))) < 2:
+            time.sleep(0.01)
+        workers = _workers(started.pid)
+        started.kill()
+    assert len(workers) == 2
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline and any(Path(f"/proc/{worker}/cmdline").exists() for worker in workers):
+        time.sleep(0.01)
+    assert not any(Path(f"/proc/{worker}/cmdline").exists() for worker in workers)
 
 
 def test_session_that_cannot_open_ends_the_run_and_fails_no_object(tmp_path):
-    with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
-        run(request(tmp_path, stage=MakeNoise(broken=True)))
+    for executor in (Serial(), WorkerProcesses()):
+        with pytest.raises(StageError, match="make-noise cannot start: OSError: no device; `vt-pipeline doctor`"):
+            run(request(tmp_path, stage=MakeNoise(broken=True), executor=executor))
     assert run(request(tmp_path)) == 5
 
 
-@pytest.mark.slow
-def test_worker_killed_while_opening_its_session_is_restarted(tmp_path):
-    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=Dask())) == 5
-
-
-@pytest.mark.slow
-def test_worker_that_always_dies_while_opening_its_session_gives_a_clear_error(tmp_path):
+def test_worker_that_dies_while_opening_its_session_is_replaced_once(tmp_path):
+    assert run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=True), executor=WorkerProcesses())) == 5
     with pytest.raises(StageError, match=r"make-noise cannot start: its process died each time while it opened .* fewer --workers"):
-        run(request(tmp_path, stage=DiesOpening(tmp_path / "flag", once=False), executor=Dask()))
+        run(request(tmp_path, stage=DiesOpening(tmp_path / "none", once=False), executor=WorkerProcesses(), seed=1))
 
 
-@pytest.mark.parametrize("executor", [Serial(), Dask()])
+@pytest.mark.parametrize("executor", [Serial(), WorkerProcesses()])
 def test_full_disk_gives_an_error_with_the_path_and_the_next_run_completes(tmp_path, executor):
     _, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # workers inherit the limit
@@ -157,16 +214,6 @@ def test_out_of_memory_fails_the_object_and_the_others_are_processed(tmp_path):
     run(request(tmp_path, items=objects(3, b="memory")))
     assert "memory ran out; with more memory, or the mesh made smaller" in published(tmp_path).failure("b").reason
     assert published(tmp_path).failure("c") is None
-
-
-@pytest.mark.slow
-def test_worker_without_a_nanny_is_replaced(tmp_path):
-    plan = plan_of(request(tmp_path))
-    work, units = Work(plan.stage, plan.settings, tmp_path, {}, plan.assets), plan.units
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1s"}), Dask() as executor:
-        assert len([*executor.run(work, units[:1])]) == 1
-        executor._connect(1).cluster.sync(executor._connect(1).cluster.workers[0].close)
-        assert len([*executor.run(work, units[1:])]) == 4
 
 
 class _Cluster:
@@ -202,15 +249,15 @@ class _Cluster:
 @pytest.mark.slow
 def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     run(request(tmp_path / "here"))
-    plan = plan_of(request(tmp_path / "there"))
+    work, units = work_of(tmp_path / "there")
     cluster = _Cluster(tmp_path)
     for name, file in (("CA_FILE", cluster.certificate), ("CLIENT__CERT", cluster.certificate), ("CLIENT__KEY", cluster.key)):
         monkeypatch.setenv(f"DASK_DISTRIBUTED__COMM__TLS__{name}", str(file))
     dask.config.refresh()
     cluster.start()
     try:
-        with Dask(scheduler=cluster.address) as executor:
-            results = executor.run(Work(plan.stage, plan.settings, tmp_path / "there", {}, plan.assets), plan.units)
+        with Dask(cluster.address) as executor:
+            results = executor.run(work, units)
             done = {next(results).name, next(results).name}
             cluster.kill()
             cluster.start()
@@ -224,40 +271,17 @@ def test_restarted_cluster_gives_the_same_digest(tmp_path, monkeypatch):
     assert digest(tmp_path / "there") == digest(tmp_path / "here")
 
 
-def test_reused_workers_read_replaced_inputs_and_keep_temporary_files_in_dask_scratch_space(tmp_path):
-    with Dask() as executor:
-        for samples in (50, 60):
-            run(request(tmp_path, settings={"samples": samples}))
-            assert plan_of(request(tmp_path, TakeMean(), executor=executor)).make(CONSOLE).objects == 5
-        profiling = executor._connect(1).run(dask.config.get, "distributed.worker.profile.enabled")
-        assert [*profiling.values()] == [False]  # profiling makes a worker grow by 0.1 MB per second
-        (temporary,) = executor._connect(1).run(tempfile.mkdtemp).values()
-        assert Path(temporary).parent.parent.name == "dask-scratch-space"  # Dask clears this folder
-
-
-def test_workers_that_start_too_late_give_an_error_with_a_remedy(monkeypatch):
-    def late(*_: object, **__: object) -> None:
-        raise TimeoutError
-
-    monkeypatch.setattr(local_cluster, "_cluster_of", late)
-    with pytest.raises(StageError, match=r"2 worker processes did not start in time.*--executor serial"):
-        Dask(2)._connect(2)
-
-
-def test_unreachable_scheduler_is_named(monkeypatch):
+@pytest.mark.parametrize(
+    ("address", "why"),
+    [
+        ("tcp://127.0.0.1:9", "there is no Dask scheduler with workers at tcp://127.0.0.1:9: "),
+        ("tls://127.0.0.1:9", "tls://127.0.0.1:9 asks for certificates, and Dask's configuration names none; see "),
+        ("nowhere", "there is no Dask scheduler with workers at nowhere: missing port number"),
+        ("smtp://x:1", "there is no Dask scheduler with workers at smtp://x:1: unknown address scheme 'smtp'"),
+    ],
+)
+def test_unreachable_or_invalid_scheduler_is_named(monkeypatch, address, why):
     monkeypatch.setattr(dask_executor, "CONNECT_SECONDS", 1)
-    with pytest.raises(StageError, match=r"there is no Dask scheduler with workers at tcp://127\.0\.0\.1:9: .*; start both first"):
-        Dask(scheduler="tcp://127.0.0.1:9")._connect(1)
-
-
-def test_scheduler_that_needs_certificates_gives_an_error_with_the_guide():
-    with pytest.raises(
-        StageError, match=r"tls://127\.0\.0\.1:9 asks for certificates, and Dask's configuration names none; see .*speed-and-accuracy"
-    ):
-        Dask(scheduler="tls://127.0.0.1:9")._connect(1)
-
-
-@pytest.mark.parametrize(("address", "why"), [("nowhere", "missing port number"), ("smtp://x:1", "unknown address scheme 'smtp'")])
-def test_invalid_address_of_a_scheduler_is_named_at_once(address, why):
-    with pytest.raises(StageError, match=f"there is no Dask scheduler with workers at {address}: {why}"):
-        Dask(scheduler=address)._connect(1)
+    with pytest.raises(StageError) as error:
+        Dask(address).processes  # noqa: B018
+    assert str(error.value).startswith(why)

@@ -6,8 +6,8 @@ import stat
 import pytest
 
 from pipeline.config.manifest import Object
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.make import make
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import BugFound, InvalidInput
 from tests.engine.tiny_stages import CONSOLE, MEAN, TakeMean, leave_row, objects, plan_of, published, request, run
 
@@ -84,7 +84,7 @@ def test_failure_under_other_settings_is_ignored(tmp_path):
 
 def test_failures_are_recorded_with_reasons_and_the_others_are_processed(tmp_path):
     items = objects(6, b="bad", c="crash")
-    run(request(tmp_path, items=items, executor=Dask(2)))
+    run(request(tmp_path, items=items, executor=WorkerProcesses(2)))
     noise = published(tmp_path)
     reasons = {name: failure.reason for name in noise if (failure := noise.failure(name))}
     assert set(reasons) == set("bc")

@@ -13,9 +13,9 @@ import pytest
 
 from pipeline.config.manifest import Object
 from pipeline.dataset.labelled import open_artifact
-from pipeline.engine.dask_executor import Dask
 from pipeline.engine.executor import Serial
 from pipeline.engine.make import make, plans
+from pipeline.engine.worker_processes import WorkerProcesses
 from pipeline.errors import InvalidInput, StageError, StoreError
 from pipeline.formats.description_file import description_path
 from pipeline.rng import numpy_rng
@@ -23,9 +23,8 @@ from pipeline.store import directory as directory_module
 from pipeline.store.atomic import exclusive_lock
 from pipeline.store.directory import DataDirectory
 from pipeline.store.garbage import collect_everything
-from pipeline.store.origins import check_origins
 from pipeline.store.record import read_record
-from pipeline.store.validate import problems_below
+from pipeline.store.validate import check_origins, problems_below
 from pipeline.tables.status import read_account
 from tests.engine.tiny_stages import (
     CONSOLE,
@@ -65,7 +64,7 @@ def test_settings_that_change_results_make_rows_again_and_speed_settings_do_not(
 
 @pytest.mark.parametrize(("shards", "workers"), [pytest.param(4, 1, marks=pytest.mark.slow), (7, 2)])
 def test_digest_does_not_depend_on_shards_or_workers(tmp_path, shards, workers):
-    for data, options in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": Dask(workers)})):
+    for data, options in ((tmp_path / "one", {}), (tmp_path / "other", {"shards": shards, "executor": WorkerProcesses(workers)})):
         run(request(data, **options))
         run(request(data, stage=TakeMean(), **options))
     assert digest(tmp_path / "one") == digest(tmp_path / "other")

@@ -29,8 +29,7 @@ from pipeline.store.digest import hashes_of
 from pipeline.store.directory import DataDirectory
 from pipeline.store.publish import FolderOutput
 from pipeline.store.record import Failure, FolderRecord
-from pipeline.store.row_files import Result
-from pipeline.store.rows import Row, conform
+from pipeline.store.rows import Result, Row, conform
 from schemas.base import Array, Artifact, coordinates
 from tests import conftest
 
@@ -91,6 +90,12 @@ class MakeNoise(_TinyStage):
         def process(unit: Unit, inputs: Inputs) -> Row:
             if (trouble := str(unit.source.get("trouble"))).startswith("until ") and not Path(trouble[6:]).exists():
                 raise InvalidInput("not yet")
+            if trouble.startswith("crash once ") and not Path(trouble[11:]).exists():
+                Path(trouble[11:]).touch()
+                os.kill(os.getpid(), signal.SIGSEGV)
+            if trouble.startswith("sleep "):
+                Path(trouble[6:]).touch()
+                ctypes.PyDLL(None).sleep(5)
             match unit.source.get("trouble"):
                 case "bad":
                     raise InvalidInput("it is bad; make it good")

@@ -1,7 +1,5 @@
 """Compiled functions give the bits of the Python functions, with and without a folder for their machine code."""
 
-from __future__ import annotations
-
 import importlib
 import pkgutil
 

@@ -1,7 +1,5 @@
 """Conversion of stored images to network input."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest
@@ -9,7 +7,7 @@ import torch
 from torch import Tensor
 
 from pipeline.kernels.arrays import WHITE
-from pipeline.kernels.tensor_checks import network_input
+from pipeline.kernels.tensors import network_input
 
 
 @pytest.mark.parametrize("images", [torch.zeros(1, 4, 4, 3), torch.zeros(4, 4, 3, dtype=torch.uint8), torch.zeros(1, 3, 4, 4).byte()])

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.hold_test import GEL_MODULUS, GRAVITY, HoldTest
@@ -43,13 +43,13 @@ def load_pincers(folder: Path) -> Hand:
     return load_hand(folder / "pincers.yaml")
 
 
-def pinch(mesh: Mesh, force: float, *, wider: float = 0.0, squeeze: float = 0.0) -> StoredGrasp:
+def pinch(mesh: Mesh, force: float, *, wider: float = 0.0, squeeze: float = 0.0) -> Grasp:
     """Pinch the middle of an object with this force of each gel, N, from fingers that are this much wider, m."""
     pose = np.eye(4)
     pose[:3, 3] = mesh.vertices.mean(axis=0) - [0, 0, 0.1]
     volume = force * SENSOR.w / GEL_MODULUS
     contact = Contact(np.zeros(3), np.zeros(3), area=5e-5, volume=volume, nearest=SENSOR.w - PRESSED)
-    return StoredGrasp(pose, ANGLES + wider, ANGLES, ANGLES - squeeze, [contact] * 2)
+    return Grasp(pose, ANGLES + wider, ANGLES, ANGLES - squeeze, np.empty((0, 4, 4)), [contact] * 2)
 
 
 def slips(engine: type[HoldTest], hand: Hand, mesh: Mesh, *, friction: float, down: tuple[float, float, float] = (0.0, 0.0, -1.0)) -> bool:

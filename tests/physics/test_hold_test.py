@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.dataset.stored_grasps import StoredGrasp
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.grasp_closure import Contact, measure_contact
 from pipeline.kernels.hand.kinematics import sensor_poses
 from pipeline.kernels.hand.model import Hand
@@ -40,7 +40,7 @@ def lifted(mesh: Mesh, *, mass: float, sideways: float = 0.0, engine: type[HoldT
     contacts = [measure_contact(faces, sensor_pose, SENSOR) for sensor_pose in sensor_poses(GRIPPER, pose, angles)]
     with engine(GRIPPER, [SENSOR, SENSOR], mass=mass) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
-        return test.hold(StoredGrasp(pose, angles, angles, angles, contacts)).moved <= 0.05
+        return test.hold(Grasp(pose, angles, angles, angles, np.empty((0, 4, 4)), contacts)).moved <= 0.05
 
 
 def gripping_pose(sideways: float) -> np.ndarray:
@@ -60,7 +60,7 @@ def check_gripped_weights(engine: type[HoldTest]) -> None:
 def check_untouched_object(engine: type[HoldTest], gel_heights: Callable[[HoldTest], list[float]]) -> None:
     """Check that an object a metre away falls freely, while gels stay drawn in, also under ten times gravity along their normals."""
     angles, mesh = np.array([0.03]), post()
-    grasp = StoredGrasp(gripping_pose(1.0), angles, angles, angles, [None, None])
+    grasp = Grasp(gripping_pose(1.0), angles, angles, angles, np.empty((0, 4, 4)), [None, None])
     with engine(GRIPPER, [SENSOR, SENSOR], mass=0.05) as test:
         test.load(mesh, points_on(mesh, 2000, seed=0)[0])
         motion = test.hold(grasp)

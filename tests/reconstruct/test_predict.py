@@ -11,6 +11,7 @@ import yaml
 from PIL import Image
 from typer.testing import CliRunner
 
+from benchmarks.robot_grasp import BASE, write_grasp
 from pipeline.cli import app
 from pipeline.dataset.grasp_dataset import GraspDataset
 from pipeline.dataset.object_rows import ObjectRows
@@ -28,7 +29,6 @@ from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from tests.engine.tiny_stages import publish
 from tests.stages import ball_dataset as spheres
-from tools.robot_grasp import BASE, write_grasp
 
 FELT = 3  # of a grasp's four sensors
 

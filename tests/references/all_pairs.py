@@ -1,7 +1,5 @@
 """Distances of a cloud to others, slowly: every point against every point."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

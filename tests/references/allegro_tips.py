@@ -1,7 +1,5 @@
 """Tip frames of the Allegro hand, written out joint by joint from the table in its documentation."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

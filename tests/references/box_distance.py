@@ -1,7 +1,5 @@
 """Signed distance to a box, in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

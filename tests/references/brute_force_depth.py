@@ -1,7 +1,5 @@
 """Depth of every ray against all faces, in float64."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

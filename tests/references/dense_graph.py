@@ -1,7 +1,5 @@
 """The averages over neighbours of a batch, slowly: a dense adjacency filled face by face, vertices compared by their coordinates."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations
 

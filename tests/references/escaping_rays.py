@@ -1,7 +1,5 @@
 """Escaping rays, counted one direction after the other in float64."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

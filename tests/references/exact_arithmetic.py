@@ -1,7 +1,5 @@
 """Geometry in fractions, without rounding."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Twins in rational arithmetic: whatever the scale and the place, they do not round before the last step."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Where each pixel's ray leaves the undeformed gel, one ray after the other."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Expected images by ray casting, independent of the renderer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shading normals, corner by corner over all faces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """An elastic layer pressed by a rigid object: every cell's influence on every other integrated, and the contact by active sets (NNLS)."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.integrate import quad
 from scipy.linalg import cholesky, solve_triangular

@@ -1,7 +1,5 @@
 """The inverse kinematics on a distance grid, with every posture measured in full; numpy, in the same order of additions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.hand import grasp_ik as constants
@@ -87,13 +85,6 @@ def slow_values(ik: GraspIk, field: DistanceField, frames: np.ndarray) -> tuple[
     return slow_contact_values(ik, field, frames) - 2 * lack, clearance >= np.float32(ik.clearance)
 
 
-def slow_fingers_fit(ik: GraspIk, field: DistanceField, pose: np.ndarray) -> bool:
-    """Whether every finger has, among the even samples, one that is clear."""
-    rows = np.linspace(0, len(ik.joint_angles) - 1, posture_samples.EVEN_SAMPLES).astype(int)
-    clear = slow_values(ik, field, product(pose, ik.frames[rows]))[1]
-    return bool((clear & ik.free[rows]).any(axis=0).all())
-
-
 def slow_grasp_ik(ik: GraspIk, field: DistanceField, pose: np.ndarray, *, rounds: int, rng: np.random.Generator) -> np.ndarray | None:
     """Joint angles (J,) that touch an object, as `grasp_ik` finds them."""
     hand, columns = ik.hand, [list(finger.joints) for finger in ik.hand.fingers]
@@ -131,13 +122,14 @@ def _best_samples(ik: GraspIk, field: DistanceField, pose: np.ndarray) -> tuple[
     distance = slow_distance(field, np.moveaxis(turned.sum(axis=1) + pose.astype(np.float32)[:3, 3, None, None, None], 0, -1))  # (K, S, P)
     excess = np.maximum(np.abs(distance.min(axis=-1) + near) - near, 0) / np.float32(1e-3)
     contact = (distance < 0).mean(axis=-1, dtype=np.float32) - excess
-    spread = np.linspace(0, len(ik.joint_angles) - 1, posture_samples.EVEN_SAMPLES).astype(int)
+    spread = np.linspace(0, len(ik.postures.joint_angles) - 1, posture_samples.EVEN_SAMPLES).astype(int)
     best, clearest = np.empty((2, max(constants.REFINED_POSTURES, constants.UNTOUCHING_POSTURES), len(hand.joint_names)))
     for f, finger in enumerate(hand.fingers):
-        first = np.where(ik.free[:, f], contact[:, list(finger.sensors)].sum(axis=1), -np.inf)
+        first = np.where(ik.postures.free[:, f], contact[:, list(finger.sensors)].sum(axis=1), -np.inf)
         rows = np.concatenate([np.argsort(-first, kind="stable")[: constants.MAX_CANDIDATES], spread])
-        values, clear = (part[:, f] for part in slow_values(ik, field, product(pose, ik.frames[rows])))
-        values = np.where(ik.free[rows, f], values, -np.inf)
+        values, clear = (part[:, f] for part in slow_values(ik, field, product(pose, ik.postures.frames[rows])))
+        values = np.where(ik.postures.free[rows, f], values, -np.inf)
         for kept, ranked in ((best, values), (clearest, np.where(clear, values, -np.inf))):
-            kept[:, list(finger.joints)] = ik.joint_angles[rows[np.argsort(-ranked, kind="stable")[: len(kept)]]][:, list(finger.joints)]
+            chosen = rows[np.argsort(-ranked, kind="stable")[: len(kept)]]
+            kept[:, list(finger.joints)] = ik.postures.joint_angles[chosen][:, list(finger.joints)]
     return best[: constants.REFINED_POSTURES], clearest[: constants.UNTOUCHING_POSTURES]

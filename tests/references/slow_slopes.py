@@ -1,7 +1,5 @@
 """Integration of slopes by a sparse least-squares solver: the slow twin of `integrate_slopes`."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix

@@ -1,7 +1,5 @@
 """The tactile image, equations 1 to 5 transcribed pixel by pixel."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.touch.sensor import Sensor

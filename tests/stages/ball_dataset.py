@@ -21,8 +21,8 @@ from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.geometry.normalise import bounding_diagonal
 from pipeline.kernels.networks.deformation_network import DeformationNetwork
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS, ImplicitNetwork
-from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
+from pipeline.kernels.networks.implicit_network import ImplicitNetwork
+from pipeline.kernels.networks.network_configurations import CONFIGURATIONS, IMPLICIT_CONFIGURATIONS
 from pipeline.kernels.touch.sensor import sensor_to_world
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.kernels.vision.camera import Camera, projection_matrix
@@ -123,11 +123,15 @@ def touched(unit: Unit, grasp: int, sensor: int) -> np.ndarray:
 
 
 def grasps(unit: Unit) -> Row:
+    outward, felt = each_sensor(direction_to, unit), each_sensor(touched, unit)
     return {
         "hand_pose": np.tile(np.eye(4), (GRASPS_AN_OBJECT, 1, 1)),
-        "joint_angles": np.zeros((GRASPS_AN_OBJECT, 16)),
+        **{f"{posture}_angles": np.zeros((GRASPS_AN_OBJECT, 16)) for posture in ("pregrasp", "joint", "squeeze")},
         "sensor_pose": each_sensor(pose_of, unit),
-        "touch_success": each_sensor(touched, unit),
+        "touch_success": felt,
+        "contact_point": np.where(felt[..., None], CENTRE + radius_of(unit) * outward, 0.0),
+        "contact_normal": np.where(felt[..., None], -outward, 0.0),
+        "contact_area": np.where(felt, 1e-5, 0.0).astype(np.float32),
         "penetration": np.zeros(GRASPS_AN_OBJECT, np.float32),
         "attempts": np.array(5, np.int32),
         "attempt_success": np.full(SENSORS, 0.75, np.float32),

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import igl
 import numpy as np
 import pytest
 import torch
@@ -20,9 +21,7 @@ from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 from pipeline.models.touch_model import save_touch_model
 from pipeline.store.rows import Row
 from schemas.charts import FITTED, STOP_RULES
-from stages.fit_charts.settings import ChartSettings
-from stages.fit_charts.stage import NETWORKS, FitCharts
-from tests.kernels.charts.test_chart_fitting import distances
+from stages.fit_charts import NETWORKS, ChartSettings, FitCharts
 
 STAGE = FitCharts()
 SENSOR = load_sensor("gel_16mm")
@@ -97,8 +96,9 @@ def test_chart_of_a_touch_lies_on_its_points(row: Row) -> None:
     depth = task()[1]["touch"]["depth"]
     for at in ((0, 0), (1, 0)):
         points, count = local_points(depth[at], poses()[at], SENSOR)
-        away = distances(points[:count].astype(np.float64), row["vertices"][at].astype(np.float64), chart_square()[1].numpy())
-        measured = float(np.sqrt(np.mean(away**2)))
+        chart = row["vertices"][at].astype(np.float64)
+        squared, *_ = igl.point_mesh_squared_distance(points[:count].astype(np.float64), chart, chart_square()[1].numpy())
+        measured = float(np.sqrt(np.mean(squared)))
         assert measured <= TRUE.residual_limit + 1e-7
         np.testing.assert_allclose(row["residual"][at], measured, atol=1e-7)
         assert 0 < row["iterations"][at] < TRUE.max_iterations

@@ -19,8 +19,7 @@ from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation
 from pipeline.store.directory import DataDirectory
 from pipeline.training.loop import read_metrics
-from stages.render_vision.settings import VisionSettings
-from stages.render_vision.stage import RenderVision
+from stages.render_vision.stage import RenderVision, VisionSettings
 from tests.kernels.vision.shapes import ball
 from tests.stages import ball_dataset as spheres
 from tests.stages.tiny_dataset import manifest, run_stage

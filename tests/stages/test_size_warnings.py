@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.formats.hand_file import load_hand
 from pipeline.kernels.vision.camera import Camera
-from stages.render_vision.image_warnings import is_speck, leaves_image
+from stages.render_vision.stage import is_speck, leaves_image
 from stages.simulate_grasps.size_warnings import opening, size_warnings
 
 ABOVE = Camera(position=(0, 0, 1), rotation=(0, 0, 0), focal=(100, 100), centre=(32, 32), resolution=64)

@@ -24,8 +24,8 @@ from pipeline.training.items import Items
 from pipeline.training.loop import read_metrics
 from pipeline.training.reconstruction import Batch
 from stages.registry import resolve
-from stages.train_gcn.settings import GcnSettings
-from stages.train_gcn.stage import GcnLearner, TrainGcn
+from stages.train_gcn.learner import GcnLearner
+from stages.train_gcn.stage import GcnSettings, TrainGcn
 from tests.stages.tiny_dataset import manifest, run_stage
 
 SMALL = ("train-gcn.gcn_layers=3", "train-gcn.gcn_features=12", "train-gcn.epochs=2", "train-gcn.loss_points=200", "train-gcn.threads=1")

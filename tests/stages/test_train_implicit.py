@@ -16,18 +16,17 @@ from pipeline.dataset.object_rows import ObjectRows
 from pipeline.engine.make import plans
 from pipeline.engine.plan import Request
 from pipeline.errors import InvalidInput, StageError
-from pipeline.kernels.networks.implicit_network import IMPLICIT_CONFIGURATIONS
+from pipeline.kernels.networks.network_configurations import IMPLICIT_CONFIGURATIONS
 from pipeline.models.families import load_reconstructor
 from pipeline.models.observation import Observation, observed_arrays, stored_observation
 from pipeline.reconstruct.predict import PredictOptions, StoredGrasps, predict
 from pipeline.store.directory import DataDirectory
 from pipeline.training.items import Items
-from pipeline.training.reconstruction import setting_remarks
+from pipeline.training.training_stage import setting_remarks
 from schemas.charts import CHARTS
 from stages.evaluate.evaluation_files import read_figures, read_surfaces, surface_of
 from stages.registry import load_stage, resolve
-from stages.train_implicit.settings import ImplicitSettings
-from stages.train_implicit.stage import ImplicitLearner, TrainImplicit
+from stages.train_implicit.stage import ImplicitSettings, TrainImplicit
 from tests.stages import ball_dataset as spheres
 
 NAME = "implicit-touch"
@@ -179,7 +178,7 @@ def test_settings_without_effect_and_missing_grasps_are_named(data):
         settings = resolve("train-implicit", "draft", [f"train-implicit.{text}" for text in (f"configuration={configuration}", *stated)])
         return [
             line.split(maxsplit=1)[0] if "no effect" in line else line
-            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=ImplicitLearner.arrays))
+            for line in setting_remarks(settings, Items(data, "train", settings.named, 1, learned=TrainImplicit.arrays))
         ]
 
     few = "items have at most 5 grasps, min_grasps is 1 and max_grasps 9: the dataset holds no more of an object (simulate-grasps.grasps)"

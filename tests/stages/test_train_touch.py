@@ -18,8 +18,8 @@ from pipeline.kernels.touch.sensor import Gel, resample
 from pipeline.models.touch_model import LocalTouchModel, load_touch_model
 from pipeline.real_touch.train_sensor import save_sensor_network
 from stages.train_touch.learner import PressLearner, train_local_network
-from stages.train_touch.presses import RandomPresses, random_presses
-from stages.train_touch.settings import TouchTrainingSettings
+from stages.train_touch.presses import Presses, random_presses
+from stages.train_touch.stage import TouchTrainingSettings
 from stages.train_touch.variation import vary_change
 
 SENSOR = resample(load_sensor("gelsight"), 36, 48).model_copy(update={"membrane": 0.0, "gel": Gel(modulus=1e5)})
@@ -28,19 +28,19 @@ OFF = dict.fromkeys(("image_gain", "image_noise", "image_mix", "image_depth", "i
 
 
 @pytest.fixture(scope="module")
-def presses() -> RandomPresses:
+def presses() -> Presses:
     return random_presses(SENSOR, 48, 0, gel=(0.5, 1.5))
 
 
 @pytest.fixture(scope="module")
-def trained(presses: RandomPresses, tmp_path_factory: pytest.TempPathFactory) -> tuple[LocalTouchModel, dict[str, Any]]:
+def trained(presses: Presses, tmp_path_factory: pytest.TempPathFactory) -> tuple[LocalTouchModel, dict[str, Any]]:
     settings = TouchTrainingSettings.model_validate(SETTINGS | OFF)
     valid = random_presses(SENSOR, 8, 1, gel=(1.0, 1.0))
     network, facts = train_local_network(presses, valid, settings, folder=tmp_path_factory.mktemp("training"), seed=0)
     return LocalTouchModel(network, presses.sensor, presses.untouched), facts
 
 
-def learner(presses: RandomPresses, **changes: Any) -> PressLearner:
+def learner(presses: Presses, **changes: Any) -> PressLearner:
     return PressLearner(LocalNetwork(4), presses, presses, TouchTrainingSettings.model_validate(SETTINGS | changes))
 
 
@@ -48,12 +48,12 @@ def generators(count: int, seed: int = 0) -> list[torch.Generator]:
     return [torch.Generator().manual_seed(seed + number) for number in range(count)]
 
 
-def test_presses_follow_from_the_seed_and_have_the_drawn_gel(presses: RandomPresses) -> None:
+def test_presses_follow_from_the_seed_and_have_the_drawn_gel(presses: Presses) -> None:
     again = random_presses(SENSOR, 3, 0, gel=(0.5, 1.5))
     for number in range(3):
         for one, other in zip(presses.read(number), again.read(number), strict=True):
             np.testing.assert_array_equal(one, other)
-    assert {press.image.shape for press in presses.presses} == {(36, 48, 3)}
+    assert {press.image.shape for press in map(presses.read, range(len(presses)))} == {(36, 48, 3)}
     thicker = scaled_gel(SENSOR, 2.0).gel
     assert thicker is not None
     assert thicker.thickness == 2 * SENSOR.w
@@ -61,7 +61,7 @@ def test_presses_follow_from_the_seed_and_have_the_drawn_gel(presses: RandomPres
     assert scaled_gel(drawn_in, 2.0).membrane == 2 * drawn_in.membrane
 
 
-def test_windows_are_crops_of_presses(presses: RandomPresses) -> None:
+def test_windows_are_crops_of_presses(presses: Presses) -> None:
     windows = learner(presses, **OFF).read([5, 6], generators(2))
     assert windows.change.shape == (2, 3, 24, 24)
     whole = 1e3 * presses.read(5).indentation
@@ -93,7 +93,7 @@ def test_colour_shift_is_the_same_for_all_pixels() -> None:
 
 
 @pytest.mark.parametrize("precision", ["64-true", "bf16-mixed"])
-def test_network_trains_in_every_precision(presses: RandomPresses, tmp_path: Path, precision: str) -> None:
+def test_network_trains_in_every_precision(presses: Presses, tmp_path: Path, precision: str) -> None:
     settings, usual = (TouchTrainingSettings.model_validate(SETTINGS | {"epochs": 1, "precision": one}) for one in (precision, "32-true"))
     losses = []
     for number, chosen in enumerate((settings, usual)):
@@ -106,8 +106,9 @@ def test_network_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[Lo
     model, facts = trained
     assert facts["best_epoch"] == facts["epochs"] - 1
     unseen = random_presses(SENSOR, 24, 7, gel=(1.0, 1.0))
-    reading = model.read(np.stack([press.image for press in unseen.presses]))
-    truth = np.stack([press.indentation for press in unseen.presses])
+    pressed = [unseen.read(number) for number in range(len(unseen))]
+    reading = model.read(np.stack([press.image for press in pressed]))
+    truth = np.stack([press.indentation for press in pressed])
     assert np.abs(reading.indentation - truth).mean() < 0.8 * np.abs(truth).mean()
     assert (reading.indentation >= 0).all()
     nothing = model.read(presses_at_rest := unseen.untouched[None])
@@ -116,9 +117,7 @@ def test_network_learns_to_read_depth_and_keeps_the_last_epoch(trained: tuple[Lo
     assert model.maps(presses_at_rest)[0] == pytest.approx(SENSOR.w, abs=1e-4)
 
 
-def test_validation_reads_whole_presses_as_photographs_are_read(
-    presses: RandomPresses, trained: tuple[LocalTouchModel, dict[str, Any]]
-) -> None:
+def test_validation_reads_whole_presses_as_photographs_are_read(presses: Presses, trained: tuple[LocalTouchModel, dict[str, Any]]) -> None:
     model, _ = trained
     stored = [presses.read(item) for item in range(len(presses))]
     images, depths = (np.stack([getattr(press, name) for press in stored]) for name in ("image", "indentation"))

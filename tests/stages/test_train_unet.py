@@ -31,9 +31,7 @@ from pipeline.store.garbage import collect_everything
 from schemas.grasps import GRASPS
 from schemas.touch import TOUCH
 from stages.train_unet.learner import Touches, UnetLearner, load_touches
-from stages.train_unet.settings import UnetSettings
-from stages.train_unet.stage import TrainUnet
-from stages.train_unet.trade import depth_errors
+from stages.train_unet.stage import TrainUnet, UnetSettings, depth_errors
 from tests.engine.tiny_stages import run
 from tests.stages.pressed_balls import GRASPS_EACH, SENSOR, SENSORS, Made, depths
 

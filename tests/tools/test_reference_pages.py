@@ -10,7 +10,7 @@ from pipeline.config.manifest import Manifest
 from pipeline.formats.description_file import description_path
 from pipeline.store.record import FolderRecord, RowRecord, ShardRecord
 from schemas.catalogue import ARTIFACTS
-from stages.registry import STAGES, load_settings_type
+from stages.registry import STAGES, load_stage
 from tools.reference_pages import MARKER, PAGES, SITE_PAGES, regenerated
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -31,7 +31,7 @@ def test_data_format_names_every_array_and_every_field_of_records():
 
 def test_settings_page_names_every_setting():
     page = SITE_PAGES["settings.md"]()
-    settings = {(name, field) for name in STAGES for field in load_settings_type(name).model_fields}
+    settings = {(name, field) for name in STAGES for field in load_stage(name).settings_type.model_fields}
     sections = dict(zip(STAGES, re.split("^## .*$", page, flags=re.MULTILINE)[1:], strict=True))
     assert not {(name, field) for name, field in settings if f"| `{field}` |" not in sections[name]}
 

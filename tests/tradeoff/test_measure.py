@@ -26,7 +26,7 @@ from pipeline.tradeoff.measured import FOLDER, MeasuredTrade, read_trade, trade_
 from pipeline.tradeoff.sample import stratified
 from schemas.surfaces import SURFACES
 from stages.registry import TRADED, load_trade
-from stages.simulate_grasps.trade import sensors_of_grasps
+from stages.simulate_grasps.stage import sensors_of_grasps
 from tests.stages import ball_dataset
 
 STAGE = "sample-surfaces"

@@ -10,7 +10,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import project_points, projection_matrix
 from pipeline.models.observation import Observation
 from pipeline.training.augmentation import Misplacement, draw_misplacement, misplace, vary_image, vary_observation
-from stages.train_gcn.settings import GcnSettings
+from stages.train_gcn.stage import GcnSettings
 
 GREY = np.full((64, 64, 3), 100, np.uint8)
 NOTHING = GcnSettings()

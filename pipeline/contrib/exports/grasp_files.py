@@ -1,7 +1,6 @@
 """Export grasps for robots: poses and joint angles in the object's own frame, as arrays, or as DexGraspBench reads them."""
 
 import json
-import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,18 +12,15 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.console import Meter, errors
+from pipeline.console import Meter, errors, pluralise
 from pipeline.contrib.exports.convex_parts import convex_parts
-from pipeline.dataset.grasping_hand import grasping_hand, grasping_sensors
+from pipeline.dataset.completed_objects import CompletedObjects
+from pipeline.dataset.grasps import grasping_hand, read_grasps
 from pipeline.dataset.mesh_rows import read_mesh
-from pipeline.dataset.stored_grasps import StoredGrasp, read_grasps
 from pipeline.errors import StoreError
 from pipeline.kernels.geometry.mesh import Mesh
-from pipeline.store.directory import DataDirectory
-from pipeline.store.origins import check_origins
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.store.storage import Location
-from schemas.grasps import GRASPS
-from schemas.surfaces import SURFACES
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +32,7 @@ class GraspedObject:
 
     name: str
     mesh: Mesh
-    grasps: list[StoredGrasp]
+    grasps: list[Grasp]
     placement: NDArray[np.float64]  # (4, 4) points of the object's file to the world, m
     held: np.ndarray | None  # (grasp,) which ones hold; None if they were not tested
 
@@ -61,68 +57,67 @@ class GraspedObject:
         return moved
 
 
-class GraspedObjects:
+class GraspedObjects(CompletedObjects):
     """The hand of a dataset and the objects that it grasps, in id order."""
 
     def __init__(self, data: Location) -> None:
-        directory = DataDirectory(data)
-        check_origins(directory, ["grasps"])
-        self._surfaces, self._grasps = (directory.collection(artifact) for artifact in (SURFACES, GRASPS))
+        super().__init__(data, ("surfaces", "grasps"))
+        self._surfaces, self._grasps = self.collections["surfaces"], self.collections["grasps"]
         if not self._surfaces.first.has("placement"):
             raise StoreError(f"{self._surfaces.first.path} does not say how objects were placed; run sample-surfaces again")
-        attributes = {"grasps": self._grasps.first.attributes}
-        self.hand, self._sensors = grasping_hand(attributes), grasping_sensors(attributes)
-        self.names = [name for name in self._grasps if self._grasps.failure(name) is None]
-        if not self.names:
-            raise StoreError(f"{data}: no object has grasps; `vt-pipeline status {shlex.quote(str(data))}` says why")
+        self.grasping = grasping_hand({"grasps": self._grasps.first.attributes})
+
+    @property
+    def summary(self) -> str:
+        """The number of grasps."""
+        return pluralise(len(self.object_ids) * self._grasps.first.array("hand_pose").shape[1], "grasp")
 
     def __iter__(self) -> Iterator[GraspedObject]:
-        with Meter(errors, "export", len(self.names), "objects") as meter:
-            for name in self.names:
+        with Meter(errors, "export", len(self.object_ids), "objects") as meter:
+            for name in self.object_ids:
                 surface, row = self._surfaces.view(name), self._grasps.view(name)
                 held = row["held"] if "held" in set(row) else None
-                yield GraspedObject(name, read_mesh(surface), read_grasps(row, surface, self._sensors), surface["placement"], held)
+                yield GraspedObject(name, read_mesh(surface), read_grasps(row), surface["placement"], held)
                 meter.advance()
 
 
-def write_grasps(objects: GraspedObjects, folder: Path) -> int:
-    """Write `OBJECT.npz` with the object's grasps in its own frame and unit; return the number of grasps."""
-    count = 0
+def export_grasps(data: Location, folder: Path) -> str:
+    """Write `OBJECT.npz` with the object's grasps in its own frame and unit."""
+    objects = GraspedObjects(data)
     for grasped in objects:
         grasps = grasped.grasps
-        points, normals = np.full((2, len(grasps), len(objects.hand.sensors), 3), np.nan)
+        points, normals = np.full((2, len(grasps), len(objects.grasping.sensors), 3), np.nan)
         for g, grasp in enumerate(grasps):
             for s, contact in enumerate(grasp.contacts):
                 if contact:
                     points[g, s], normals[g, s] = grasped.to_object_frame(contact.point), grasped.directions_to_object_frame(contact.normal)
         arrays = {
             "hand_pose": np.stack([grasped.pose_to_object_frame(grasp.hand_pose) for grasp in grasps]),
-            "pregrasp": np.stack([grasp.pregrasp for grasp in grasps]),
+            "pregrasp": np.stack([grasp.pregrasp_angles for grasp in grasps]),
             "grasp": np.stack([grasp.joint_angles for grasp in grasps]),
-            "squeeze": np.stack([grasp.squeeze for grasp in grasps]),
+            "squeeze": np.stack([grasp.squeeze_angles for grasp in grasps]),
             "contact_points": points,
             "contact_normals": normals,
             "metres_per_unit": np.array(grasped.scale),
-            "hand": np.array(objects.hand.name),
-            "joint_names": np.array(objects.hand.joint_names),
-            "sensor_names": np.array([mount.name for mount in objects.hand.sensors]),
+            "hand": np.array(objects.grasping.name),
+            "joint_names": np.array(objects.grasping.joint_names),
+            "sensor_names": np.array([mount.name for mount in objects.grasping.sensors]),
         }
         np.savez(folder / f"{grasped.name}.npz", allow_pickle=False, **arrays, **({} if grasped.held is None else {"held": grasped.held}))
-        count += len(grasps)
-    return count
+    return objects.summary
 
 
-def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
-    """Write grasps and objects below `output` and `assets`, as DexGraspBench has them; return the number of grasps.
+def export_dexgraspbench(data: Location, folder: Path) -> str:
+    """Write grasps and objects below `output` and `assets`, as DexGraspBench has them.
 
     Of a grasp, `qpos` is the root link's position, m, its quaternion, real part first, and the joint vector; the object
     is at the origin with its file's axes, its meshes in its file's unit and scaled by `obj_scale`.
     """
-    count = 0
+    objects = GraspedObjects(data)
     for grasped in objects:
         assets = Path("assets", "vt-pipeline", grasped.name)
         _write_object(grasped, folder / assets)
-        scene = folder / "output" / f"vt-pipeline_{objects.hand.name}" / "graspdata" / grasped.name / "scale_pose000"
+        scene = folder / "output" / f"vt-pipeline_{objects.grasping.name}" / "graspdata" / grasped.name / "scale_pose000"
         scene.mkdir(parents=True)
         for number, grasp in enumerate(grasped.grasps):
             root = grasped.pose_to_object_frame(grasp.hand_pose)
@@ -131,13 +126,12 @@ def write_dexgraspbench(objects: GraspedObjects, folder: Path) -> int:
                 "obj_path": str(assets),
                 "obj_scale": grasped.scale,
                 "obj_pose": np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-                "pregrasp_qpos": np.array([*placed, *grasp.pregrasp]),
+                "pregrasp_qpos": np.array([*placed, *grasp.pregrasp_angles]),
                 "grasp_qpos": np.array([*placed, *grasp.joint_angles]),
-                "squeeze_qpos": np.array([*placed, *grasp.squeeze]),
+                "squeeze_qpos": np.array([*placed, *grasp.squeeze_angles]),
             }
             np.save(scene / f"{number}.npy", np.array(content, dtype=object), allow_pickle=True)
-        count += len(grasped.grasps)
-    return count
+    return objects.summary
 
 
 def _write_object(grasped: GraspedObject, folder: Path) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.config.manifest import SPLITS
+from pipeline.console import Meter, errors, pluralise
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.directory import DataDirectory
@@ -51,6 +52,19 @@ class GraspFrames:
         self.grasps = self.rows.size("joint_angles", "grasp")
         self._categories = dict(zip(self.rows.object_ids, self.rows.categories, strict=True))
         self.columns = self._describe()
+
+    def objects(self) -> Iterator[tuple[str, str, list[dict[str, Any]]]]:
+        """Yield the split, the id and the frames of each object, split by split, and show the progress."""
+        with Meter(errors, "export", sum(map(len, self.object_ids.values())), "objects") as meter:
+            for split, ids in self.object_ids.items():
+                for object_id in ids:
+                    yield split, object_id, list(self.frames(object_id, split))
+                    meter.advance()
+
+    @property
+    def summary(self) -> str:
+        """The number of grasps."""
+        return pluralise(self.grasps * sum(map(len, self.object_ids.values())), "grasp")
 
     def frames(self, object_id: str, split: str) -> Iterator[dict[str, Any]]:
         """Yield the frames of an object, values by column; images are (rows, cols, 3) uint8."""

@@ -7,14 +7,15 @@ are lossy: MP4 compresses colours, and its depth has 12 bits.
 import json
 import tempfile
 from collections.abc import Callable, Mapping
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 
-from pipeline.console import Meter, errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.contrib.exports.parquet_files import import_arrow, schema_of, table_of
+from pipeline.store.storage import Location
 
 VERSION = "v3.0"
 FPS = 1
@@ -37,32 +38,32 @@ PREFIXES = {"tactile_image.": "observation.images.tactile_", "depth.": "observat
 INDEX = {name: Column("int64") for name in ("frame_index", "episode_index", "index", "task_index")}
 
 
-def write_lerobot(frames: GraspFrames, folder: Path) -> int:
-    """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`; return the number of frames."""
-    pa = import_arrow()
+def export_lerobot(data: Location, folder: Path) -> str:
+    """Write `data`, `meta/info.json`, `meta/stats.json`, `meta/tasks.parquet` and `meta/episodes`."""
+    pa, frames = import_arrow(), GraspFrames(data)
     columns = {_name(name): column for name, column in frames.columns.items()} | {"timestamp": Column("float32")} | INDEX
     tasks = sorted({_task(category) for category in frames.rows.categories})
     episodes: list[dict[str, Any]] = []
-    files, splits, index = _DataFiles(pa, folder, schema_of(columns)), {}, 0
-    objects = sum(map(len, frames.object_ids.values()))
-    with Meter(errors, "export", objects, "objects") as meter, tempfile.TemporaryFile(dir=folder) as spooled:
+    files, index = _DataFiles(pa, folder, schema_of(columns)), 0
+    with tempfile.TemporaryFile(dir=folder) as spooled:
         statistics = _Statistics(columns, spooled)
-        for split, ids in frames.object_ids.items():
-            splits[split] = f"{len(episodes)}:{len(episodes) + len(ids)}"
-            for object_id in ids:
-                rows, start = [], index
-                for grasp, frame in enumerate(frames.frames(object_id, split)):
-                    task, episode = tasks.index(_task(frame["category"])), len(episodes)
-                    numbers = {"timestamp": grasp / FPS, "frame_index": grasp, "episode_index": episode, "index": index, "task_index": task}
-                    named = {_name(name): value for name, value in frame.items()} | numbers
-                    statistics.update(named)
-                    rows.append(named)
-                    index += 1
-                chunk, file = files.write(table_of(rows, columns))
-                places = {"data/chunk_index": chunk, "data/file_index": file, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
-                span = {"dataset_from_index": start, "dataset_to_index": index}
-                episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **places, **span})
-                meter.advance()
+        for _, _, object_frames in frames.objects():
+            rows, start, task = [], index, tasks.index(_task(object_frames[0]["category"]))
+            for grasp, frame in enumerate(object_frames):
+                numbers = {
+                    "timestamp": grasp / FPS,
+                    "frame_index": grasp,
+                    "episode_index": len(episodes),
+                    "index": index,
+                    "task_index": task,
+                }
+                rows.append({_name(name): value for name, value in frame.items()} | numbers)
+                statistics.update(rows[-1])
+                index += 1
+            chunk, file = files.write(table_of(rows, columns))
+            places = {"data/chunk_index": chunk, "data/file_index": file, "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+            span = {"dataset_from_index": start, "dataset_to_index": index}
+            episodes.append({"episode_index": len(episodes), "tasks": [tasks[task]], "length": len(rows), **places, **span})
         summary = statistics.summary()
     files.close()
     _write_meta(pa, folder, episodes, tasks)
@@ -76,14 +77,20 @@ def write_lerobot(frames: GraspFrames, folder: Path) -> int:
         "data_files_size_in_mb": FILE_BYTES // 10**6,
         "video_files_size_in_mb": 200,
         "fps": FPS,
-        "splits": splits,
+        "splits": _splits(frames),
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": None,
         "features": {name: _feature(column) for name, column in columns.items()},
     }
     (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
     (folder / "meta" / "stats.json").write_text(json.dumps(summary, indent=4))
-    return index
+    return frames.summary
+
+
+def _splits(frames: GraspFrames) -> dict[str, str]:
+    """Name the episodes of each split: from the first to before the last."""
+    ends = list(accumulate(map(len, frames.object_ids.values()), initial=0))
+    return {split: f"{start}:{end}" for split, (start, end) in zip(frames.object_ids, pairwise(ends), strict=True)}
 
 
 def _name(name: str) -> str:

@@ -2,30 +2,39 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.console import Meter, errors
+from pipeline.contrib.exports.croissant import write_croissant
+from pipeline.contrib.exports.dataset_card import About, facts_of, write_card
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
 from pipeline.errors import InvalidInput
+from pipeline.formats.description_file import read_description
+from pipeline.store.storage import Location
 
 
-def write_parquet(frames: GraspFrames, folder: Path) -> int:
-    """Write `data/SPLIT.parquet`; return the number of frames."""
-    pa = import_arrow()
-    (folder / "data").mkdir(parents=True, exist_ok=True)
-    schema, count = schema_of(frames.columns), 0
-    with Meter(errors, "export", sum(map(len, frames.object_ids.values())), "objects") as meter:
-        for split, ids in frames.object_ids.items():
-            with pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd") as writer:
-                for object_id in ids:
-                    rows = list(frames.frames(object_id, split))
-                    writer.write_table(table_of(rows, frames.columns))
-                    count += len(rows)
-                    meter.advance()
-    return count
+def export_parquet(data: Location, folder: Path, about: Path | None = None) -> str:
+    """Write `data/SPLIT.parquet`, with a card and Croissant metadata that name what the publisher states in the YAML file `about`."""
+    pa, frames = import_arrow(), GraspFrames(data)
+    publisher = read_description("about", about, About) if about else About()
+    (folder / "data").mkdir()
+    schema = schema_of(frames.columns)
+    with ExitStack() as opened:
+        writers = {
+            split: opened.enter_context(pa.parquet.ParquetWriter(folder / "data" / f"{split}.parquet", schema, compression="zstd"))
+            for split in frames.object_ids
+        }
+        for split, _, rows in frames.objects():
+            writers[split].write_table(table_of(rows, frames.columns))
+    facts = facts_of(data, frames)
+    write_card(data, facts, publisher, folder)
+    write_croissant(facts, publisher, folder)
+    missing = [name for name in ("url", "creators", "licence", "published") if not getattr(publisher, name)]
+    hint = f"\nREADME.md and croissant.json lack {', '.join(missing)}, which only you know: give --about FILE with these entries"
+    return frames.summary + (hint if missing else "")
 
 
 def import_arrow() -> Any:

@@ -3,38 +3,33 @@
 import io
 import json
 import tarfile
+from collections import Counter
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from pipeline.console import Meter, errors
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames, png
+from pipeline.store.storage import Location
 
 SAMPLES = 1000
 """Per shard: about a hundred MB, as WebDataset advises."""
 
 
-def write_webdataset(frames: GraspFrames, folder: Path) -> int:
-    """Write `SPLIT-NNNNNN.tar`; the files of a sample are called KEY.COLUMN.png, KEY.COLUMN.npy and KEY.json. Returns the samples."""
-    folder.mkdir(parents=True, exist_ok=True)
-    count = 0
-    with Meter(errors, "export", sum(map(len, frames.object_ids.values())), "objects") as meter:
-        for split, ids in frames.object_ids.items():
-            shard, index = None, 0
-            for object_id in ids:
-                for frame in frames.frames(object_id, split):
-                    if index % SAMPLES == 0:
-                        if shard is not None:
-                            shard.close()
-                        shard = tarfile.open(folder / f"{split}-{index // SAMPLES:06d}.tar", "w")  # noqa: SIM115 (closed above and below)
-                    assert shard is not None
-                    _add_sample(shard, f"{index:08d}", frame, frames.columns)
-                    index, count = index + 1, count + 1
-                meter.advance()
-            if shard is not None:
-                shard.close()
-    return count
+def export_webdataset(data: Location, folder: Path) -> str:
+    """Write `SPLIT-NNNNNN.tar`; the files of a sample are called KEY.COLUMN.png, KEY.COLUMN.npy and KEY.json."""
+    frames = GraspFrames(data)
+    samples: Counter[str] = Counter()
+    with ExitStack() as opened:
+        for split, _, rows in frames.objects():
+            for frame in rows:
+                if samples[split] % SAMPLES == 0:
+                    opened.close()  # the shard before
+                    shard = opened.enter_context(tarfile.open(folder / f"{split}-{samples[split] // SAMPLES:06d}.tar", "w"))
+                _add_sample(shard, f"{samples[split]:08d}", frame, frames.columns)
+                samples[split] += 1
+    return frames.summary
 
 
 def _add_sample(shard: tarfile.TarFile, key: str, frame: dict[str, Any], columns: dict[str, Column]) -> None:

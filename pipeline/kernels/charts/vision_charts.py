@@ -1,9 +1,8 @@
 """The closed sphere of vision charts, and which of their vertices coincide (supplement 3.1, Figure 4).
 
-The sphere is a tetrakis hexahedron (a cube with a pyramid on each side: 24 triangles), each triangle split into four `splits` times
-and bulged onto the unit sphere. Each triangle is one chart, which keeps its own vertices: twelve along the boundary, a ring of six inside
-them, and the centre. Corners and sides shared by charts are known by their numbers, so coordinates are never compared; coinciding
-vertices are copies of one position, equal to the bit.
+The sphere is a tetrakis hexahedron (a cube with a pyramid on each side: 24 triangles), each triangle split into four `splits` times and
+bulged onto the unit sphere. Each triangle is one chart, which keeps its own vertices: twelve along the boundary, a ring of six inside them,
+and the centre. Corners and sides shared by charts are known by their numbers: coinciding vertices are equal to the bit.
 """
 
 from dataclasses import dataclass, field
@@ -43,8 +42,7 @@ class VisionCharts:
 def vision_charts(splits: int = 1) -> VisionCharts:
     """Make the 24 · 4^splits vision charts around the unit sphere, in radii; kept in memory and shared by all callers.
 
-    Each triangle of the tetrakis hexahedron is split into four `splits` times, 0 to 4. Once, the supplement's number,
-    gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
+    One split, the supplement's, gives 96 charts, 1824 vertices, 2304 faces and 1154 distinct positions.
     """
     if not 0 <= splits <= MAX_SPLITS:
         raise ValueError(f"splits is {splits}, but a sphere of charts can be split 0 to {MAX_SPLITS} times")

@@ -15,14 +15,12 @@ from pipeline.kernels.geometry.transforms import unit_vectors
 
 RESOLUTION = 128  # edges of the mesh along the longest side of the surface's box: 4 mm of an object of half a metre
 COARSEST = 64  # fewest edges: with fewer, thin bodies swell and charts distort them
-TOLERANCE = 4e-4
-"""m: largest distance from touched points to the mesh; half of the promised distance, since files hold float32."""
+TOLERANCE = 4e-4  # m from touched points to the mesh; half of the promised distance, since files hold float32
 INPUT_SMOOTHING_ROUNDS = 4  # rounds of Taubin's filter on the input surface, which flatten bumps as short as its edges
 WRAP_SMOOTHING_ROUNDS = 100  # rounds on the closed mesh, which flatten the steps of the grid
 ATTACHMENT_ROUNDS = 4  # rounds of assigning a part of the mesh to each point and pulling it there
 REFINEMENT = 4  # edges around the points become about this many times shorter
-NORMAL_WEIGHT = 2.0
-"""Distance, in spacings, added to a face whose normal is perpendicular to the point's; opposite normals add twice that."""
+NORMAL_WEIGHT = 2.0  # spacings added to the distance of a face with a normal perpendicular to the point's; opposite, twice
 CANDIDATES = 6  # faces, nearest by their middles, among which the nearest face is searched
 REACH = 4.0  # distance from the points within which the mesh is moved, in spacings
 FALLOFF = 3.0  # a point pulled far moves a larger neighbourhood: this multiple of the distance …
@@ -38,10 +36,9 @@ def closed_surface(
     *,
     resolution: int = RESOLUTION,  # edges of the mesh along the longest side of the surface's box, `COARSEST` or more
 ) -> tuple[Array, Integers]:
-    """Make one closed, smooth mesh that passes through the touch charts.
+    """Make one closed, smooth mesh of one part, normals outwards, that passes within 0.5 mm of each vertex of the touch charts.
 
-    It is one part, with each edge in two faces and normals outwards. Every vertex of the charts is within 0.5 mm of it;
-    a bulge reaches those that were far from the surface.
+    A bulge reaches those that were far from the surface.
     """
     if resolution < COARSEST:
         raise InvalidInput(f"resolution {resolution}: thin parts vanish in so coarse a mesh; give {COARSEST} edges or more")
@@ -69,9 +66,7 @@ def attach_points(
     spacing: float,  # length of the mesh's edges
     tolerance: float,  # largest distance from each point to the mesh afterwards
 ) -> tuple[Array, Integers]:
-    """Pull a closed mesh smoothly through points, together with their surroundings.
-
-    The result is closed too, and finer around the points.
+    """Pull a closed mesh smoothly through points, together with their surroundings; it becomes finer there and stays closed.
 
     A point belongs to the nearest part of the mesh that faces the same way, so that the two sides of a thin body are not confused. First
     the displacement is the one that bends least (squared graph Laplacian), which takes details along; then, close to the points, the

@@ -19,10 +19,8 @@ from pipeline.kernels.geometry.transforms import length, sin_cos, unit_vectors
 
 DIRECTIONS = 256
 MIN_ESCAPES = 2  # escaping rays that make a point exterior
-CERTAIN_ESCAPES = 2 * MIN_ESCAPES
-"""Escaping rays on one side, and none on the other, that decide which side is outside; else all directions are counted."""
-RAY_OFFSET = 4e-6
-"""Distance of a ray's start from the surface over the object's diagonal: beyond float32 rounding, below any real gap."""
+CERTAIN_ESCAPES = 2 * MIN_ESCAPES  # on one side, and none on the other, that decide which is outside without a full count
+RAY_OFFSET = 4e-6  # of a ray's start from the surface over the diagonal: beyond float32 rounding, below any real gap
 MAX_DRAWS = 200  # sampling fails when fewer than one of `MAX_DRAWS` points is exterior
 
 
@@ -40,15 +38,11 @@ class EscapeTest:
         self._mesh = TriangleMesh(self._scene, local, mesh.faces)
         self._directions = spread_directions(directions)
 
-    def count(
-        self,
-        points: Array,  # (N, 3) on the surface, frame of the mesh
-        normals: Array,  # (N, 3) unit normals there
-    ) -> tuple[Indices, Indices]:  # (N,) each
-        """Count the rays that escape in front of and behind a surface.
+    def count(self, points: Array, normals: Array) -> tuple[Indices, Indices]:  # (N,) each
+        """Count the rays that escape in front of and behind a surface, at points (N, 3) with unit normals (N, 3).
 
-        Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where
-        outside is are the full count's answers.
+        Counts stop at `CERTAIN_ESCAPES` on one side and none on the other; whether a point is exterior and where outside is are the full
+        count's answers.
         """
         front, back = np.zeros(len(points), np.intp), np.zeros(len(points), np.intp)
         local = (points - self._centre) * self._scale
@@ -74,10 +68,7 @@ class EscapeTest:
 
 
 def spread_directions(count: int) -> Array:
-    """Compute unit vectors (count, 3) spread evenly over the sphere.
-
-    A Fibonacci lattice in a low-discrepancy order: the first few are spread widely too.
-    """
+    """Spread unit vectors (count, 3) evenly over the sphere: a Fibonacci lattice, in an order whose first few are spread widely too."""
     index = np.arange(count) + 0.5
     z = 1 - 2 * index / count
     angle = index * np.pi * (3 - np.sqrt(5))
@@ -94,9 +85,9 @@ def sample_exterior(
     *,
     directions: int = DIRECTIONS,  # in which rays are traced
 ) -> tuple[Array, Array]:  # (count, 3) each, unit and frame of the mesh
-    """Draw points area-uniformly from the exterior surface of a mesh, with outward normals.
+    """Draw points area-uniformly from the exterior surface of a mesh, with normals to the side where more rays escape.
 
-    Normals point to the side where more rays escape; where both sides are equal, the winding decides.
+    Where both sides are equal, the winding decides.
     """
     if count < 1:
         raise ValueError(f"{count} points were requested; ask for 1 or more")

@@ -3,8 +3,6 @@
 Valid range: meshes from 1e-9 to 1e9 units large, anywhere within 1e6 of their size from the origin.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,39 +14,20 @@ from pipeline.errors import InvalidInput
 from pipeline.kernels.arrays import Array, Indices
 from pipeline.kernels.geometry.mesh import Look, Mesh, check_coordinates, flatness, is_watertight
 
-MIN_FLATNESS = 1e-14
-"""A face is degenerate when its height over its longest edge is at most this: zero, but for rounding."""
+MIN_FLATNESS = 1e-14  # height over longest edge at which a face is degenerate: zero, but for rounding
 
 
 @dataclass(frozen=True)
 class CleaningReport:
-    """Numbers of faces that `clean_mesh` removed, and whether every remaining edge has two faces."""
+    """What `clean_mesh` removed."""
 
     degenerate_faces: int
     duplicate_faces: int
-    watertight: bool
+    watertight: bool  # whether every remaining edge has two faces
 
 
 def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
-    """Remove degenerate and duplicate faces and unused vertices, and refuse a mesh that has no usable surface.
-
-    Parameters
-    ----------
-    mesh
-        A mesh in the units and axes of its file.
-    max_faces
-        Largest number of faces allowed.
-
-    Returns
-    -------
-    The cleaned mesh, and what was removed from it.
-
-    Raises
-    ------
-    InvalidInput
-        No faces, too many, faces that name missing vertices, vertices that are NaN or too far away (`check_coordinates`), or no area; the
-        message has the numbers and the remedy.
-    """
+    """Remove degenerate and duplicate faces and unused vertices, and refuse a mesh that has no usable surface."""
     faces = len(mesh.faces)
     if faces == 0:
         raise InvalidInput(f"the mesh has {len(mesh.vertices)} vertices and no faces; export it as a triangle mesh")
@@ -69,17 +48,7 @@ def clean_mesh(mesh: Mesh, max_faces: int) -> tuple[Mesh, CleaningReport]:
 
 
 def number_positions(vertices: Array) -> Indices:
-    """Assign a number to each distinct position of vertices.
-
-    Parameters
-    ----------
-    vertices
-        (V, 3) float64, any unit.
-
-    Returns
-    -------
-    (V,) intp, equal where positions are equal to the bit (-0 and 0 are the same).
-    """
+    """Count through the distinct positions of vertices (V, 3): (V,), equal where positions are equal to the bit, -0 and 0 the same."""
     return np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0 makes -0 and 0 the same
 
 

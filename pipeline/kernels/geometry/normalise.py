@@ -9,8 +9,7 @@ from pipeline.kernels.arrays import Array, Floats
 from pipeline.kernels.geometry.mesh import Mesh, check_coordinates
 from pipeline.kernels.geometry.transforms import length
 
-POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5
-"""Centre of an object's bounding box in the world, m; and its diagonal, of objects without a size of their own, and as networks see all."""
+POSITION, DIAGONAL = np.array([0.0, 0.0, 0.6]), 0.5  # of bounding boxes, m: centre; diagonal of objects without a real size
 _TO_Z_UP = {
     "z": np.eye(3),
     "y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),  # a quarter turn about x: y becomes z
@@ -18,8 +17,7 @@ _TO_Z_UP = {
 }
 
 
-DIGITS = 4
-"""Digits of a diagonal: more than any result depends on, and few enough that objects scaled to one size have exactly this size."""
+DIGITS = 4  # of a diagonal: more than any result depends on, few enough that objects scaled to one size have exactly this size
 
 
 def bounding_diagonal(vertices: Floats) -> float:
@@ -34,19 +32,14 @@ def normalise_mesh(
     diagonal: float,  # of the bounding box afterwards, m
     metres_per_unit: float | None = None,  # scale that keeps the object's real size; replaces `diagonal`
 ) -> Mesh:  # world, m
-    """Turn a mesh upright, scale it and centre its bounding box at `POSITION`.
-
-    It is centred before it is scaled, so an object far from the origin keeps the digits of its file.
-    """
+    """Turn a mesh upright, scale it and centre its bounding box at `POSITION`: before it is scaled, to keep the digits of its file."""
     upright, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     vertices: Array = (upright - centre) * scale + POSITION
     return replace(mesh, vertices=vertices)
 
 
-def normalising_transform(
-    mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None
-) -> Array:  # (4, 4) homogeneous points of the file to the world, m
-    """Compute the transform that `normalise_mesh` with the same arguments applies: a rotation, one scale, a shift."""
+def normalising_transform(mesh: Mesh, *, up: str, diagonal: float, metres_per_unit: float | None = None) -> Array:
+    """Compute the transform (4, 4) that `normalise_mesh` with the same arguments applies: a rotation, one scale, a shift."""
     _, centre, scale = _upright(mesh, up, diagonal, metres_per_unit)
     placement = np.eye(4)
     placement[:3, :3] = scale * _TO_Z_UP[up]

@@ -13,24 +13,19 @@ from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_product
 from pipeline.kernels.geometry.signed_distance import is_inside
 from pipeline.kernels.geometry.transforms import unit_vectors
 
-REMAINING_SHARE = 0.2
-"""Share of the distance to the surface that remains after the wrap is moved onto it: sheets that touch stay two sides of one body."""
-SHRINK, GROW = 0.5, 0.505
-"""Taubin's factors: short bumps go, the volume stays (A Signal Processing Approach to Fair Surface Design, 1995)."""
+REMAINING_SHARE = 0.2  # of the distance to the surface after the wrap is moved onto it: touching sheets stay two sides
+SHRINK, GROW = 0.5, 0.505  # Taubin's factors: short bumps go, the volume stays (Fair Surface Design, 1995)
 
 
-def wrap_surface(
-    vertices: Array,
-    faces: Integers,
-    spacing: float,  # approximate length of the mesh's edges; narrower features and tunnels are lost
-) -> tuple[Array, Integers]:
-    """Wrap any set of triangles in one closed mesh, normals outwards.
+def wrap_surface(vertices: Array, faces: Integers, spacing: float) -> tuple[Array, Integers]:
+    """Wrap any set of triangles in one closed mesh, normals outwards, with edges about as long as `spacing`.
 
-    Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes one half. Of the
-    result, the largest part is kept; parts inside it or apart from it are dropped. The level set of the distance at
-    `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however thin. Its
-    vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets
-    behind each other, wound alike, enclose what is between them and as much before them.
+    Narrower features and tunnels are lost. Gaps up to twice the spacing are closed exactly, wider holes where the winding number passes
+    one half. Of the result, the largest part is kept; parts inside it or apart from it are dropped.
+
+    The level set of the distance at `spacing`, without what is enclosed, is closed and has a body wherever there are triangles, however
+    thin. Its vertices are then moved to the nearest points of the triangles, but for a fifth of their distance. Open sheets behind each
+    other, wound alike, enclose what is between them and as much before them.
     """
     check_coordinates(vertices, "vertices")
     vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int64)
@@ -60,12 +55,8 @@ def largest_part(vertices: Array, faces: Integers) -> tuple[Array, Integers]:
     return vertices[used], renamed.reshape(-1, 3)
 
 
-def smooth_mesh(
-    vertices: Array,
-    faces: Integers,
-    rounds: int,  # pairs of a shrinking and a growing step
-) -> Array:  # (V, 3)
-    """Smooth a mesh by Taubin's filter."""
+def smooth_mesh(vertices: Array, faces: Integers, rounds: int) -> Array:  # (V, 3)
+    """Smooth a mesh by Taubin's filter: rounds of a shrinking and a growing step."""
     neighbours = neighbour_means(faces, len(vertices))
     for _ in range(rounds):
         for share in (SHRINK, -GROW):
@@ -89,12 +80,8 @@ def vertex_normals(vertices: Array, faces: Integers) -> Array:
     return unit_vectors(total)
 
 
-def split_edges(
-    vertices: Array,
-    faces: Integers,
-    chosen: Mask,  # (E,) which edges to split, as `mesh_edges` numbers them
-) -> tuple[Array, Integers]:  # the middles are appended to the vertices
-    """Split edges of a mesh in their middles, and the faces beside them: a closed mesh stays closed."""
+def split_edges(vertices: Array, faces: Integers, chosen: Mask) -> tuple[Array, Integers]:
+    """Split chosen edges (E,) of `mesh_edges` in their middles, which are appended to the vertices, and the faces beside them."""
     ends, edge = mesh_edges(faces)
     middle = np.where(chosen, len(vertices) + np.cumsum(chosen) - 1, -1)
     vertices = np.concatenate([vertices, vertices[ends[chosen]].mean(axis=1)])

@@ -5,8 +5,7 @@ import numpy as np
 from pipeline.kernels.arrays import Array, Indices, Mask
 from pipeline.kernels.compiled import compiled
 
-PARALLEL_SINE2 = 1e-6
-"""Squared sine below which two edges count as parallel: their cross product is no axis, and the axes of the faces are enough."""
+PARALLEL_SINE2 = 1e-6  # squared sine below which edges are parallel: their cross product is no axis, those of faces do
 
 
 @compiled
@@ -16,11 +15,8 @@ def box_gap(
     frame_b: Array,
     half_b: Array,
     enough: float = np.inf,  # m, a gap as good as any larger one: the search ends there
-) -> float:  # m
-    """Compute the largest gap between two boxes along any of the 15 candidate axes.
-
-    It is a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap.
-    """
+) -> float:  # m; a lower bound of the distance of boxes that are apart; of boxes that overlap, minus their least overlap
+    """Compute the largest gap between two boxes along any of the 15 candidate axes."""
     rotation, size, shift = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     gap = -np.inf
     x, y, z = frame_b[0, 3] - frame_a[0, 3], frame_b[1, 3] - frame_a[1, 3], frame_b[2, 3] - frame_a[2, 3]

@@ -19,9 +19,7 @@ MEETING = 1e-6  # m between shapes that count as one
 def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, str]]:
     """Describe the sensors of a hand whose plane lies below their link's surface.
 
-    Yields
-    ------
-    Whether all of the gel does, in its middle, and a sentence with the remedy.
+    Yield whether all of the gel does, in its middle, and a sentence with the remedy.
     """
     for mount, sensor in zip(hand.sensors, sensors, strict=True):
         link, (origin, normal), top = hand.links[mount.link], (mount.pose[:3, 3], mount.pose[:3, 2]), gel_top(sensor)
@@ -39,20 +37,9 @@ def buried_gels(hand: Hand, sensors: Sequence[Sensor]) -> Iterator[tuple[bool, s
 
 
 def depth_in_link(link: Link, point: Array, direction: Array, *, ahead: float) -> float:
-    """Compute how far a point lies below a link's surface along a direction.
+    """Compute how far a point lies below a link's surface along a direction, both (3,) in the link's frame, m; 0 where nothing covers it.
 
-    Parameters
-    ----------
-    link
-        Its collision shapes count as convex, as physics takes them.
-    point, direction
-        (3,) in the link's frame, m; a unit vector.
-    ahead
-        A shape that begins less than this in front of the point, m, covers it too.
-
-    Returns
-    -------
-    The distance along the direction to the end of the last shape that covers the point, m; 0 where none does.
+    Collision shapes count as convex, as physics takes them; one that begins less than `ahead`, m, in front of the point covers it too.
     """
     spans = []
     for shape in link.collisions:

@@ -1,7 +1,7 @@
 """Convex collision shapes of links: physics, distances and overlaps take a mesh as its convex hull, or as the hulls of its slabs.
 
-The hull of a finely meshed link has thousands of faces, and time and memory grow with them. So a heavy mesh becomes a hull with a budget of
-faces when the hand is loaded: corners are left out that lie no more than a tolerance outside the others' hull.
+Time and memory grow with a hull's faces. So a heavy mesh becomes a hull with a budget of faces when the hand is loaded: corners that lie
+no more than a tolerance outside the others' hull are dropped.
 """
 
 from dataclasses import dataclass, replace
@@ -18,9 +18,8 @@ from pipeline.kernels.arrays import Array
 from pipeline.kernels.geometry.mesh import Mesh, mesh_edges, without_slivers
 from pipeline.kernels.hand.model import Link, Shape
 
-MAX_FACES = 1000  # Most faces of a collision shape. A mesh with no more is used as it is.
-TOLERANCE = 1e-4
-"""m, that a hull of more than `MAX_FACES` faces may lose: a tenth of the clearance that grasps keep. It is doubled until the rest fits."""
+MAX_FACES = 1000  # of a collision shape; a mesh with no more is used as it is
+TOLERANCE = 1e-4  # m that a heavier hull may lose, a tenth of the clearance of grasps; doubled until the rest fits
 SAMPLE_SPACING = 2e-3  # m, between points on convex shapes at which their distance from the mesh is measured
 BLOCK = 4_000_000  # points times planes that are compared at once: 32 MB
 ON_SURFACE = 1e-6  # m, within which a point counts as on a convex shape's surface
@@ -39,9 +38,8 @@ class ConvexError:
 def with_convex_shapes(link: Link, slabs: int | None = None) -> Link:
     """Replace the heavy meshes among a link's collision shapes by convex hulls, or all of them by hulls of slabs.
 
-    With `slabs`, each mesh is cut into that number of slabs across its longest side; without, a mesh of more than
-    `MAX_FACES` faces becomes one hull. Each new shape has at most `MAX_FACES` faces. Flat meshes and other
-    shapes, such as boxes, stay as they are.
+    With `slabs`, each mesh is cut into as many slabs across its longest side; without, a mesh of more than `MAX_FACES` faces becomes one
+    hull. Flat meshes and other shapes, such as boxes, stay as they are.
     """
     shapes: list[Shape] = []
     for shape in link.collisions:

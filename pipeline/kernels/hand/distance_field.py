@@ -16,21 +16,18 @@ from pipeline.kernels.hand.grid_loops import Grid, look_up
 
 BLOCK = 4  # cells along the side of a block; one exact distance tells whether a block is near the surface
 MAX_CELLS = 6_000_000  # cells of the largest grid (16 bytes each); a larger object gets larger cells
-LOOKUP_ERROR_CELLS = 2
-"""Largest error of a look-up within the grid's band, in cells; as many cells beyond the band are part of the grid."""
-SIDE_PROBE_CELLS = 1.5
-"""Cells from the surface at which a point's side is looked up: just beyond the cells that the surface itself may cross."""
+LOOKUP_ERROR_CELLS = 2  # largest error of a look-up within the grid's band; as many cells beyond the band are in the grid
+SIDE_PROBE_CELLS = 1.5  # cells from the surface at which a side is looked up: beyond the cells that it may cross
 ON_SURFACE_CELLS = 1e-6  # cells from the surface below which rounding may decide on which side of it a point lies
-MAX_STEPS = 4
-"""Steps away from the nearest surface until a side is known: one beside a face, two or three in the corner of a solid."""
+MAX_STEPS = 4  # away from the nearest surface until a side is known: one beside a face, two or three in a solid's corner
 
 
 @dataclass(frozen=True, eq=False)
 class DistanceField:
     """Signed distance to a mesh, m: positive outside, negative inside.
 
-    A point is *outside* when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter,
-    and both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
+    A point is outside when a path leads from it out of the bounding box through gaps wider than a cell. So winding does not matter, and
+    both sides of an open sheet are outside. Solid parts thinner than 3 cells may count as sheets.
     """
 
     vertices: Array  # (V, 3) m
@@ -49,19 +46,17 @@ class DistanceField:
     def lookup(self, points: Array32) -> Array32:
         """Look up the distances (...) of finite points (3, ...), world, m, to first order in the nearest cell.
 
-        Within the grid's band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond the
-        band the value is a lower bound, and points off the grid get the value of its rim. In solid parts thinner than 3
-        cells the sign may be wrong, but no point inside gets more than 2 cells. Rounding of coordinates to float32 adds
-        half a micrometre per metre from the origin.
+        Within the band the error is about a quarter of a cell, at edges and across sheets 1.8 cells; beyond it the value is a lower bound,
+        off the grid the value of its rim. In solid parts thinner than 3 cells the sign may be wrong, but no point inside gets more than 2
+        cells. Rounding of coordinates to float32 adds half a micrometre per metre from the origin.
         """
         return look_up(self.grid, np.ascontiguousarray(points).reshape(3, -1)).reshape(points.shape[1:])
 
     def exact(self, points: Array) -> Array:
         """Compute the exact distances (N,) of finite points (N, 3), world, m.
 
-        The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of a
-        face's longest edge up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points
-        that they are.
+        The error is a few units in the last place of the largest coordinate for faces of aspect up to 10, 1e-11 of a face's longest edge
+        up to 1e3, and 4e-6 of it for any sliver; faces without area count as the lines and points that they are.
         """
         if not len(points):
             return np.empty(0)
@@ -72,13 +67,11 @@ class DistanceField:
         distance[self._is_inside(closest, unit_vectors(points - closest), distance)] *= -1
         return distance
 
-    def _is_inside(
-        self,
-        closest: Array,  # (N, 3) closest points of the surface
-        direction: Array,  # (N, 3) unit vectors from there to the points
-        distance: Array,  # (N,) from there
-    ) -> Mask:  # (N,)
-        """Decide which points are inside: walk away from the surface until the grid knows the side."""
+    def _is_inside(self, closest: Array, direction: Array, distance: Array) -> Mask:  # (N,)
+        """Decide which points are inside: walk away from the surface until the grid knows the side.
+
+        They lie at a distance (N,) from their closest points of the surface (N, 3), in a direction (N, 3).
+        """
         inside = np.zeros(len(closest), bool)  # what stays undecided lies in a narrow gap or a thin part: outside
         undecided = np.arange(len(closest))
         for _ in range(MAX_STEPS):

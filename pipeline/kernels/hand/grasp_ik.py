@@ -23,19 +23,16 @@ from pipeline.kernels.hand.grid_loops import MILLIMETRE, measure_best
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.object_distances import FingerGeometry, finger_clearance, finger_geometry, gel_contact, gel_probes
-from pipeline.kernels.hand.posture_samples import blocked_fingers, even_rows, limit_margin, sample_postures
+from pipeline.kernels.hand.posture_samples import PostureSamples, blocked_fingers, even_rows, limit_margin, sample_postures
 from pipeline.kernels.hand.self_collision import choose_postures, fingers_clear_of_palm
 from pipeline.kernels.touch.sensor import Sensor
 
-NEAR_CONTACT = 0.0025
-"""m outside or inside the object up to which a sampled posture is a candidate: refinement can correct as much."""
+NEAR_CONTACT = 0.0025  # m from the object up to which a sampled posture is a candidate: refinement can correct as much
 MAX_CANDIDATES = 320  # sampled postures per finger whose clearance is measured, those with most contact first
 REFINED_POSTURES = 12  # postures per finger that are refined side by side, each replaced by its best neighbour
 STEPS_PER_POSTURE = 24  # new postures around each of them, per round
-STEP, STEP_SHARE = 0.16, 0.1
-"""rad, standard deviation of the first round's steps, about the distance between samples; each round's is `SHRINK` of the one before. Of
-a prismatic joint this share of its range."""
-SHRINK = 0.4
+STEP, STEP_SHARE = 0.16, 0.1  # of the first round's steps: standard deviation, rad; share of a prismatic joint's range
+SHRINK = 0.4  # of each round's steps, relative to the one before
 UNTOUCHING_POSTURES = 4  # postures without contact per finger, among which the joint choice may take one
 
 
@@ -48,10 +45,8 @@ class GraspIk:
     boxes: CollisionBoxes
     clearance: float  # m, gap that a good posture keeps between rigid links and the object
     finger_gap: float  # m, gap that it keeps between fingers
-    joint_angles: Array  # (K, J) rad, samples spread evenly between the limits
-    frames: Array  # (K, L, 4, 4) their link frames in the root link's
+    postures: PostureSamples  # K of them
     probes: Array32  # (3, K, S, P) their gels' probes in the root link's frame, m
-    free: Mask  # (K, F) whether each finger stays clear of the palm
 
 
 def prepare_grasp_ik(
@@ -69,19 +64,14 @@ def prepare_grasp_ik(
     postures = sample_postures(hand, boxes, samples=samples, gap=finger_gap)
     if blocked := blocked_fingers(hand, boxes, postures, gap=finger_gap):
         raise InvalidInput("; ".join(blocked))
-    probes = gel_probes(hand, fingers, postures.frames)
-    return GraspIk(hand, fingers, boxes, clearance, finger_gap, postures.joint_angles, postures.frames, probes, postures.free)
+    return GraspIk(hand, fingers, boxes, clearance, finger_gap, postures, gel_probes(hand, fingers, postures.frames))
 
 
-def fingers_fit(
-    ik: GraspIk,
-    field: DistanceField,
-    hand_pose: Array,  # (4, 4) of the root link, world, m
-) -> bool:
-    """Decide whether every finger has a posture, among a few samples, that is clear of object and palm."""
-    rows = even_rows(len(ik.frames))
-    contact_values = np.where(ik.free[rows], np.float32(0), -np.inf)
-    return bool(_measure_best(ik, field, compose(hand_pose, ik.frames[rows]), contact_values, clear=1)[1].any(axis=0).all())
+def fingers_fit(ik: GraspIk, field: DistanceField, hand_pose: Array) -> bool:
+    """Decide whether every finger of a hand at a pose (4, 4) has a posture, among a few samples, clear of object and palm."""
+    rows = even_rows(len(ik.postures.frames))
+    contact_values = np.where(ik.postures.free[rows], np.float32(0), -np.inf)
+    return bool(_measure_best(ik, field, compose(hand_pose, ik.postures.frames[rows]), contact_values, clear=1)[1].any(axis=0).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +99,8 @@ def grasp_ik(
 ) -> GraspChoices:
     """Find joint angles, within the limits, with which the sensors touch an object.
 
-    There are none where some finger has no posture that is clear of object and hand. A finger that cannot touch takes,
-    of the free postures found, the one that comes nearest to touching.
+    There are none where some finger has no posture that is clear of object and hand. A finger that cannot touch takes, of the free
+    postures, the one that comes nearest to touching.
     """
     postures, untouching = _best_samples(ik, field, hand_pose)
     if start is not None:
@@ -159,14 +149,14 @@ def _by_finger(hand: Hand, gains: NDArray[Any]) -> NDArray[Any]:
 def _best_samples(ik: GraspIk, field: DistanceField, hand_pose: Array) -> tuple[Array, Array]:
     """Choose the samples to refine (REFINED_POSTURES, J) and those for fingers that cannot touch (UNTOUCHING_POSTURES, J)."""
     rows = _candidates(ik, field, hand_pose)
-    frames = ik.frames[rows[:, ik.hand.link_fingers], np.arange(len(ik.hand.links))]  # a link that no finger moves has the same in all
-    frames = compose(hand_pose, frames)
-    contact = np.where(np.take_along_axis(ik.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
+    by_link = rows[:, ik.hand.link_fingers]  # a link that no finger moves has the same frame in all
+    frames = compose(hand_pose, ik.postures.frames[by_link, np.arange(len(ik.hand.links))])
+    contact = np.where(np.take_along_axis(ik.postures.free, rows, axis=0), _contact_values(ik, field, frames), -np.inf)
     value, is_clear = _measure_best(ik, field, frames, contact, best=REFINED_POSTURES, clear=UNTOUCHING_POSTURES)
     clear_value = np.where(is_clear, value, -np.inf)
     best = np.argsort(-value, axis=0, kind="stable")[:REFINED_POSTURES]
     clearest = np.argsort(-clear_value, axis=0, kind="stable")[:UNTOUCHING_POSTURES]
-    angles = _combine_fingers(ik.hand, ik.joint_angles, rows)
+    angles = _combine_fingers(ik.hand, ik.postures.joint_angles, rows)
     return _combine_fingers(ik.hand, angles, best), _combine_fingers(ik.hand, angles, clearest)
 
 
@@ -174,9 +164,9 @@ def _candidates(ik: GraspIk, field: DistanceField, hand_pose: Array) -> Indices:
     """Select the samples whose clearance is measured, (MAX_CANDIDATES + EVEN_SAMPLES, F) rows: by contact, and an even spread."""
     contact, coverage = gel_contact(field, ik.probes, hand_pose)  # (K, S)
     excess = np.maximum(np.abs(contact + NEAR_CONTACT) - NEAR_CONTACT, 0) / MILLIMETRE
-    scores = np.where(ik.free, _by_finger(ik.hand, coverage - excess), -np.inf)
+    scores = np.where(ik.postures.free, _by_finger(ik.hand, coverage - excess), -np.inf)
     order = np.argsort(-scores, axis=0, kind="stable")[:MAX_CANDIDATES]
-    spread = even_rows(len(ik.frames))
+    spread = even_rows(len(ik.postures.frames))
     return np.concatenate([order, np.broadcast_to(spread[:, None], (len(spread), order.shape[1]))])
 
 
@@ -188,15 +178,8 @@ def _combine_fingers(hand: Hand, angles: Array, rows: Indices) -> Array:
     return np.take_along_axis(angles, rows[:, finger_of_joint], axis=0)
 
 
-def _refine(
-    ik: GraspIk,
-    field: DistanceField,
-    hand_pose: Array,
-    *,
-    postures: Array,  # (P, J)
-    steps: Array,  # (P, STEPS_PER_POSTURE + 1, J)
-) -> Array:  # (P, J)
-    """Replace each posture, finger by finger, by the best of itself and its neighbours at `steps`."""
+def _refine(ik: GraspIk, field: DistanceField, hand_pose: Array, *, postures: Array, steps: Array) -> Array:
+    """Replace each of P postures (P, J), finger by finger, by the best of itself and its neighbours at `steps` (P, …, J)."""
     children = postures[:, None] + steps
     children[:, 0] = postures
     margin = limit_margin(ik.hand)

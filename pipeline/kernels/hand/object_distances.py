@@ -15,8 +15,7 @@ from pipeline.kernels.hand.grid_loops import gaps, least_distances
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.touch.sensor import Sensor
 
-PROBE_DEPTH = 0.6
-"""Height above the sensor plane, in gel thicknesses, that a surface should reach: a firm touch, far from the rigid face."""
+PROBE_DEPTH = 0.6  # gel thicknesses above the sensor plane that a surface should reach: a firm touch, far from the plane
 PROBES = 4  # probe points along a side of the gel: 4 mm apart on a 16 mm gel
 IDENTITY = np.eye(4)
 
@@ -29,12 +28,8 @@ class FingerGeometry:
     probes: Array  # (S, PROBES², 3) in the gel at `PROBE_DEPTH`, in the frame of the sensor's link, m
 
 
-def finger_geometry(
-    hand: Hand,
-    spheres: CollisionSpheres,  # of its links
-    sensors: Sequence[Sensor],  # one per mount: its gel's width and thickness
-) -> FingerGeometry:
-    """Group collision spheres by finger and lay probes into the gels."""
+def finger_geometry(hand: Hand, spheres: CollisionSpheres, sensors: Sequence[Sensor]) -> FingerGeometry:
+    """Group a hand's collision spheres by finger and lay probes into the gels of its sensors."""
     by_finger = tuple(spheres.of_links(finger.links) for finger in hand.fingers)
     without_shape = [finger.name for finger, finger_spheres in zip(hand.fingers, by_finger, strict=True) if not len(finger_spheres.radii)]
     if without_shape:
@@ -49,12 +44,8 @@ def _probes(sensor: Sensor) -> Array:
     return np.stack([x, y, np.full_like(x, PROBE_DEPTH * sensor.w)], axis=-1)
 
 
-def gel_probes(
-    hand: Hand,
-    fingers: FingerGeometry,
-    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
-) -> Array32:  # (3, N, S, PROBES²) m
-    """Compute the positions of the gels' probe points in postures, in the frame that the link frames are given in."""
+def gel_probes(hand: Hand, fingers: FingerGeometry, frames: Array) -> Array32:  # (3, N, S, PROBES²) m
+    """Compute the positions of the gels' probe points in postures, in the frame that their link frames (N, L, 4, 4) are given in."""
     points = np.empty((3, len(frames), *fingers.probes.shape[:2]), np.float32)
     _transform_probes(frames, np.array([mount.link for mount in hand.sensors], np.intp), fingers.probes, points)
     return points
@@ -77,10 +68,7 @@ def gel_contact(
     probes: Array32,  # (3, N, S, P) m, from `gel_probes`
     pose: Array = IDENTITY,  # (4, 4) of their frame, world
 ) -> tuple[Array32, Array32]:  # (N, S) m, (N, S)
-    """Measure how gels meet an object.
-
-    Return the least distance of each gel's probes from the object, negative inside, and the share that are inside.
-    """
+    """Measure the least distance of each gel's probes from an object, negative inside, and the share that are inside."""
     groups = probes.shape[1:3]
     contact, coverage = least_distances(field.grid, pose.astype(np.float32), probes.reshape(3, -1, probes.shape[3]))
     return contact.reshape(groups), coverage.reshape(groups)
@@ -96,26 +84,14 @@ def finger_clearance(
     return np.stack([gaps(field.grid, frames, finger_spheres.single, np.float32(floor)) for finger_spheres in fingers.spheres], axis=1)
 
 
-def penetration_depth(
-    field: DistanceField,
-    spheres: CollisionSpheres,  # of all rigid links; their spacing is the error
-    frames: Array,  # (L, 4, 4) link frames, world, m
-) -> float:  # m; 0 when hand and object are apart
-    """Compute the depth of the deepest rigid point in the object, or of the object's deepest point in a rigid link."""
+def penetration_depth(field: DistanceField, spheres: CollisionSpheres, frames: Array) -> float:  # m; 0 when they are apart
+    """Compute the depth of the deepest rigid point, by link frames (L, 4, 4), in the object, or of the object's in a rigid link."""
     gaps_below = near_gaps(field, spheres, frames, 0.0)
     return max(0.0, -float(gaps_below.min(initial=0.0)))
 
 
-def near_gaps(
-    field: DistanceField,
-    spheres: CollisionSpheres,
-    frames: Array,  # (L, 4, 4) link frames, world, m
-    limit: float,  # m
-) -> Array:  # (K,) m, in the order of the spheres
-    """Measure the exact gaps between the object and those spheres that may be nearer than a limit, as far as the grid can tell.
-
-    All gaps below the limit are among them, and some others.
-    """
+def near_gaps(field: DistanceField, spheres: CollisionSpheres, frames: Array, limit: float) -> Array:  # (K,) m
+    """Measure the exact gaps between an object and spheres on link frames (L, 4, 4): all those below a limit, and some others."""
     points = spheres.world_centres(frames[None])[:, 0]  # (3, B)
     candidates = np.flatnonzero(field.lookup(points.astype(np.float32)) - spheres.radii < limit + LOOKUP_ERROR_CELLS * field.cell)
     return field.exact(points[:, candidates].T) - spheres.radii[candidates]

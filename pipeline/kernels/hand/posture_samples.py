@@ -12,9 +12,8 @@ from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
 from pipeline.kernels.hand.self_collision import LinkOverlap, finger_conflicts, fingers_clear_of_palm, frequent_overlaps, remedy
 
-LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02
-"""rad kept from the joint limits, so that a motor's residual error does not cross them; at most this share of the joint's range."""
-EVEN_SAMPLES = 48  # samples measured at every pose, regardless of contact: they decide whether a finger has room there
+LIMIT_MARGIN, LIMIT_SHARE = 0.01, 0.02  # rad from the limits, for a motor's error; at most this share of the range
+EVEN_SAMPLES = 48  # samples measured at every pose, regardless of contact: they decide whether a finger has room
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +48,11 @@ def even_rows(samples: int) -> Indices:
     return np.linspace(0, samples - 1, EVEN_SAMPLES).astype(np.intp)
 
 
-def blocked_fingers(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    postures: PostureSamples,
-    *,
-    gap: float,  # m kept between fingers
-) -> list[str]:
-    """Name the links that rule out every grasp of a hand.
+def blocked_fingers(hand: Hand, boxes: CollisionBoxes, postures: PostureSamples, *, gap: float) -> list[str]:
+    """Name the links that rule out every grasp of a hand whose fingers keep a gap, m.
 
-    There is a sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that
-    decide whether it has room, and for each two fingers that collide in all pairs of these.
+    There is a sentence for each finger that is free of palm and own links in none of the `EVEN_SAMPLES` postures that decide whether it
+    has room, and for each two fingers that collide in all pairs of these.
     """
     rows, fingers = even_rows(len(postures.free)), hand.fingers
     conflicts = finger_conflicts(hand, boxes, postures.frames[rows], gap)

@@ -1,4 +1,4 @@
-"""Collisions of a hand with itself: gaps between its links, and postures that keep them."""
+"""Collisions of a hand with itself: gaps between its links, postures that keep them, and links that overlap or lie close together."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,26 +16,17 @@ from pipeline.kernels.hand.model import Hand
 Pairs = tuple[Indices, Indices]
 
 BEAM_WIDTH = 256  # partial choices that are kept from finger to finger
-MAX_NEIGHBOUR_JOINTS = 2
-"""Most moving joints between a link and its descendant that still count as neighbours: a knuckle has two."""
+MAX_NEIGHBOUR_JOINTS = 2  # moving joints between a link and a descendant that count as neighbours: a knuckle has two
 FREQUENT_SHARE = 0.5  # share of the postures in which a pair must overlap to be reported
 
 
 def hand_gap(hand: Hand, boxes: CollisionBoxes, frames: Array) -> float:
-    """Compute the least gap, m, between links that can meet and are not allowed to, from their frames (L, 4, 4).
-
-    It is that of `box_gap`: negative where links overlap; +inf where no two can meet.
-    """
+    """Compute the least `box_gap` between links that can meet and are not allowed to, from their frames (L, 4, 4); inf for none."""
     return least_gap(world_boxes(boxes, frames), boxes.half, *_pairs(hand, boxes))
 
 
-def fingers_clear_of_palm(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames, m
-    gap: float,  # m
-) -> Mask:  # (N, F)
-    """Find the fingers that keep a gap from their own links and from those that no finger moves."""
+def fingers_clear_of_palm(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float) -> Mask:  # (N, F)
+    """Find the fingers that keep a gap from their own links and from those that no finger moves, by link frames (N, L, 4, 4), m."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     checked = (owner[first] == owner[second]) | (np.minimum(owner[first], owner[second]) < 0)
@@ -45,14 +36,8 @@ def fingers_clear_of_palm(
     return np.stack([~too_near[:, finger == s].any(axis=1) for s in range(len(hand.fingers))], axis=1)
 
 
-def fingers_apart(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames, m
-    fingers: Sequence[int],
-    gap: float,  # m
-) -> Mask:  # (N,)
-    """Find the postures in which some fingers keep a gap from each other, from their own links and from the palm."""
+def fingers_apart(hand: Hand, boxes: CollisionBoxes, frames: Array, fingers: Sequence[int], gap: float) -> Mask:  # (N,)
+    """Find the postures, by link frames (N, L, 4, 4), in which some fingers keep a gap from each other, own links and palm."""
     first, second = _pairs(hand, boxes)
     owner = hand.link_fingers[boxes.link]
     involved = np.isin(owner, [*fingers, -1])
@@ -71,8 +56,7 @@ def choose_postures(
 ) -> Indices:  # (N, F) option taken for each finger, best choice first; N is 0 when none keeps them apart
     """Choose one posture per finger, of greatest total value, so that all fingers keep a gap from each other.
 
-    Options of different fingers mix freely. A beam search over fingers in their order, `BEAM_WIDTH` partial choices
-    wide.
+    Options of different fingers mix freely: a beam search over fingers in their order, `BEAM_WIDTH` partial choices wide.
     """
     options = len(frames)
     conflicts = finger_conflicts(hand, boxes, frames, gap)
@@ -109,8 +93,7 @@ def rigid_bodies(hand: Hand) -> Indices:
 def meeting_links(hand: Hand) -> Mask:
     """Mark the pairs of links that can meet, (L, L), the one nearer the root first.
 
-    Links joined by a joint touch by construction, and physics does not collide them either; links that no finger moves, or that are one
-    body, never meet.
+    Links that a joint joins touch by construction; links that no finger moves, or that are one body, never meet.
     """
     meet = np.maximum.outer(hand.link_fingers, hand.link_fingers) >= 0
     meet[[joint.parent for joint in hand.joints], [joint.child for joint in hand.joints]] = False
@@ -149,21 +132,12 @@ def overlapping_neighbours(hand: Hand, boxes: CollisionBoxes) -> frozenset[tuple
 
 
 def close_links(hand: Hand, boxes: CollisionBoxes, within: float) -> dict[tuple[int, int], float]:
-    """Find links that lie close side by side at rest, as those of two fingers may.
-
-    Each pair that is nearer than `within` and not allowed to touch has its gap, m; the link nearer the root comes
-    first.
-    """
+    """Compute the gaps at rest, m, of links that are nearer than `within` and not allowed to touch; the one nearer the root first."""
     return {pair: gap for pair, gap in _resting_gaps(hand, boxes) if gap < within and pair not in hand.allowed_contacts}
 
 
-def frequent_overlaps(
-    hand: Hand,
-    boxes: CollisionBoxes,
-    frames: Array,  # (N, L, 4, 4) link frames of N postures, m
-    gap: float = 0.0,  # m, links nearer than this count as overlapping
-) -> list[LinkOverlap]:
-    """List the pairs of links that overlap in many postures and are not allowed to, worst first."""
+def frequent_overlaps(hand: Hand, boxes: CollisionBoxes, frames: Array, gap: float = 0.0) -> list[LinkOverlap]:
+    """List the pairs of links nearer than `gap` in many postures (N, L, 4, 4) that are not allowed to touch, worst first."""
     overlaps = []
     for pair, gaps in _link_gaps(hand, boxes, frames):
         share = float((gaps < gap).mean())
@@ -175,8 +149,7 @@ def frequent_overlaps(
 def remedy(hand: Hand, overlap: LinkOverlap) -> str:
     """Name the entry of the hand file that ends an overlap.
 
-    It is `convex_parts` of links whose mesh is taken as one convex shape, which fills its hollows; if there are none,
-    `allowed_contacts`.
+    It is `convex_parts` of links whose mesh is one convex shape, which fills its hollows; if there are none, `allowed_contacts`.
     """
     links = [hand.links[overlap.first], hand.links[overlap.second]]
     entries = [f"{link.name}: 8" for link in links if sum(shape.kind == "mesh" for shape in link.collisions) == 1]

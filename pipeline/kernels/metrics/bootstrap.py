@@ -6,8 +6,7 @@ import numpy as np
 
 from pipeline.kernels.arrays import Array
 
-RESAMPLES = 10_000
-"""Means drawn for an interval: its ends then vary by about a hundredth of its length from seed to seed."""
+RESAMPLES = 10_000  # means drawn for an interval: its ends vary by about a hundredth of its length from seed to seed
 LEVEL = 0.95  # share of the resampled means that an interval holds
 BATCH = 1000  # resamples held in memory at a time
 
@@ -22,32 +21,22 @@ class Interval:
     count: int  # objects that the mean is of
 
 
-def mean_interval(
-    values: Array,  # (N,) one per object, or (S, N) for each of S trainings, which differ by their seeds
-    rng: np.random.Generator,
-) -> Interval:
-    """Compute a mean over objects, and over trainings if several, with its 95 % percentile bootstrap interval.
+def mean_interval(values: Array, rng: np.random.Generator) -> Interval:
+    """Compute a mean over objects, (N,), and trainings, (S, N), with its 95 % percentile bootstrap interval.
 
     Objects and trainings are drawn with replacement, independently of each other (the pigeonhole bootstrap; Owen, 2007). With few of
-    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it
-    contains (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
+    either, the interval is too short: of 5 objects its true coverage is about 80 % instead of 95 %, and of S trainings it contains
+    (S - 1) / S of the variance between them: none of a single training. Read it with their numbers.
     """
     values = _checked(values)
     return _interval(float(values.mean()), values.shape[1], (values,), rng)
 
 
-def difference_interval(
-    first: Array,  # (N,) or (S, N) as for `mean_interval`
-    second: Array,  # the same objects in the same order
-    rng: np.random.Generator,
-    *,
-    same_trainings: bool = False,
-) -> Interval:
-    """Compute the mean of `first` - `second`, two configurations on the same objects, and its 95 % interval.
+def difference_interval(first: Array, second: Array, rng: np.random.Generator, *, same_trainings: bool = False) -> Interval:
+    """Compute the mean of `first` - `second`, two configurations on the same objects, as for `mean_interval`, and its interval.
 
-    Objects are drawn, not values: the difficulty of an object, which both share, cancels. With `same_trainings`, both
-    are figures of the same trainings in the same order, and differences between trainings cancel too; without,
-    trainings are drawn independently for each configuration.
+    Objects are drawn, not values: the difficulty of an object, which both share, cancels. With `same_trainings`, both are figures of the
+    same trainings in the same order, and differences between trainings cancel too.
     """
     if np.shape(first)[-1:] != np.shape(second)[-1:]:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The supplement's deformation networks as data: the inputs and the size of each (Tables 6-11)."""
+"""The networks as data: the inputs and the size of each; the deformation networks are the supplement's (Tables 6-11)."""
 
 from collections.abc import Mapping
 from typing import Literal, Self
@@ -8,14 +8,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from pipeline.kernels.charts.touch_chart import MAX_SIDE
 from pipeline.kernels.charts.vision_charts import MAX_SPLITS
 from pipeline.kernels.geometry.normalise import DIAGONAL
-from pipeline.kernels.networks.image_encoder import Norm
 
+Norm = Literal["batch", "instance", "group"]
 ImageKind = Literal["occluded", "unoccluded", "rendering", "any"]
 Seams = Literal["open", "tied"]
 TouchEdges = Literal["centres", "all"]
 
-RADIUS = DIAGONAL / 2
-"""m, of the ball that objects lie in, as networks see them. Lengths in settings of trainings are for these."""
+RADIUS = DIAGONAL / 2  # m, of the ball that objects lie in, as networks see them; settings of trainings are for these
 
 
 class NetworkInputs(BaseModel):
@@ -82,3 +81,28 @@ SINGLE_IMAGE = NetworkConfig(
     image="rendering", encoder_layers=25, encoder_norm="instance", encoder_linear=250, gcn_layers=25, gcn_features=250
 )
 """The network of the supplement's last experiment, Table 11."""
+
+
+class ImplicitConfig(NetworkInputs):
+    """The inputs and sizes of an `ImplicitNetwork`."""
+
+    encoder_layers: Literal[12, 15, 18, 25] = 12
+    encoder_kernel: Literal[3, 5] = 5
+    encoder_width: float = Field(default=0.25, gt=0, le=64)
+    features: int = Field(default=128, ge=2, le=2**12)  # of each layer of the decoder
+    blocks: int = Field(default=3, ge=0, le=100)  # of the decoder: residual, of two layers
+    band: float = Field(default=0.03, gt=0)  # m: distances beyond, on either side, count the same
+    spacing: float = Field(default=0.004, gt=0)  # of the grid that a reconstruction's mesh is made on, m
+    touch_reach: float = Field(default=0.01, ge=0, le=1)
+    """Largest distance, m, to which a reconstruction follows touches: the weight is 1/e there. 0: the network alone."""
+
+
+IMPLICIT_CONFIGURATIONS: Mapping[str, ImplicitConfig] = {
+    "implicit-touch": ImplicitConfig(touch=True),
+    "implicit-occluded": ImplicitConfig(image="occluded"),
+    "implicit-occluded-touch": ImplicitConfig(image="occluded", touch=True),
+    "implicit-unoccluded": ImplicitConfig(image="unoccluded"),
+    "implicit-unoccluded-touch": ImplicitConfig(image="unoccluded", touch=True),
+    "implicit-any": ImplicitConfig(image="any", touch=True, encoder_norm="group"),  # batches of it have more or fewer images
+}
+"""The implicit networks by name, with the inputs of the supplement's networks; `implicit-any` takes any of them."""

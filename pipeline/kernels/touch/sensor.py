@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 from pydantic.json_schema import SkipJsonSchema
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.arrays import Array, Mask
+from pipeline.kernels.arrays import Array, Mask, check_shape
 from pipeline.kernels.touch.optics import Calibration, Lights
 
 MM = 1e3  # millimetres per metre
@@ -187,8 +187,7 @@ def masked_points(depth: np.ndarray, mask: Mask, sensor: Sensor) -> Array:  # (n
 def check_pose(pose: np.ndarray, name: str = "sensor pose") -> Array:
     """Check that a pose (4, 4), sensor frame to world frame, m, is a rigid motion: else it is `InvalidInput`."""
     pose = np.asarray(pose, np.float64)
-    if pose.shape != (4, 4):
-        raise ValueError(f"{name} has shape {pose.shape}; it must be (4, 4), sensor frame to world frame")
+    check_shape(name, pose, 4, 4)
     if not np.isfinite(pose).all():
         raise InvalidInput(f"{name} holds NaN or infinity; it must be finite:\n{pose}")
     rotation = pose[:3, :3]

@@ -85,12 +85,8 @@ def tactile_image(
     return render_gel(press_gel(depth, sensor).indentation, sensor, rng)
 
 
-def render_gel(
-    indentation: Array,  # (rows, cols) m: how deep the surface lies below its rest, from `press_gel`
-    sensor: Sensor,
-    rng: np.random.Generator | None = None,  # as in `tactile_image`
-) -> NDArray[np.uint8]:  # (rows, cols, 3)
-    """Compute the tactile image of a gel whose surface is known."""
+def render_gel(indentation: Array, sensor: Sensor, rng: np.random.Generator | None = None) -> NDArray[np.uint8]:
+    """Compute the tactile image (rows, cols, 3) of a gel that lies below its rest by an indentation (rows, cols), m."""
     if sensor.calibrated is None:
         image: NDArray[Any] = _lamp_image(indentation, sensor)
     else:

@@ -11,21 +11,16 @@ from pipeline.kernels.geometry.mesh import check_coordinates, face_cross_product
 from pipeline.kernels.geometry.mesh_cleaning import number_positions
 from pipeline.kernels.geometry.transforms import unit_vectors
 
-CREASE = np.deg2rad(40.0)
-"""Faces that meet at a greater angle, rad, show an edge: a 12-sided cylinder looks round and a box has sharp edges."""
-MAX_NEIGHBOURS = 64
-"""A vertex where more faces meet is the hub of a fan (a cap, a cone's tip): its faces keep their own normals."""
-PAIRS_PER_CHUNK = 1_000_000  # pairs of neighbouring corners processed together; they take about 100 MB
+CREASE = np.deg2rad(40.0)  # rad: faces that meet at more show an edge; a 12-sided cylinder looks round, a box does not
+MAX_NEIGHBOURS = 64  # more faces meet at the hub of a fan (a cap, a cone's tip): its faces keep their own normals
+PAIRS_PER_CHUNK = 1_000_000  # pairs of neighbouring corners processed together: about 100 MB
 
 
-def corner_normals(
-    vertices: Array,  # (V, 3); vertices at equal positions count as one
-    faces: NDArray[np.int32],  # (F, 3)
-) -> Array:  # (F, 3, 3) unit (face, corner, xyz), on the side to which the face is wound
-    """Compute a shading normal for every corner of every face.
+def corner_normals(vertices: Array, faces: NDArray[np.int32]) -> Array:
+    """Compute a unit normal for every corner of every face, (F, 3, 3), on the side to which the face is wound.
 
-    A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around it that make less than
-    `CREASE` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
+    A corner's normal is the mean, weighted by the angle at the vertex, of the normals of those faces around its position that make less
+    than `CREASE` with its own face. Faces wound the other way count as if turned over. A face without area has the normal +z and no
     influence on its neighbours. The normal of a sliver of aspect a has an error of up to 8 a units in the last place.
     """
     check_coordinates(vertices, "vertices")

@@ -14,24 +14,18 @@ from pipeline.kernels.arrays import Array, Array32, Indices
 from pipeline.kernels.geometry.mesh import Look, Mesh
 from pipeline.kernels.vision.corner_normals import corner_normals
 
-NORMAL_STEPS = 1023
-"""Corners of one vertex whose normals agree to 1 / `NORMAL_STEPS` share one entry: 0.06 degrees, no visible difference."""
-MAX_TEXTURE_SIDE = 2048
-"""Pixels per side: every graphics card takes that, and it is eight times the side of an image of the default size."""
+NORMAL_STEPS = 1023  # corners of a vertex whose normals agree to its inverse, 0.06 degrees, share one entry
+MAX_TEXTURE_SIDE = 2048  # pixels: every graphics card takes that; eight times the side of an image of the default size
 
 
 @dataclass(frozen=True)
 class Primitive:
-    """Triangles of one material.
-
-    `indices` hold every face once as it is wound and once turned over, so that a renderer that culls back faces shows
-    both sides.
-    """
+    """Triangles of one material, for a renderer that culls back faces."""
 
     positions: Array32  # (V, 3)
     normals: Array32  # (V, 3)
     uv: Array32  # (V, 2)
-    indices: NDArray[np.uint32]  # (2F, 3)
+    indices: NDArray[np.uint32]  # (2F, 3) every face once as it is wound and once turned over
     color: Array  # (3,) linear RGB
     texture: NDArray[np.uint8] | None  # (height, width, 4) opaque, first row at the top
     vertex_color: Array32 | None = None  # (V, 4) sRGB in 0..1, opaque: multiplies colour and texture
@@ -50,10 +44,7 @@ def mesh_primitives(mesh: Mesh) -> list[Primitive]:
 
 
 def faces_by_material(look: Look) -> list[tuple[list[int], Indices]]:
-    """Group faces by appearance: [red, green, blue, texture index or -1], and the numbers of the faces that have it.
-
-    Materials of equal colour and texture are one group.
-    """
+    """Group faces by appearance: [red, green, blue, texture index or -1], and the numbers of the faces that have it."""
     materials, material_of = np.unique(
         np.column_stack([look.base_color[:, :3], look.material_texture]).astype(np.int64), axis=0, return_inverse=True
     )
@@ -89,10 +80,7 @@ def _opaque(colors: NDArray[np.uint8]) -> Array32:
 
 
 def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Average a texture (height, width, 4) down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side.
-
-    Sides are rounded up; a texture that is small enough is returned as it is.
-    """
+    """Average a texture (height, width, 4) down by a whole factor to at most `MAX_TEXTURE_SIDE` pixels per side, rounded up."""
     height, width = texture.shape[:2]
     factor = -(-max(height, width) // MAX_TEXTURE_SIDE)
     return texture if factor <= 1 else np.array(Image.fromarray(texture).reduce(factor))
@@ -101,8 +89,7 @@ def shrink_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def flatten_texture(texture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Blend a texture (height, width, 4) with white by its opacity: the base colour shows where it is transparent.
 
-    Every surface is rendered opaque: surfaces that the fingers touch are visible, and a segmentation has one label per
-    pixel. An opaque texture is returned as it is.
+    Every surface is rendered opaque: surfaces that the fingers touch are visible, and a segmentation has one label per pixel.
     """
     if (texture[..., 3] == 255).all():
         return texture

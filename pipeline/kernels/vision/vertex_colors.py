@@ -10,9 +10,8 @@ from pipeline.kernels.geometry.surface_wrapping import vertex_normals
 from pipeline.kernels.vision.camera import project_points
 from pipeline.kernels.vision.view_transfer import optical_centre
 
-STEEPEST = 0.1
-"""Cosine between a normal and the direction to the camera, below which a vertex is on the rim, and its pixel may show the background."""
-OFFSET = 1e-3  # distance of a ray's start from the surface over the surface's extent
+STEEPEST = 0.1  # cosine between normal and view below which a vertex is on the rim, where pixels may show the background
+OFFSET = 1e-3  # of a ray's start from the surface over the surface's extent
 
 
 def seen_colors(
@@ -22,10 +21,9 @@ def seen_colors(
     matrix: Array,  # (3, 4) the image's projection matrix, from `projection_matrix`
     shown: Mask,  # (rows, cols) where the image shows the object, and no background or hand
 ) -> tuple[NDArray[np.uint8], Mask]:  # (V, 3), (V,)
-    """Look up the colour of each vertex of a closed mesh in an image, and whether it was seen.
+    """Look up the colour of each vertex of a closed mesh in an image, 0 where it is not seen, and whether it is seen.
 
-    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object. It
-    then has the colour of the pixel that it is in, else 0.
+    A vertex is seen if it faces the camera, nothing of the mesh is between them, and its pixel shows the object.
     """
     rows, cols = shown.shape
     to_camera = optical_centre(matrix) - vertices

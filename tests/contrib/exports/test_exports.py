@@ -1,7 +1,5 @@
 """Exports: contents of WebDataset shards, and errors. Other libraries read their formats in `read_back.py`."""
 
-from __future__ import annotations
-
 import errno
 import importlib.util
 import io
@@ -9,6 +7,7 @@ import json
 import os
 import tarfile
 import warnings
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.contrib.exports.grasp_frames import Column, GraspFrames
 from pipeline.contrib.exports.lerobot_files import QUANTILES, _Statistics
-from pipeline.contrib.exports.webdataset_shards import write_webdataset
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.errors import StoreError
 from pipeline.store.atomic import atomic_writes
@@ -63,7 +61,7 @@ def test_webdataset_shards_hold_every_grasp_unchanged(data, tmp_path):
             np.testing.assert_array_equal(image, rows.read("tactile_image", about["object_id"], about["grasp"])[2])
             samples += 1
     assert f"{samples} grasps" in output
-    write_webdataset(frames, tmp_path / "again")
+    vt("export", data, tmp_path / "again", "--to", "webdataset")
     assert [(tmp_path / "again" / shard.name).read_bytes() for shard in shards] == [shard.read_bytes() for shard in shards]
 
 
@@ -78,8 +76,22 @@ def test_unsupported_format_writes_nothing(data, tmp_path):
     assert not (tmp_path / "duck.obj").exists()
 
 
+def export_names(data, folder: Path) -> str:
+    (folder / "names.txt").write_text("\n".join(ObjectRows(data, ["points"], split=None).object_ids))
+    return "2 names"
+
+
+def test_exports_of_other_packages_are_written(data, tmp_path, monkeypatch):
+    entry = EntryPoint("names", f"{__name__}:export_names", "vt_pipeline.exports")
+    monkeypatch.setattr("pipeline.plugins.declared", lambda group: (entry,))
+    assert f"{tmp_path / 'out'}: 2 names" in vt("export", data, tmp_path / "out", "--to", "names")
+    assert (tmp_path / "out" / "names.txt").read_text() == "a\nb"
+    assert "unknown export mesh; choose from names" in vt("export", data, tmp_path / "other", fails=True)
+
+
 def test_object_option_is_for_scenes_only(data, tmp_path):
-    assert "--object is for --to mesh" in vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
+    refused = vt("export", data, tmp_path / "out", "--to", "webdataset", "--object", "a", fails=True)
+    assert "--object is no option of --to webdataset" in refused
 
 
 @pytest.mark.skipif(importlib.util.find_spec("pyarrow") is not None, reason="pyarrow is installed")
@@ -124,11 +136,10 @@ def test_killed_export_is_started_again_by_the_next(data, tmp_path):
 
 
 def test_failed_export_leaves_nothing_and_names_the_folder(data, tmp_path, monkeypatch):
-    def fails(frames, folder):
-        (folder / "half.tar").write_text("half")
+    def fails(shard, *_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("pipeline.contrib.exports.webdataset_shards.write_webdataset", fails)
+    monkeypatch.setattr("pipeline.contrib.exports.webdataset_shards._add_sample", fails)
     output = vt("export", data, tmp_path / "out", "--to", "webdataset", fails=True)
     assert f"No space left on device: '{tmp_path / 'out'}'" in output
     assert not (tmp_path / "out").exists()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.kernels.charts.chart_steps import ChartState, chamfer_and_gradient, chart_area, planar_grid, take_steps
+from pipeline.kernels.charts.chart_steps import ChartState, chart_area, planar_grid, take_steps
 from pipeline.kernels.charts.touch_chart import chart_square
 from pipeline.kernels.metrics.surface_sampling import map_to_surface
 
@@ -27,16 +27,6 @@ def loss_of(vertices: torch.Tensor, uniform: np.ndarray, cloud: np.ndarray, targ
     )
     nearest = torch.from_numpy(target)[to_target]
     return (drawn - nearest).square().sum(dim=1).mean() + (drawn[to_samples] - torch.from_numpy(cloud)).square().sum(dim=1).mean()
-
-
-@pytest.mark.parametrize("part", [CLOUD, CLOUD[:17]], ids=["whole", "part"])
-def test_gradient_is_that_of_torch(part: np.ndarray) -> None:
-    vertices = torch.from_numpy(BENT.copy()).requires_grad_()
-    expected = loss_of(vertices, UNIFORM[0], part, CLOUD)
-    expected.backward()
-    loss, gradient = chamfer_and_gradient(chart(BENT), UNIFORM[0], part, planar_grid(CLOUD))
-    assert loss == pytest.approx(float(expected.detach()), rel=1e-12)
-    np.testing.assert_allclose(gradient, vertices.grad, rtol=0, atol=1e-14)
 
 
 def test_steps_are_those_of_adam_with_the_parts_in_turn() -> None:

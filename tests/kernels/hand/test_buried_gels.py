@@ -57,11 +57,6 @@ def test_depth_in_a_link_of_several_shapes(spans: list[tuple[float, float]], ahe
     assert depth_in_link(link_of(*spans), np.zeros(3), UP, ahead=ahead) == pytest.approx(depth)
 
 
-def test_flat_shape_covers_nothing() -> None:
-    flat = Shape("mesh", (1.0, 1.0, 1.0), np.eye(4), Mesh.bare(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]])))
-    assert depth_in_link(Link("sheet", (), (flat,)), np.zeros(3), UP, ahead=1.0) == 0
-
-
 def test_gel_wholly_inside_its_link_is_moved_to_the_surface() -> None:
     link = link_of((-0.02, 0.02))
     assert list(buried_gels(wearing(link, 0.005), [SENSOR])) == [

@@ -48,7 +48,7 @@ def test_postures_equal_the_slow_twin(ik: GraspIk, field: DistanceField) -> None
 
 
 def test_clearance_is_exact_down_to_the_floor(ik: GraspIk, field: DistanceField) -> None:
-    frames = np.concatenate([pose @ ik.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
+    frames = np.concatenate([pose @ ik.postures.frames[:20] for pose in poses_around(ik, Mesh.bare(field.vertices, field.faces), 3)])
     exact = slow_clearance(ik, field, frames)
     np.testing.assert_array_equal(finger_clearance(field, ik.fingers, frames), exact)
     floor = float(np.median(exact))

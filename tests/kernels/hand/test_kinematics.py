@@ -87,9 +87,7 @@ def test_gel_has_a_visual_and_no_collision_shape(hand: Hand) -> None:
         (np.eye(4)[:3], np.zeros(16), r"\(3, 4\)"),
     ],
 )
-def test_kinematics_reject_wrong_shapes_and_values_that_are_not_finite(
-    hand: Hand, pose: np.ndarray, angles: np.ndarray, named: str
-) -> None:
+def test_kinematics_reject_wrong_shapes_and_infinite_values(hand: Hand, pose: np.ndarray, angles: np.ndarray, named: str) -> None:
     for function in (forward_kinematics, sensor_poses):
         with pytest.raises(ValueError, match=named):
             function(hand, pose, angles)

@@ -1,11 +1,8 @@
 """Postures in which two gels face each other, checked independently of the search."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from pipeline.errors import InvalidInput
 from pipeline.formats.hand_file import load_hand
 from pipeline.formats.sensor_file import load_sensor
 from pipeline.kernels.hand.collision_shapes import collision_spheres
@@ -41,10 +38,3 @@ def test_gels_face_each_other_across_the_width(name: str, widest: float) -> None
         fingers = [int(hand.link_fingers[hand.sensors[sensor].link]) for sensor in pair]
         frames = forward_kinematics(hand, np.eye(4), found.joint_angles[own])
         assert fingers_apart(hand, ik.boxes, frames, fingers, 0.001).all()
-
-
-def test_hand_with_one_sensor_cannot_hold() -> None:
-    ik = ik_of("allegro_right")
-    alone = replace(ik, hand=replace(ik.hand, sensors=ik.hand.sensors[:1]))
-    with pytest.raises(InvalidInput, match=r"one sensor alone cannot hold.*search=touch"):
-        opposed_postures(alone)

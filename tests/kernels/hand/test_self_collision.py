@@ -9,7 +9,7 @@ from pipeline.kernels.hand.box_gaps import box_gap
 from pipeline.kernels.hand.collision_shapes import CollisionBoxes, collision_boxes
 from pipeline.kernels.hand.kinematics import forward_kinematics
 from pipeline.kernels.hand.model import Hand
-from pipeline.kernels.hand.self_collision import choose_postures, finger_conflicts, fingers_clear_of_palm, hand_gap
+from pipeline.kernels.hand.self_collision import choose_postures, finger_conflicts, hand_gap
 from tests.kernels.hand.meshes import random_pose
 from tests.strategies import EPS
 
@@ -23,11 +23,6 @@ def test_hand_gap_is_positive_for_spread_and_negative_for_crossed_fingers(hand: 
     boxes = collision_boxes(hand)
     assert hand_gap(hand, boxes, forward_kinematics(hand, np.eye(4), EVEN_SAMPLES)) > 0.002
     assert hand_gap(hand, boxes, forward_kinematics(hand, np.eye(4), CROSSED)) < -0.005
-
-
-def test_fingers_clear_of_palm_ignores_other_fingers(hand: Hand) -> None:
-    frames = forward_kinematics(hand, np.eye(4), np.stack([EVEN_SAMPLES, CROSSED]))
-    assert fingers_clear_of_palm(hand, collision_boxes(hand), frames, 0.001).all()
 
 
 def test_choose_postures_drops_the_lower_rated_of_two_that_collide(hand: Hand) -> None:

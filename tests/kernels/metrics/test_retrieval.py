@@ -1,11 +1,9 @@
 """Similarity of shapes and silhouettes on small sets."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from pipeline.kernels.metrics.retrieval import COARSE, RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
+from pipeline.kernels.metrics.retrieval import RetrievalCloud, chamfer_matrix, nearest_cloud, silhouette_overlap
 from tests.references.all_pairs import chamfer_to_all, squared_distance_to_all
 
 
@@ -44,24 +42,6 @@ def test_first_of_equal_clouds_is_the_nearest():
     cloud, other = shapes(2, 2)
     nearest = nearest_cloud(RetrievalCloud(cloud), [RetrievalCloud(one) for one in (other, other + 0.01, cloud, cloud)], both=True)
     assert nearest == (0.0, 2)
-
-
-def test_lower_bounds_hold_and_avoid_most_comparisons():
-    clouds = [RetrievalCloud(cloud) for cloud in shapes(40, 3)]
-    query, *others = clouds
-    for other in others:
-        bounds = [query.bound(other, level) for level in range(len(COARSE) + 1)]
-        assert max(bounds[:-1]) <= bounds[-1]
-    exact = []
-    genuine = RetrievalCloud.bound
-
-    class Counted(RetrievalCloud):
-        def bound(self, target, level):
-            exact.append(level == len(COARSE))
-            return genuine(self, target, level)
-
-    nearest_cloud(Counted(query.points), others, both=True)
-    assert sum(exact) < len(others) / 2
 
 
 def test_overlap_is_intersection_over_union():

@@ -1,8 +1,5 @@
 """Measures of surface quality on simple shapes."""
 
-from __future__ import annotations
-
-import igl
 import numpy as np
 import pytest
 import trimesh
@@ -48,24 +45,6 @@ def test_normal_consistency_is_one_for_either_sign_and_half_for_random_normals(r
     turned = np.cross(normals, np.roll(normals, 1, axis=1))
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
     assert normal_consistency(points, normals, points, turned) == pytest.approx(0.0, abs=1e-3)
-
-
-def test_crossing_faces_of_two_balls_equal_exact_predicates():
-    near, far = BALL.copy(), BALL.copy()
-    near.apply_translation([0.3, 0.2, 0.1])
-    far.apply_translation([2.5, 0, 0])
-    for other, some in ((near, True), (far, False)):
-        both = trimesh.util.concatenate([BALL, other])
-        crossing = crossing_faces(both.vertices, both.faces)
-        slow = np.zeros(len(both.faces), bool)
-        corners = both.vertices[both.faces]
-        for one in range(len(BALL.faces)):
-            for two in range(len(BALL.faces), len(both.faces)) if some and one % 16 == 0 else ():
-                crosses = igl.tri_tri_intersection_test_3d(*corners[one][:, None], *corners[two][:, None])
-                slow[one] |= bool(crosses[0])
-        assert crossing.any() == some
-        assert (crossing[: len(BALL.faces) : 16] == slow[: len(BALL.faces) : 16]).all()
-    assert not crossing_faces(BALL.vertices, BALL.faces).any()
 
 
 def test_large_face_crosses_each_small_face_that_it_intersects():

@@ -1,7 +1,5 @@
 """Regularising losses on a cube."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

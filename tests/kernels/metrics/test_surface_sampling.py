@@ -80,18 +80,29 @@ def test_float32_keeps_its_type_and_chooses_in_float64() -> None:
     torch.testing.assert_close(points.double(), sample_surface(VERTICES.float().double(), FACES, 100, generator(8)), rtol=0, atol=1e-6)
 
 
+def test_ends_of_the_cumulative_area_choose_faces_with_area() -> None:
+    """Also 1, the end of the last face: a segment before and after the others is never chosen."""
+    faces = FACES[[2, 0, 1, 2]]
+    points = map_to_surface(VERTICES, faces, torch.tensor([[0.0, 4 / 9, 0.5], [1.0, 4 / 9, 0.5]], dtype=torch.float64))
+    torch.testing.assert_close(points, VERTICES[faces[[1, 2]]].mean(dim=1), rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize(
-    ("vertices", "faces", "count", "message"),
+    ("vertices", "faces", "count", "named"),
     [
-        (VERTICES[:, :2], FACES, 5, r"vertices have shape \(5, 2\)"),
-        (VERTICES, FACES[:, :2], 5, r"faces have shape \(4, 2\)"),
-        (VERTICES, FACES[:0], 5, "no faces"),
-        (VERTICES, FACES, 0, "0 points"),
-        (VERTICES * 0, FACES, 5, "no face has a finite area"),
-        (VERTICES * torch.nan, FACES, 5, "NaN"),
+        (VERTICES[:, :2], FACES, 5, r"\(5, 2\)"),
         (VERTICES[None], FACES, 5, r"\(1, 5, 3\)"),
+        (VERTICES, FACES[:, :2], 5, r"\(4, 2\)"),
+        (VERTICES, FACES[:0], 5, "no faces"),
+        (VERTICES, FACES + 1, 5, "1 to 5"),
+        (VERTICES, FACES - 1, 5, "-1 to 3"),
+        (VERTICES, FACES, 0, "0 points"),
+        (VERTICES * 0, FACES, 5, "area"),
+        (VERTICES * torch.nan, FACES, 5, "NaN"),
+        (VERTICES.bfloat16(), FACES, 5, "bfloat16"),
+        (VERTICES.long(), FACES, 5, "int64"),
     ],
 )
-def test_invalid_surfaces_are_rejected_by_name(vertices: Tensor, faces: Tensor, count: int, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
+def test_invalid_surfaces_are_rejected_by_name(vertices: Tensor, faces: Tensor, count: int, named: str) -> None:
+    with pytest.raises(ValueError, match=named):
         sample_surface(vertices, faces, count, generator())

@@ -1,7 +1,5 @@
 """Image encoders: shapes, parameters, receptive fields."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 from torch import nn
@@ -78,12 +76,6 @@ def test_map_grids_follow_the_recursion() -> None:
     assert grid == MapGrid(start=1.5, jump=2)
     assert grid.after(kernel=5, stride=2, padding=1) == MapGrid(start=3.5, jump=4)
     assert MapGrid().after(kernel=3, stride=2, padding=1) == MapGrid(start=0.5, jump=2)
-
-
-def test_narrow_encoder_keeps_at_least_one_channel() -> None:
-    encoder = ImageEncoder(ENCODER_PLANS[18], width=0.5)
-    assert encoder.channels == 112
-    assert ImageEncoder(ENCODER_PLANS[12], width=0.01).channels == 4  # one channel at least
 
 
 def test_encoder_rejects_images_of_four_channels() -> None:

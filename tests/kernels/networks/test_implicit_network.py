@@ -1,23 +1,12 @@
 """Implicit network: dependence on its inputs, and learning of a distance."""
 
-from __future__ import annotations
-
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
 from pipeline.errors import InvalidInput
-from pipeline.kernels.networks.implicit_network import (
-    FINGER_DEPTH,
-    FOLLOWED_DEPTH,
-    IMPLICIT_CONFIGURATIONS,
-    LEAST_REACH,
-    REACH_PER_ERROR,
-    ImplicitConfig,
-    ImplicitNetwork,
-)
+from pipeline.kernels.networks.implicit_network import ImplicitConfig, ImplicitNetwork
 from pipeline.kernels.networks.network_configurations import CONFIGURATIONS
 from tests.kernels.networks.test_deformation_network import inputs
 
@@ -37,14 +26,6 @@ def inputs_of(counts: list[int] = COUNTS, **changes: Any) -> dict[str, Any]:
 def queries(items: int, count: int = 20) -> torch.Tensor:
     drawn = torch.rand(items, count, 3, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
     return 0.4 * drawn + torch.tensor([-0.2, -0.2, 0.4])
-
-
-def test_implicit_configurations_have_the_inputs_of_the_supplements():
-    for name, config in IMPLICIT_CONFIGURATIONS.items():
-        if config.image == "any":
-            continue
-        other = CONFIGURATIONS[name.removeprefix("implicit-")]
-        assert (config.image, config.touch) == (other.image, other.touch)
 
 
 def test_items_and_queries_are_independent():
@@ -75,11 +56,6 @@ def test_predictions_do_not_depend_on_the_order_of_grasps():
     network, seen, asked = small(), inputs_of([3]), queries(1)
     turned = seen | {name: seen[name].flip(0) for name in ("touch_vertices", "touched")}
     torch.testing.assert_close(network(asked, **turned), network(asked, **seen))
-
-
-def test_equal_generators_give_equal_networks():
-    first, second = small().state_dict(), small().state_dict()
-    assert all(torch.equal(value, second[name]) for name, value in first.items())
 
 
 def test_network_learns_the_distance_to_a_touched_ball():
@@ -114,21 +90,6 @@ def test_decode_with_touches_uses_touches_nearby_and_the_network_far_away():
     torch.testing.assert_close(above, torch.full_like(above, 1e-3))  # in the finger there is nothing
     torch.testing.assert_close(below, torch.full_like(below, -1e-3), atol=1e-5, rtol=0)
     torch.testing.assert_close(*both(torch.tensor([[0.0, 0.0, 0.75]], dtype=torch.float64)))
-
-
-@pytest.mark.parametrize("shift", [(0.0, 0.0, -0.003), (0.004, 0.0, 0.0), (0.0, -0.001, FINGER_DEPTH + 0.002), (0.005, 0.002, -0.001)])
-def test_reach_of_touches_grows_with_the_error_of_the_network_there(shift: tuple[float, float, float]):
-    network, seen = small(), inputs_of([1])
-    flat = torch.tensor([[x, y, 0.6] for y in (0.02, 0.0, -0.02) for x in (-0.02, 0.0, 0.02)], dtype=torch.float64)
-    code = network.encode(**seen | {"touch_vertices": flat[None], "touched": torch.tensor([True])})
-    query, error = flat[4] + torch.tensor(shift, dtype=torch.float64), network.decode(code, flat[None, 4:5]).item()
-    decoded = network.decode_with_touches(code, query[None, None], network.errors_at_touches(code)).item()
-    (x, y, height), reach = shift, min(SMALL.touch_reach, LEAST_REACH + REACH_PER_ERROR * abs(error))
-    away = max(height - FINGER_DEPTH, 0) / reach + min(height, 0) / FOLLOWED_DEPTH
-    weight = np.exp(-(((x**2 + y**2) / reach**2 + away**2) ** 2))
-    fading = np.exp(-(x**2 + y**2 + height**2) / (2 * SMALL.touch_reach) ** 2)
-    alone = network.decode(code, query[None, None]).item() - error * fading
-    assert decoded == pytest.approx(weight * height + (1 - weight) * alone, rel=1e-9)
 
 
 @pytest.mark.parametrize("changes", [{"touch": False}, {"touch_reach": 0.0}, {"touch_reach": 1e-30}, {}])

@@ -1,7 +1,5 @@
 """The local network: its reach, windows beside whole images, its loss."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 
@@ -29,12 +27,6 @@ def test_parameters_are_five_thousand_by_default() -> None:
         LocalNetwork(0)
 
 
-def test_positions_reach_from_rim_to_rim() -> None:
-    positions = pixel_positions(2, 4)[0]
-    assert positions[0, 0].tolist() == [-0.75, -0.25, 0.25, 0.75]
-    assert positions[1, :, 0].tolist() == [-0.5, 0.5]
-
-
 def test_slopes_depend_on_three_pixels_around_only(network: LocalNetwork, change: torch.Tensor) -> None:
     given = change.clone().requires_grad_()
     (gradient,) = torch.autograd.grad(network.slopes(given, pixel_positions(24, 30))[0, 0, 12, 15], given)
@@ -48,16 +40,6 @@ def test_depth_is_the_integral_of_slopes_and_contact_gives_them_no_gradient(netw
     shape.contact.sum().backward()
     assert all(parameter.grad is None for parameter in network.colours.parameters())
     network.zero_grad(set_to_none=True)
-
-
-def test_true_slopes_in_a_window_give_the_true_depth(network: LocalNetwork, change: torch.Tensor) -> None:
-    within = torch.rand(1, 24, 30, generator=torch.Generator().manual_seed(2))
-    assert network(change, pixel_positions(24, 30), PITCH, within).depth.shape == within.shape
-    network.slopes = lambda *_: surface_slopes(within, PITCH)  # type: ignore[method-assign]
-    try:
-        torch.testing.assert_close(network(change, pixel_positions(24, 30), PITCH, within).depth, within)
-    finally:
-        del network.slopes
 
 
 def test_loss_is_minimal_at_the_truth_and_grows_with_each_error() -> None:

@@ -1,9 +1,6 @@
 """Network configurations against the supplement's tables."""
 
-from __future__ import annotations
-
 import pytest
-import torch
 from pydantic import ValidationError
 from torch import nn
 
@@ -23,10 +20,6 @@ PARAMETERS = [
 ]
 
 
-TABLE_11 = ((16, 69), (32, 35), (64, 18), (128, 9), (256, 5))
-NOBODY = torch.zeros(0, dtype=torch.bool)
-
-
 def parameters(module: nn.Module | None) -> int:
     return 0 if module is None else sum(parameter.numel() for parameter in module.parameters())
 
@@ -40,10 +33,6 @@ def test_inputs_and_parameters(name: str, image: str | None, touch: bool, encode
     assert parameters(network) == encoder + linear + gcn
 
 
-def test_every_configuration_is_listed() -> None:
-    assert [row[0] for row in PARAMETERS] == list(NETWORKS)
-
-
 def test_graph_networks_of_the_tables() -> None:
     sizes = {name: (config.gcn_layers, config.gcn_features) for name, config in NETWORKS.items()}
     assert sizes == {
@@ -55,26 +44,6 @@ def test_graph_networks_of_the_tables() -> None:
         "unoccluded": (20, 250),
         "single-image": (25, 250),
     }
-
-
-def test_single_image_network_has_the_layers_of_table_11() -> None:
-    """The shapes of rows (1) to (53); each of the three passes goes through rows (26) to (53)."""
-    network, found = DeformationNetwork(SINGLE_IMAGE).eval(), []
-    assert network.encoder is not None
-    for layer in (*network.encoder.layers, network.linear, *network.gcn.hidden, network.gcn.last):
-        assert isinstance(layer, nn.Module)
-        layer.register_forward_hook(lambda _module, given, made: found.append((tuple(given[0].shape), tuple(made.shape))))
-    camera = torch.tensor([[150.0, 0, 0, 0], [0, 150, 0, 0], [0, 0, 1, 1]])
-    with torch.no_grad():
-        network(images=torch.rand(1, 3, 137, 137), camera=camera, touch_vertices=torch.zeros(0, 81, 3), touched=NOBODY, counts=[0])
-    convolutions = [(1, channels, side, side) for channels, side in TABLE_11 for _ in range(5)]
-    assert [made for _, made in found[:25]] == convolutions
-    kinds = [[type(part) for part in layer] for layer in network.encoder.layers]
-    assert kinds == [[nn.Conv2d, nn.InstanceNorm2d, nn.ReLU]] * 25
-    assert found[25] == ((1824, 896), (1824, 250))
-    graph = found[26 : 26 + 25]
-    assert [given[-1] for given, _ in graph] == [253, *[250] * 24]
-    assert [made for _, made in graph] == [*[(1824, 250)] * 24, (1824, 3)]
 
 
 def test_configuration_survives_json() -> None:

@@ -1,7 +1,5 @@
 """Touch features of queries around a ball."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
@@ -60,15 +58,6 @@ def test_query_features_depend_on_touches_of_the_same_item_and_are_zero_without_
     torch.testing.assert_close(2 * first[:, :3], second[:, :3])
 
 
-def test_items_without_touch_have_zero_features():
-    items = touches_by_item(torch.zeros(0, 25, 3), torch.zeros(0, dtype=torch.bool), [0, 0])
-    assert items.point_features.shape == (2, 0, 7)
-    features, nearest = items.features_at(torch.ones(2, 4, 3))
-    assert features.shape == (2, 4, TOUCH_FEATURES)
-    assert not features.any()
-    assert not nearest.any()
-
-
 @pytest.mark.parametrize("pairs", [chamfer.PAIRS_PER_BLOCK, 16 * 3 * 40])
 def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
     monkeypatch.setattr(chamfer, "PAIRS_PER_BLOCK", pairs)  # all at once, and in blocks of 16 queries
@@ -76,16 +65,9 @@ def test_tree_and_pairwise_search_find_equally_near_points(pairs, monkeypatch):
     points, queries = (torch.from_numpy(draw.normal(size=(3, count, 3))) for count in (40, 70))
     among = torch.from_numpy(draw.random((3, 40)) < 0.5)
     among[1] = False
-    in_trees = NearestPoints(points, among).find_in_trees(queries)
+    in_trees = NearestPoints(points, among).find(queries)
     of_pairs = chamfer.nearest_of_pairs(queries, points, among)
     for item in (0, 2):
         apart = [(queries[item] - points[item][found[item]]).norm(dim=1) for found in (in_trees, of_pairs)]
         torch.testing.assert_close(*apart)
         assert among[item][of_pairs[item]].all()
-
-
-@pytest.mark.parametrize("flag", [True, False])
-def test_point_features_hold_position_normal_and_touch(flag):
-    (points,) = touches_by_item(chart_on_ball()[None], torch.tensor([flag]), [1]).point_features
-    torch.testing.assert_close(points[:, :3], chart_on_ball())
-    assert (points[:, 6] == float(flag)).all()

@@ -1,7 +1,5 @@
 """Sensors, poses and faces that the touch tests share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -13,7 +13,7 @@ from pipeline.kernels.touch.ball_contact import (
     left_out_error,
     sample_photographs,
 )
-from pipeline.kernels.touch.colour_fit import MEMBRANES, MODULUS, ColourFitOptions, fit_colours
+from pipeline.kernels.touch.colour_fit import MODULUS, ColourFitOptions, fit_colours
 from pipeline.kernels.touch.sensor import Gel, Sensor
 from pipeline.kernels.touch.tactile_image import tactile_image, untouched_image
 
@@ -59,14 +59,6 @@ def test_fit_recognises_light_that_grows_with_depth() -> None:
         sensor, photographs(sensor), untouched_image(sensor), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False)
     )
     np.testing.assert_allclose(np.ravel(fit.calibration.depth), [9, -4, 0], atol=0.7)
-
-
-def test_membrane_of_the_largest_candidate_width_is_reported() -> None:
-    wide = of_degree(0).model_copy(update={"membrane": MEMBRANES[-1] * RADIUS})
-    fit = fit_colours(wide, photographs(wide), untouched_image(wide), BALL, ColourFitOptions(position_degree=0, shadows=0, elastic=False))
-    assert fit.sensor.membrane == pytest.approx(wide.membrane)
-    (line,) = fit.at_end
-    assert "the membrane is as wide as the widest that is tried, 2 contact radii" in line
 
 
 @pytest.mark.parametrize("elastic", [True, False])

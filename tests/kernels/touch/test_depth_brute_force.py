@@ -1,22 +1,12 @@
 """Both tracers against all rays x all faces in float64, on real meshes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import Sensor
 from pipeline.kernels.touch.sphere_tracing import TOLERANCE, sphere_traced_depth
-from tests.kernels.touch.shapes import (
-    SENSOR,
-    TWENTY,
-    ball,
-    coarse,
-    pybullet_triangles,
-    random_pose,
-    ray_origins,
-)
+from tests.kernels.touch.shapes import SENSOR, TWENTY, coarse, pybullet_triangles, random_pose, ray_origins
 from tests.references.brute_force_depth import brute_force
 
 EXACT = 1e-8
@@ -82,7 +72,3 @@ def test_depth_of_random_faces_with_slivers_and_edge_on_faces() -> None:
     errors(triangles, np.eye(4), coarse(40))
     for _ in range(4):
         errors(triangles, random_pose(triangles, rng), coarse(40))
-
-
-def test_depth_of_faces_smaller_than_pixels() -> None:
-    errors(ball(5, 0.01, 0.001, -0.002, 0.014), np.eye(4), coarse(30))

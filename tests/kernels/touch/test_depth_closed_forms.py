@@ -1,19 +1,12 @@
 """Depth of a sphere, planes and a cube against their formulas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from pipeline.kernels.touch.ray_depth import box_faces, ray_depth
 from pipeline.kernels.touch.sensor import pixel_centres
 from pipeline.kernels.touch.sphere_tracing import sphere_traced_depth
-from tests.kernels.touch.shapes import (
-    SENSOR,
-    ball,
-    box,
-    frame,
-)
+from tests.kernels.touch.shapes import SENSOR, ball, box, frame
 
 MICRON = 1e-6
 EXACT = 1e-8
@@ -61,16 +54,6 @@ def test_depth_of_a_tilted_plane(name: str, degrees: float) -> None:
     seen = (closed > 0) & (closed < SENSOR.range)
     assert np.abs(depth[seen] - closed[seen]).max() <= LIMITS[name]
     assert np.isinf(depth[~seen]).all()
-
-
-def test_depth_of_a_cube_edge(name: str) -> None:
-    side, height = 0.03, 0.0045
-    half = side / 2
-    cube = box((side, side, side))
-    turn = np.array([[np.sqrt(0.5), 0, np.sqrt(0.5)], [0, 1, 0], [-np.sqrt(0.5), 0, np.sqrt(0.5)]])
-    triangles, pose = somewhere(cube @ turn.T + np.array([0, 0, height + half * np.sqrt(2)]), 5)
-    depth = TRACERS[name](box_faces(triangles), pose, SENSOR)
-    assert np.abs(depth - (height + np.abs(X))).max() <= LIMITS[name]
 
 
 def test_depth_beside_a_wall_parallel_to_the_rays(name: str) -> None:

@@ -1,7 +1,5 @@
 """An elastic gel against closed forms (Hertz's ball and cylinder, a flat punch, a thin layer) and against a dense slow solver."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -31,7 +29,7 @@ def radii(worn: Sensor) -> np.ndarray:
     return np.hypot(x[None], y[:, None])
 
 
-@pytest.mark.parametrize("shape", [(120, 160), (240, 320), (480, 640)])
+@pytest.mark.parametrize("shape", [(120, 160), (240, 320)])
 @pytest.mark.parametrize(("radius", "depth"), [(0.004, 0.0004), (0.006, 0.0005), (0.003, 0.0008)])
 def test_ball_follows_hertz(shape, radius, depth):
     """Force, radius of the contact, pressure and the surface around it, for one pixel per cell and for several."""
@@ -75,34 +73,6 @@ def test_force_of_a_flat_punch_on_a_layer_equals_published_values(ratio, soft, r
         assert normal_force(gel.pressure, worn) == pytest.approx(factor * 2 * E / (1 - poisson**2) * punch * depth, rel=0.01)
 
 
-def test_cylinder_follows_hertz_in_its_middle():
-    """A long one: the half width of the contact is that of its force per length, 2 sqrt(F R / (pi E*)), its pressure 2 F / (pi a)."""
-    radius, depth = 0.004, 4e-4
-    worn = sensor(160, 160).model_copy(update={"given_height": 4 * SIDE, "width": SIDE / 2})  # pixels longer along y
-    x, _ = pixel_centres(worn)
-    profile = np.maximum(depth - x**2 / (2 * radius), 0)
-    gel = press_elastic(np.broadcast_to(profile, worn.shape).copy(), worn, HALF_SPACE)
-    middle = gel.pressure[worn.rows // 2]
-    per_length = middle.sum() * worn.pitch[1]
-    half = 2 * np.sqrt(per_length * radius / (np.pi * STIFF))
-    assert middle.max() == pytest.approx(2 * per_length / (np.pi * half), rel=0.01)
-    assert (middle > 0).sum() * worn.pitch[1] == pytest.approx(2 * half, rel=0.03)
-    expected = middle.max() * np.sqrt(np.maximum(1 - (x / half) ** 2, 0))
-    assert np.abs(middle - expected).max() < 0.05 * middle.max()
-
-
-def test_thin_compressible_layer_acts_as_a_bed_of_springs():
-    """Under a wide punch, far from its rim: p = d M / h with the modulus M of a layer that cannot widen."""
-    thickness, depth, poisson = 4e-4, 2e-5, 0.3
-    layer = Gel(modulus=E, poisson=poisson, thickness=thickness)
-    worn = sensor(120, 160, layer)
-    distance = radii(worn)
-    gel = press_elastic(np.where(distance < 0.005, depth, 0), worn, layer)
-    springs = E * (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson)) / thickness
-    assert gel.pressure[distance < 0.003] == pytest.approx(springs * depth, rel=0.01)
-    assert np.abs(gel.indentation[distance > 0.0065]).max() < 0.01 * depth
-
-
 def test_compliance_of_a_layer_has_the_limits_of_short_and_long_waves():
     long = np.array([1e-3])
     for poisson in (0.0, 0.3, 0.48):
@@ -124,7 +94,8 @@ def test_press_equals_the_slow_solver(gel, rng):
         assert np.abs(gel_state.indentation - slow).max() < 2e-4 * pressed.max()
 
 
-def grows(number: int) -> None:
+@pytest.mark.parametrize("number", range(30))
+def test_force_grows_with_depth(number):
     """Press a random shape into a random gel at three depths; the force grows by at least half as much as the depth."""
     rng = np.random.default_rng(number)
     gel = Gel(modulus=10 ** rng.uniform(4, 6), poisson=rng.choice([0.0, 0.3, 0.48, 0.5]), thickness=rng.choice([0.001, 0.004, 0.01, 10.0]))
@@ -135,28 +106,11 @@ def grows(number: int) -> None:
     gels = [press_gel(press_relief(relief, worn, share * deepest), worn) for share in (0.9, 0.96, 1.0)]
     forces = [normal_force(gel_state.pressure, worn) for gel_state in gels]
     assert forces[0] > 0
-    assert (np.diff(forces) / forces[:-1] > 0.5 * np.array([0.06 / 0.9, 0.04 / 0.96])).all(), (press.shape, gel, forces)
+    assert (np.diff(forces) / forces[:-1] > 0.5 * np.array([0.06 / 0.9, 0.04 / 0.96])).all()
     for gel_state in gels:
         assert np.isfinite(gel_state.indentation).all()
         assert (gel_state.pressure >= 0).all()
         assert (gel_state.contact == (gel_state.pressure > 0)).all()
-
-
-@pytest.mark.parametrize("numbers", [range(60), pytest.param(range(60, 1000), marks=pytest.mark.slow)], ids=["60", "1000"])
-def test_force_grows_with_depth(numbers):
-    for number in numbers:
-        grows(number)
-
-
-@pytest.mark.parametrize("scale", [1e-3, 500.0])
-def test_a_larger_sensor_feels_the_same_pressure(scale):
-    """All lengths times a number: the indentation is that many times as deep, the pressure the same, the force its square."""
-    pressed = np.maximum(5e-4 - radii(sensor(60, 80)) ** 2 / 0.008, 0)
-    small, large = (sensor(60, 80, Gel(modulus=E, thickness=0.004 * by), SIDE * by) for by in (1.0, scale))
-    gel_state, again = (press_elastic(by * pressed, worn, worn.gel) for worn, by in ((small, 1.0), (large, scale)))
-    np.testing.assert_allclose(again.pressure, gel_state.pressure, atol=1e-6 * gel_state.pressure.max())
-    np.testing.assert_allclose(again.indentation / scale, gel_state.indentation, atol=1e-6 * pressed.max())
-    assert normal_force(again.pressure, large) == pytest.approx(scale**2 * normal_force(gel_state.pressure, small))
 
 
 def test_depth_without_contact_gives_zero_force_and_indentation():
@@ -165,15 +119,6 @@ def test_depth_without_contact_gives_zero_force_and_indentation():
     assert not gel.contact.any()
     assert normal_force(gel.pressure, worn) == 0
     assert (gel.indentation == 0).all()
-
-
-def test_force_hardly_changes_if_pixels_do_not_fill_whole_cells():
-    """Of 321 columns three share a cell, and the last cells reach beyond the rim."""
-    force = []
-    for shape in ((160, 160), (321, 321)):
-        worn = sensor(*shape)
-        force.append(normal_force(press_elastic(np.maximum(4e-4 - radii(worn) ** 2 / 0.008, 0), worn, HALF_SPACE).pressure, worn))
-    assert force[1] == pytest.approx(force[0], rel=0.01)
 
 
 def test_gel_thinner_than_a_pixel_is_refused():

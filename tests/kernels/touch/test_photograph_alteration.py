@@ -1,7 +1,5 @@
 """Alterations of photographs: each is found on every sensor that ships, and no press is taken for one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes and the scene of the vision tests."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

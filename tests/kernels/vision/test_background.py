@@ -1,7 +1,5 @@
 """Find the background of an image by the colour of its border."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pipeline.kernels.vision.view_transfer import foreground

@@ -1,18 +1,12 @@
 """Cameras: pose, projection, resolution, and looking at a target."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from pipeline.kernels.geometry.transforms import rotation_from_euler
 from pipeline.kernels.vision.camera import camera_pose, look_at, project_points, projection_matrix
-from pipeline.kernels.vision.scene import NamedCamera, Scene
+from pipeline.kernels.vision.scene import NamedCamera
 from tests.kernels.vision.shapes import CENTRE, SCENE, ball
-from tests.strategies import EPS, offsets, scales, seeds
 
 CAMERA = SCENE.camera
 
@@ -23,10 +17,6 @@ def test_axis_of_the_shipped_camera_passes_the_object_centre_at_6_mm() -> None:
     to_centre = CENTRE - CAMERA.position
     passes_by = np.linalg.norm(np.cross(to_centre, forward))
     assert passes_by == pytest.approx(0.006, abs=0.0005)
-
-
-def test_shipped_camera_has_the_stated_field_of_view() -> None:
-    assert 2 * np.degrees(np.arctan(128 / CAMERA.focal[0])) == pytest.approx(34.95, abs=0.005)
 
 
 def test_camera_pose_applies_extrinsic_euler_angles() -> None:
@@ -65,22 +55,6 @@ def test_look_at_centres_the_target_without_roll() -> None:
     assert project_points(projection_matrix(moved), np.array([0.0, 0.1, 0.6])) == pytest.approx([128, 128], abs=1e-9)
     assert camera_pose(moved)[2, 0] == pytest.approx(0, abs=1e-15)
     assert camera_pose(moved)[2, 1] > 0
-    with pytest.raises(ValueError, match="sideways"):
-        look_at(CAMERA, (0.0, 0.0, 1.0), (0.0, 0.0, 0.6))
-
-
-def test_scene_is_frozen_and_survives_a_round_trip() -> None:
-    with pytest.raises(ValidationError, match="frozen"):
-        SCENE.name = "other"
-    assert Scene.model_validate(SCENE.model_dump()) == SCENE
-
-
-@given(seed=seeds, scale=scales, offset=offsets)
-def test_projection_ignores_scale_and_offset(seed, scale, offset) -> None:
-    points = np.random.default_rng(seed).uniform(-0.2, 0.2, (50, 3)) + [0, 0, 0.6]
-    moved = CAMERA.model_copy(update={"position": tuple((np.array(CAMERA.position) * scale + offset).tolist())})
-    here, there = project_points(projection_matrix(CAMERA), points), project_points(projection_matrix(moved), points * scale + offset)
-    assert np.abs(there - here).max() <= 64 * EPS * CAMERA.focal[0] * (np.abs(offset).max() / scale + 4)
 
 
 def test_points_just_in_front_of_the_camera_project() -> None:
@@ -88,16 +62,6 @@ def test_points_just_in_front_of_the_camera_project() -> None:
     for ahead, seen in ((1e-9, True), (-1e-9, False), (-1e3, False), (1e3, True)):
         assert np.isfinite(project_points(projection_matrix(CAMERA), frame[:3, 3] - ahead * frame[:3, 2])).all() == seen
     assert project_points(projection_matrix(CAMERA), np.zeros((0, 3))).shape == (0, 2)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_positions_that_are_not_finite_and_no_pixels_are_refused(bad) -> None:
-    with pytest.raises(ValueError, match="drop them before projecting"):
-        project_points(projection_matrix(CAMERA), np.array([0, 0, bad]))
-    with pytest.raises(ValueError, match="must be finite"):
-        look_at(CAMERA, (0.0, bad, 0.0), (1.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="0 pixels per side"):
-        CAMERA.with_resolution(0)
 
 
 def test_square_camera_of_a_scene_covers_the_shorter_side_of_its_first_camera() -> None:
@@ -108,9 +72,15 @@ def test_square_camera_of_a_scene_covers_the_shorter_side_of_its_first_camera() 
     assert (square.centre, square.position) == ((48, 48), stated.position)
 
 
-@given(offset=offsets, distance=scales, near=st.floats(-9, 0).map(lambda e: 10.0**e))
-def test_look_at_works_from_nearly_above(offset, distance, near) -> None:
-    position = offset + distance * np.array([near, 0, 1])
-    moved = look_at(CAMERA, tuple(position.tolist()), tuple(offset.tolist()))
-    off = np.abs(project_points(projection_matrix(moved), offset) - CAMERA.centre).max()
-    assert off <= 64 * EPS * CAMERA.focal[0] * (np.abs(offset).max() / distance + 4)
+@pytest.mark.parametrize(
+    ("function", "named"),
+    [
+        (lambda: project_points(projection_matrix(CAMERA), np.array([0, 0, np.nan])), "drop"),
+        (lambda: look_at(CAMERA, (0.0, np.inf, 0.0), (1.0, 0.0, 0.0)), "finite"),
+        (lambda: look_at(CAMERA, (0.0, 0.0, 1.0), (0.0, 0.0, 0.6)), "sideways"),
+        (lambda: CAMERA.with_resolution(0), "0 pixels"),
+    ],
+)
+def test_invalid_points_directions_and_resolutions_are_rejected(function, named) -> None:
+    with pytest.raises(ValueError, match=named):
+        function()

@@ -1,19 +1,12 @@
 """Shading normals against a slow twin, and of badly shaped meshes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-import trimesh
-from hypothesis import given
 
 from pipeline.kernels.vision import corner_normals as module
 from pipeline.kernels.vision.corner_normals import corner_normals
 from tests.kernels.vision.shapes import CENTRE, ball, box, half_turned
 from tests.references.slow_corner_normals import slow_corner_normals
-from tests.strategies import EPS, aspects, offsets, scales, seeds, sliver
-
-BALL = trimesh.creation.icosphere(subdivisions=1)
 
 
 def test_corner_normals_equal_the_slow_twins() -> None:
@@ -33,13 +26,6 @@ def test_ball_is_smooth_and_box_has_edges() -> None:
     assert normals == pytest.approx(np.repeat(normals[:, :1], 3, axis=1), abs=1e-12)
 
 
-def test_corner_normals_do_not_depend_on_chunk_size(monkeypatch) -> None:
-    mesh = ball(subdivisions=2)
-    whole = corner_normals(mesh.vertices, mesh.faces)
-    monkeypatch.setattr(module, "PAIRS_PER_CHUNK", 50)
-    assert (corner_normals(mesh.vertices, mesh.faces) == whole).all()
-
-
 def test_hubs_and_faces_without_area_have_unit_normals() -> None:
     ring = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     vertices = np.vstack([[0, 0, 1.0], np.column_stack([np.cos(ring), np.sin(ring), 0 * ring])])
@@ -48,27 +34,6 @@ def test_hubs_and_faces_without_area_have_unit_normals() -> None:
     normals = corner_normals(vertices, faces)
     assert np.linalg.norm(normals, axis=-1) == pytest.approx(np.ones((1001, 3)))
     assert (normals[:-1, :, 2] > 0.7).all()
-
-
-@given(seed=seeds, scale=scales, offset=offsets)
-def test_corner_normals_ignore_scale_offset_winding_and_duplicates(seed, scale, offset) -> None:
-    rng = np.random.default_rng(seed)
-    faces = BALL.faces.astype(np.int32)
-    expected = corner_normals(BALL.vertices, faces)
-    turned = rng.random(len(faces)) < 0.5
-    mixed = np.where(turned[:, None], faces[:, ::-1], faces)
-    found = corner_normals(BALL.vertices * scale + offset, np.vstack([mixed, faces]))[: len(faces)]
-    found = np.where(turned[:, None, None], -found[:, ::-1], found)
-    assert np.abs(found - expected).max() <= 64 * EPS * (np.abs(offset).max() / scale + 1)
-
-
-@given(seed=seeds, aspect=aspects)
-def test_normal_of_a_sliver_has_the_stated_error(seed, aspect) -> None:
-    face = sliver(aspect, np.random.default_rng(seed))
-    flat = np.array([face[0], face[1] - face[0], face[2] - face[0]], dtype=np.longdouble)
-    exact = np.cross(flat[1], flat[2]).astype(np.float64)
-    exact /= np.linalg.norm(exact)
-    assert np.abs(corner_normals(face, np.array([[0, 1, 2]], np.int32)) - exact).max() <= 8 * EPS * aspect
 
 
 def test_faces_without_area_influence_no_normal() -> None:

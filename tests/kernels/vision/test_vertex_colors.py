@@ -1,7 +1,5 @@
 """Colours of a ball before a ball, seen by a camera that looks along -z from above."""
 
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 

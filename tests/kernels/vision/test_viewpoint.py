@@ -1,7 +1,5 @@
 """The cameras of 3D-R2N2's renderings, against what its convention says of single points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.dataset.grasping_hand import grasping_hand
+from pipeline.dataset.completed_objects import dataset_scene
+from pipeline.dataset.grasps import grasping_hand
 from pipeline.dataset.mesh_rows import mesh_row
-from pipeline.dataset.vision_scene import dataset_scene
 from pipeline.engine.keys import assets_digest
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput, StoreError
@@ -18,8 +18,7 @@ from pipeline.formats.scene_file import load_scene
 from pipeline.kernels.vision.camera import project_points
 from pipeline.store.rows import Row
 from schemas.base import COMMON
-from stages.render_vision.settings import VisionSettings
-from stages.render_vision.stage import RenderVision
+from stages.render_vision.stage import RenderVision, VisionSettings
 from tests.kernels.vision.shapes import ball
 
 STAGE = RenderVision()

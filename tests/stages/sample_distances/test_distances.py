@@ -1,16 +1,12 @@
 """Rows of `sample-distances` agree with the meshes of `sample-surfaces`."""
 
-from __future__ import annotations
-
 import numpy as np
-import pytest
 
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.kernels.geometry.signed_distance import signed_distances
 from pipeline.store.directory import DataDirectory
 from schemas.surfaces import SURFACES
-from stages.sample_distances.settings import DistanceSettings
 from tests.stages.tiny_dataset import manifest, run_stage
 
 
@@ -27,8 +23,3 @@ def test_stored_distances_are_those_of_the_stored_points(tmp_path):
         assert 0.1 < (stored < 0).mean() < 0.6
         assert np.abs(queries - [0, 0, 0.6]).max() < 0.6
     assert not np.array_equal(*(rows.read("query_points", name) for name in rows.object_ids[:2]))
-
-
-def test_least_spread_above_the_largest_is_refused():
-    with pytest.raises(ValueError, match=r"least_spread is 0.1, most_spread 0.05"):
-        DistanceSettings(least_spread=0.1)

@@ -8,7 +8,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from pipeline.cli import app
-from stages.sample_surfaces.trade import coverage
+from stages.sample_surfaces import coverage
 
 RADIUS, POINTS = 0.25, 2000
 

@@ -1,26 +1,26 @@
 """A hand prepared once, and grasps of two simple objects that several tests look at."""
 
-from __future__ import annotations
-
 import pytest
 
 from pipeline.kernels.geometry.mesh import Mesh
+from pipeline.kernels.hand.grasp import Grasp
 from pipeline.kernels.hand.model import Hand
 from pipeline.physics.simulation import Simulation
 from pipeline.rng import numpy_rng
-from stages.simulate_grasps.grasp_search import Grasp, GraspSearch
+from stages.simulate_grasps.grasp_search import Attempt, GraspSearch
 from stages.simulate_grasps.prepare import PreparedHand, prepare_hand, prepare_object
-from stages.simulate_grasps.settings import GraspSettings
+from stages.simulate_grasps.stage import GraspSettings
 from stages.simulate_grasps.touch_plan import TouchPlanner
 from tests.kernels.hand.meshes import bar, mug, points_on
 
 SETTINGS = GraspSettings(ik_samples=512, attempts=5)
-Grasped = list[tuple[Mesh, list[Grasp]]]
+Grasped = list[tuple[Mesh, list[tuple[Grasp, float]]]]
+"""Meshes, each with grasps and their penetrations, m."""
 
 
-def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Grasp | None:
+def attempt(prepared: PreparedHand, physics: Simulation, mesh: Mesh, number: int) -> Attempt | None:
     """Make an attempt, by number, at a mesh that is loaded."""
-    thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), cell=SETTINGS.grid_cell, reach=prepared.reach)
+    thing = prepare_object(mesh, *points_on(mesh, 2000, seed=1), reach=prepared.reach)
     return GraspSearch(prepared, thing, physics, SETTINGS, TouchPlanner(prepared, thing, SETTINGS)).attempt(numpy_rng(0, "grasped", number))
 
 
@@ -41,6 +41,6 @@ def grasped(prepared: PreparedHand) -> Grasped:
     with Simulation(prepared.hand) as physics:
         for mesh in (mug(), bar()):
             physics.load(mesh)
-            grasps = [attempt(prepared, physics, mesh, number) for number in range(5)]
-            result.append((mesh, [grasp for grasp in grasps if grasp is not None and grasp.sound]))
+            attempts = [attempt(prepared, physics, mesh, number) for number in range(5)]
+            result.append((mesh, [(item.grasp, item.penetration) for item in attempts if item is not None and item.fault is None]))
     return result

@@ -1,7 +1,5 @@
 """Prepared hands and objects: the distance grid classifies clear fingers and palms correctly."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -22,10 +20,10 @@ def test_distance_grid_classifies_clear_fingers_as_clear(hand_name: str) -> None
     for seed, mesh in enumerate((mug(), bar())):
         rng = np.random.default_rng(seed)
         points, normals = points_on(mesh, 2000, seed=seed)
-        prepared_object = prepare_object(mesh, points, normals, cell=SETTINGS.grid_cell, reach=prepared.reach)
+        prepared_object = prepare_object(mesh, points, normals, reach=prepared.reach)
         for place, distance in zip(rng.integers(len(points), size=8), np.linspace(0.01, 0.15, 8), strict=True):
             pose = tangent_palm_pose(prepared.hand, points[place], normals[place], distance=distance, angle=rng.uniform(0, 2 * np.pi))
-            frames = compose(pose, prepared.ik.frames[rng.integers(len(prepared.ik.frames), size=20)])
+            frames = compose(pose, prepared.ik.postures.frames[rng.integers(len(prepared.ik.postures.frames), size=20)])
             by_grid = finger_clearance(prepared_object.field, prepared.ik.fingers, frames) >= prepared.ik.clearance
             exact = _exact_clearance(prepared, prepared_object.field.exact, frames) >= prepared.ik.clearance
             clear, mistaken, missed = clear + exact.sum(), mistaken + (exact & ~by_grid).sum(), missed + (~exact & by_grid).sum()
@@ -39,13 +37,13 @@ def test_palm_far_from_the_object_is_clear_by_the_grid(hand_name: str) -> None:
     """A band narrower than the palm's spheres had a gripper's palm in the way at any distance."""
     prepared, mesh = prepare_hand(SETTINGS.model_copy(update={"hand": hand_name})), bar()
     points, normals = points_on(mesh, 2000, seed=0)
-    field = prepare_object(mesh, points, normals, cell=SETTINGS.grid_cell, reach=prepared.reach).field
+    field = prepare_object(mesh, points, normals, reach=prepared.reach).field
     rng, clearance = np.random.default_rng(0), prepared.ik.clearance
     poses = [
         tangent_palm_pose(prepared.hand, points[place], normals[place], distance=0.15, angle=rng.uniform(0, 2 * np.pi))
         for place in rng.integers(len(points), size=200)
     ]
-    frames = compose(np.array(poses)[:, None], prepared.ik.frames[0])
+    frames = compose(np.array(poses)[:, None], prepared.ik.postures.frames[0])
     centres = prepared.palm_spheres.world_centres(frames)
     exact = (field.exact(centres.reshape(3, -1).T).reshape(centres.shape[1:]) - prepared.palm_spheres.radii).min(axis=1)
     by_grid = gaps(field.grid, frames, prepared.palm_spheres.single, np.float32(clearance))

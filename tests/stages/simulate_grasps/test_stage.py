@@ -11,6 +11,7 @@ import trimesh
 
 from pipeline.contrib.toy_objects import CATEGORIES, generate
 from pipeline.dataset.mesh_rows import mesh_row
+from pipeline.engine import keys
 from pipeline.engine.unit import Unit
 from pipeline.errors import InvalidInput
 from pipeline.kernels.geometry.exterior_sampling import sample_exterior
@@ -21,8 +22,7 @@ from pipeline.rng import numpy_rng
 from pipeline.store.directory import DataDirectory
 from schemas.base import COMMON
 from schemas.grasps import GRASPS
-from stages.simulate_grasps.settings import GraspSettings
-from stages.simulate_grasps.stage import SimulateGrasps
+from stages.simulate_grasps.stage import GraspSettings, SimulateGrasps
 from tests.kernels.hand.meshes import bar, centred, points_on
 from tests.stages import ball_dataset
 from tests.stages.simulate_grasps.conftest import SETTINGS
@@ -140,9 +140,19 @@ def test_object_without_room_for_a_hand_is_refused() -> None:
 def test_failed_attempts_report_the_reason() -> None:
     """Twenty steps are too few for fingers to rest; the object has room."""
     ball = centred(trimesh.creation.icosphere(subdivisions=2, radius=0.05))
-    settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20, "resting_speed": 1e-12})
+    settings = SETTINGS.model_copy(update={"grasps": 1, "attempts": 2, "settle_steps": 20})
     error = pytest.raises(
         InvalidInput, match=r"0 of 1 grasps found in 2 attempts: fingers still move after 20 steps \(simulate-grasps.settle_steps\)"
     )
     with SimulateGrasps().session(settings, {}) as process, error:
         process(*unit_of(ball, *points_on(ball, 100, seed=0)))
+
+
+def test_key_covers_the_engine_of_the_dataset_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A change of MuJoCo's code or of the list of engines does not change the key."""
+    hashed: list[str] = []
+    sources = keys._source
+    monkeypatch.setattr(keys, "_source", lambda name, path: hashed.append(name) or sources(name, path))
+    keys.sources_hash.__wrapped__("stages.simulate_grasps.stage")
+    assert "pipeline.physics.pybullet_engine" in hashed
+    assert not {"pipeline.physics.mujoco_engine", "pipeline.physics.convex_parts", "pipeline.physics.engines"} & set(hashed)

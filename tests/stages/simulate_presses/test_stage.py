@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.dataset.object_rows import ObjectRows
-from pipeline.dataset.touch_sensors import touch_sensor
+from pipeline.dataset.object_rows import ObjectRows, touch_sensor
 from pipeline.errors import InvalidInput, StageError
 from pipeline.formats.description_file import description_path
 from pipeline.kernels.touch.depth_maps import impression
 from pipeline.kernels.touch.pressed_gel import press_gel, scaled_gel
 from pipeline.kernels.touch.tactile_image import render_gel
 from stages.registry import resolve
-from stages.simulate_presses.stage import SimulatePresses, pressed_sensor
+from stages.simulate_presses import SimulatePresses, pressed_sensor
 from tests.stages.tiny_dataset import manifest, run_stage
 
 ARRAYS = ["press_shape", "press_depth", "press_indentation", "press_contact", "press_image"]
@@ -132,7 +131,7 @@ def test_key_covers_the_sensor(tmp_path):
 
 
 def test_factor_of_a_gel_without_membrane_is_refused(surfaces):
-    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; leave gel out"):
+    with pytest.raises(StageError, match=r"gel is \[0.5, 2.0\], but gel_16mm has neither membrane nor gel to scale; unset gel"):
         run_stage(surfaces, "simulate-presses", manifest(), "simulate-presses.sensor=gel_16mm", "simulate-presses.gel=[0.5, 2]")
 
 

@@ -16,8 +16,7 @@ from pipeline.kernels.geometry.mesh import Mesh
 from pipeline.kernels.touch.depth_maps import local_points, touch_success
 from pipeline.kernels.touch.tactile_image import tactile_image
 from pipeline.store.rows import Row
-from stages.simulate_touch.settings import TouchSettings
-from stages.simulate_touch.stage import SimulateTouch
+from stages.simulate_touch import SimulateTouch, TouchSettings
 from tests.kernels.touch.shapes import SENSOR, pose_at
 
 STAGE = SimulateTouch()

@@ -1,0 +1,133 @@
+"""Train the networks that read photographs of the shipped calibrated sensors, from their files alone, and write them with cards.
+
+`python -m benchmarks.ship_sensor_weights [--real FOLDER]`; with the photographs of docs/sensors.md, cards have the errors on those too.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import torch
+import yaml
+
+from benchmarks.ball_photographs import gelsight_balls, mini_balls
+from benchmarks.provenance import commit
+from benchmarks.real_touch.photograph_sets import Press, ball_press
+from benchmarks.real_touch.scores import Reading, mean_scores, score
+from benchmarks.ship_weights import check_size
+from pipeline.formats.sensor_file import load_sensor
+from pipeline.kernels.touch.press_shapes import press_relief
+from pipeline.kernels.touch.pressed_gel import press_gel
+from pipeline.kernels.touch.sensor import MM, Sensor, pixel_centres
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
+from pipeline.models.shipped_weights import SENSORS, SHIPPED, SensorCard, SensorError, TrainedOn, sensor_card_path
+from pipeline.models.touch_model import LocalTouchModel
+from pipeline.real_touch.train_sensor import PRESSES, save_sensor_network, train_sensor_network
+from pipeline.rng import numpy_rng
+from stages.train_touch.stage import TouchTrainingSettings
+
+FITTED_TO = {
+    "gelsight": "the even ones of 48 photographs in the package taxim 1.4.1 (MIT licence, copyright 2021 CMURoboTouch)",
+    "gelsight_mini": "44 photographs in the repository rpl-cmu/gelslam, which states no licence for them",
+}
+"""The shipped sensors with networks, and what their sensor files were fitted to."""
+HELD_OUT = {"gelsight": "the odd ones in taxim 1.4.1", "gelsight_mini": "23 in rpl-cmu/gelslam"}
+"""Photographs on which errors are measured."""
+TRAINED_ON = (
+    "simulated presses of random shapes into the sensor file {}.yaml, and no photograph; the numbers of that file were fitted to {}, "
+    "none of which ships"
+)
+NOT_FOR = (
+    "gels with markers, other sensors of the same make than those whose colours the file holds (calibrate your own), slopes and depths "
+    "beyond what the file states, and any use in which a wrong depth does harm"
+)
+SIMULATED = "simulated balls"
+RADII, DEPTHS = (2e-3, 5e-3), (2e-4, 1e-3)
+"""m, least and greatest, of the simulated balls and of how deep they are pressed in."""
+BALLS = 40
+
+
+def simulated_balls(sensor: Sensor, count: int) -> list[Press]:
+    """Press balls of random sizes into a sensor's gel, with their middles anywhere in the middle half of it."""
+    (x, y), presses = pixel_centres(sensor), []
+    for number in range(count):
+        rng = numpy_rng(number, sensor.name, SIMULATED)
+        radius, depth = rng.uniform(*RADII), rng.uniform(*DEPTHS)
+        across, down = rng.uniform(-0.25, 0.25) * sensor.width, rng.uniform(-0.25, 0.25) * sensor.height
+        squared = radius**2 - (x[None] - across) ** 2 - (y[:, None] - down) ** 2
+        state = press_gel(press_relief(np.where(squared > 0, np.sqrt(np.maximum(squared, 0)), -np.inf), sensor, depth), sensor)
+        image = render_gel(state.indentation, sensor, rng)
+        presses.append(Press(f"{number}", image, MM * state.indentation, state.contact, flat=False, absolute=True))
+    return presses
+
+
+def photographed_balls(name: str, real: Path, scale: float) -> tuple[str, list[Press], np.ndarray]:
+    """Read the photographs of balls that a shipped sensor was not fitted to: what they are, with their shapes, and the untouched one."""
+    balls = gelsight_balls() if name == "gelsight" else mini_balls(real, "9.500")
+    photographs = balls.photographs[1::2] if name == "gelsight" else balls.photographs
+    description = f"photographs of balls of {MM * balls.radius:g} mm radius, to which nothing was fitted: {HELD_OUT[name]}"
+    return description, [ball_press(photograph, MM * balls.radius, scale) for photograph in photographs], balls.untouched
+
+
+def errors_of(model: LocalTouchModel, presses: list[Press], untouched: np.ndarray, scale: float) -> SensorError:
+    """Average a network's errors over presses; `scale` is mm per pixel."""
+    scores = []
+    for press in presses:
+        indentation, contact = model.read(press.image[None], untouched)
+        scores.append(score(Reading(MM * indentation[0].astype(float), contact[0]), press, scale))
+    mean = mean_scores(scores)
+    return SensorError(
+        images=len(presses),
+        depth_mm=None if np.isnan(mean.rmse) else round(mean.rmse, 4),
+        shape_mm=round(mean.shape, 4),
+        normals_deg=round(mean.sphere, 2),
+        contact_iou=round(mean.overlap, 3),
+    )
+
+
+def ship(
+    name: str,
+    weights: Path = SHIPPED,
+    real: Path | None = None,
+    *,
+    presses: int = PRESSES,
+    settings: TouchTrainingSettings | None = None,
+) -> SensorCard:
+    """Train the network of a shipped sensor, and write it with its card; `presses` and `settings` as `train_sensor_network` takes them."""
+    sources, sensor = commit(), load_sensor(name)
+    scale = MM * sensor.pitch[1]
+    model, _ = train_sensor_network(sensor, presses=presses, settings=settings)
+    errors = {SIMULATED: errors_of(model, simulated_balls(sensor, BALLS), untouched_image(sensor), scale)}
+    if real is not None:
+        description, balls, untouched = photographed_balls(name, real, scale)
+        errors[description] = errors_of(model, balls, untouched, scale)
+    card = SensorCard(
+        sensor=name,
+        presses=presses,
+        trained_on=(TrainedOn(source=TRAINED_ON.format(name, FITTED_TO[name]), licence="MIT (made by this project)"),),
+        commit=sources,
+        command="make sensor-weights" + " REAL=FOLDER" * (real is not None),
+        errors=errors,
+        not_for=NOT_FOR,
+    )
+    save_sensor_network(model, weights / SENSORS / name)
+    sensor_card_path(name, weights).write_text(
+        yaml.safe_dump(card.model_dump(mode="json", exclude_none=True), sort_keys=False, width=140, allow_unicode=True)
+    )
+    check_size(weights)
+    return card
+
+
+def main() -> None:
+    """Train and write all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--real", type=Path, help="folder with a clone of rpl-cmu/gelslam; the package taxim must be installed too")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    for name in FITTED_TO:
+        card = ship(name, real=arguments.real)
+        print("\n".join(f"{name}, {label}: {error}" for label, error in card.errors.items()), flush=True)
+
+
+if __name__ == "__main__":
+    main()

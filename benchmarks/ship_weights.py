@@ -1,0 +1,103 @@
+"""Copy a trained network and its U-Net to the shipped weights, and write its card: `python -m benchmarks.ship_weights DATA`."""
+
+import shlex
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from benchmarks.provenance import commit
+from pipeline.config.manifest import load_manifest
+from pipeline.console import errors as progress
+from pipeline.errors import StageError
+from pipeline.kernels.metrics.cloud_distances import TABLE_3_FACTOR
+from pipeline.models.families import model_name
+from pipeline.models.shipped_weights import DEFAULT, SENSORS, SHIPPED, Error, ModelCard, TrainedOn, card_path
+from pipeline.reconstruct.score import score_shipped
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import as_location
+from pipeline.store.validate import check_origins
+from pipeline.training.pretrained import learned_from
+from stages.evaluate.evaluation_files import SHIPPED_ROWS, SHIPPED_SCORES, read_figures, read_table
+
+NOT_FOR = (
+    "other kinds of objects than it was trained on, objects much larger or smaller than those, other sensors, and any use in which "
+    "a wrong surface does harm: parts that were neither seen nor felt are guesses"
+)
+MAX_BYTES = 5e6
+"""Size limit of all shipped weights."""
+
+
+def ship(data: Path) -> ModelCard:
+    """Copy the network and the U-Net of a data directory, measure them there as `report --shipped` does, and write the card."""
+    directory, models, network = DataDirectory(data), SHIPPED, DEFAULT
+    sources = commit()  # before files change
+    check_origins(directory, [model_name(network)])
+    training = directory.folder(model_name(network))
+    for path in models.glob("*"):
+        if path.name != SENSORS:  # which has a command of its own
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for name in (model_name(network), "models/unet"):
+        record, folder = directory.folder_record(name), directory.verified_folder(name)
+        destination = models / Path(name).relative_to("models")
+        for file in directory.folder(name).files:
+            (copied := destination.with_name(folder.name) / file).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(folder / file, copied)
+        destination.with_name(f"{destination.name}.json").write_bytes(record.read_bytes())
+    learned = learned_from(training)
+    manifests = [load_manifest(one["manifest"]) for one in learned]
+    origins = {(one.kind, one.licence) for manifest in manifests for one in manifest.sources if one.split in (None, "train")}
+    card = ModelCard(
+        network=network,
+        learned_from={manifest.name: one["items"] for manifest, one in zip(manifests, learned, strict=True)},  # an item per object
+        trained_on=tuple(TrainedOn(source=source, licence=licence) for source, licence in sorted(origins)),
+        commit=sources,
+        command=f"make weights; settings: {_settings(training.settings)}",
+        errors={},
+        not_for=NOT_FOR,
+    )
+    _write(card)  # scores name the test objects that it has learned from
+    for left_out in score_shipped(as_location(data), progress):
+        raise StageError(f"{data}: the network was not given everything, {left_out}")
+    card = card.model_copy(update={"errors": _errors(DataDirectory(data).verified_folder(SHIPPED_SCORES), network)})
+    _write(card)
+    check_size(models)
+    return card
+
+
+def _write(card: ModelCard) -> None:
+    content = yaml.safe_dump(card.model_dump(mode="json"), sort_keys=False, width=140, allow_unicode=True)
+    card_path(SHIPPED, card.network).write_text(content)
+
+
+def check_size(weights: Path) -> None:
+    """Raise a `StageError` if a folder of weights is larger than `MAX_BYTES`."""
+    if (size := sum(path.stat().st_size for path in weights.rglob("*") if path.is_file())) > MAX_BYTES:
+        raise StageError(f"{weights} holds {size / 1e6:.1f} MB, at most {MAX_BYTES / 1e6:.0f} ship; train smaller networks")
+
+
+def _errors(evaluation: Path, network: str) -> dict[str, dict[str, Error]]:
+    """Read mean and median Chamfer distances, of the network by what it was given and of looked-up training objects, by class."""
+    figures, categories = read_figures(evaluation), np.array(read_table(evaluation, "objects")["category"])
+    classes = {str(name): categories == name for name in np.unique(categories)} | {"all": np.full(len(categories), True)}
+    errors = {}
+    for row, measured in figures.items():
+        chamfer = TABLE_3_FACTOR * measured.per_object("chamfer")
+        errors[row.replace(SHIPPED_ROWS, f"{network}-")] = {
+            name: Error(
+                objects=int(mask.sum()), mean=round(float(chamfer[mask].mean()), 4), median=round(float(np.median(chamfer[mask])), 4)
+            )
+            for name, mask in classes.items()
+        }
+    return errors
+
+
+def _settings(settings: dict[str, object]) -> str:
+    return " ".join(shlex.quote(f"{name}={value}") for name, value in settings.items())
+
+
+if __name__ == "__main__":
+    shipped = ship(Path(sys.argv[1]))
+    print(f"{shipped.network}: learned from {shipped.learned_from}, commit {shipped.commit}")

@@ -1,0 +1,54 @@
+"""`vt-pipeline report`: print the tables of evaluations, and write pages of a dataset and its reconstructions."""
+
+from typing import Annotated
+
+import typer
+
+from pipeline.console import console, print_line, show_tables
+from pipeline.store.directory import DataDirectory
+from pipeline.store.storage import exists
+from pipeline.store.validate import check_origins
+from schemas.grasps import GRASPS
+
+SINGLE = "evaluation-single-image"
+
+
+def report(
+    data: Annotated[str, typer.Argument(help="Data directory, or s3://BUCKET/PREFIX.")],
+    most: Annotated[int, typer.Option(min=1, help="Objects in a figure of reconstructions at most: best, middling, worst.")] = 10,
+    pages: Annotated[bool, typer.Option(help="Write the pages; else print the tables alone.")] = True,
+    shipped: Annotated[bool, typer.Option("--shipped", help="Measure the pretrained network too.")] = False,
+) -> None:
+    """Print the evaluation's tables, and write pages to DATA/report.
+
+    The tables show whether the supplement's orderings hold; the pages have a gallery and figures.
+    """
+    from pipeline.contrib.report.html_report import write_report
+    from pipeline.tables.evaluation_tables import evaluation_tables
+    from pipeline.tables.results import results_tables, training_facts, training_table
+    from pipeline.tables.training_seeds import outdated_scores, scores
+    from stages.evaluate.evaluation_files import evaluations
+
+    directory = DataDirectory(data)
+    if shipped:
+        from pipeline.reconstruct.score import score_shipped
+
+        for reason in score_shipped(directory.root, console):
+            print_line(f"the pretrained network is not measured: {reason}")
+    evaluated, scored = evaluations(directory), scores(directory)
+    for name, problem in outdated_scores(directory).items():
+        print_line(f"{name} is outdated: {problem}")
+    if exists(directory.folder_record(SINGLE)):
+        check_origins(directory, [SINGLE])
+        trained = {"single-image": training_facts(directory, "models/single-image")}
+        show_tables(console, [*evaluation_tables(directory.verified_folder(SINGLE)), training_table(trained)])
+        if not (evaluated or scored or directory.collection(GRASPS).shards):  # single images alone have no pages
+            return
+    if evaluated or scored:
+        check_origins(directory, evaluated)
+        show_tables(console, results_tables(directory, evaluated, scored))
+    if pages:
+        print_line(f"report: {write_report(directory.root, console, most)}")
+    if not (evaluated or scored):
+        note = ": the report shows the dataset alone" if pages else ""
+        print_line(f"no network has been evaluated on the grasps{note}; `make report`, with the same variables, trains some")

@@ -1,0 +1,202 @@
+"""Process units in worker processes of this machine, where one that hangs or dies costs no more than its unit."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cached_property
+from multiprocessing import resource_tracker, util
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any
+
+from pipeline.engine.executor import Executor
+from pipeline.engine.session import Work, record_crash
+from pipeline.engine.unit import Unit
+from pipeline.engine.worker import TRIES, close_session, crash_reason, opening_error, pack, process_unit
+from pipeline.errors import StageError
+from pipeline.store.rows import Result
+from pipeline.store.temporary import temporary_folder
+
+CLOSE_SECONDS = 10.0
+"""Time limit for a worker to close its session."""
+
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+"""Environment of workers: each has a core."""
+
+
+class WorkerProcesses(Executor):
+    """Worker processes that each process one object after the other; none is started before the first unit."""
+
+    processes = 1
+
+    def __init__(self, processes: int = 1) -> None:
+        self.processes = processes
+        self._idle: list[_Worker] = []
+        self._busy: list[_Worker] = []
+        self._resources = ExitStack()
+
+    @cached_property
+    def _folder(self) -> Path:
+        """The folder for temporary files of workers."""
+        return self._resources.enter_context(temporary_folder())
+
+    def run(self, work: Work, units: Sequence[Unit]) -> Iterator[Result]:
+        """Process units. A worker that dies is replaced, and its unit tried again; if that dies too, the object has failed."""
+        packed, waiting, limit = pack(work), deque(units), work.settings.object_seconds
+        deaths: Counter[str] = Counter()  # by unit, of "" while a session opened
+
+        def send(worker: _Worker, unit: Unit | None) -> None:
+            self._busy.append(worker)
+            worker.send(packed, unit, limit)
+
+        try:
+            for _ in range(min(self.processes, len(units))):
+                send(self._worker(), None)
+            while self._busy:
+                ready = wait([worker.connection for worker in self._busy])
+                for worker in [worker for worker in self._busy if worker.connection in ready]:
+                    self._busy.remove(worker)
+                    unit, result = worker.unit, None
+                    try:
+                        result = worker.receive()
+                    except EOFError:
+                        name = unit.name if unit else ""
+                        deaths[name] += 1
+                        if unit is None and deaths[name] == TRIES:
+                            raise opening_error(work.stage.name) from None
+                        if unit and deaths[name] == TRIES:
+                            result = record_crash(work, unit, crash_reason(limit, worker.exit_code() == -signal.SIGALRM))
+                        elif unit:
+                            waiting.append(unit)
+                        if waiting:
+                            send(self._worker(), None)
+                    else:
+                        deaths[""] = 0 if unit is None else deaths[""]
+                        if waiting:
+                            send(worker, waiting.popleft())
+                        else:
+                            self._idle.append(worker)
+                    if result:
+                        yield result
+        finally:
+            self._end_busy()
+
+    def _worker(self) -> "_Worker":
+        """Take an idle worker, or start one."""
+        while self._idle:
+            if (worker := self._idle.pop()).process.is_alive():
+                return worker
+        try:
+            return _Worker(self._folder)
+        except OSError as error:
+            raise StageError(
+                f"worker processes cannot be started ({error}); run again, with fewer --workers, or with --executor serial"
+            ) from error
+
+    def _end_busy(self) -> None:
+        """End the workers that are in the middle of a unit."""
+        for worker in self._busy:
+            worker.kill()
+        self._busy = []
+
+    def close(self, *, at_once: bool) -> None:
+        """End the workers; their sessions are closed first, unless `at_once`."""
+        self._end_busy()
+        for worker in self._idle:
+            worker.connection.close()
+        for worker in self._idle:
+            worker.process.join(0 if at_once else CLOSE_SECONDS)
+            worker.kill()
+        self._idle = []
+        self._resources.close()
+        self.__dict__.pop("_folder", None)
+
+
+class _Worker:
+    """A worker process and the connection to it. `unit` is the one that it processes; None while it opens its session."""
+
+    unit: Unit | None = None
+
+    def __init__(self, folder: Path) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.connection, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        with theirs, _environment(ONE_THREAD | {"TMPDIR": str(folder)}), ThreadPoolExecutor(1) as thread:
+            thread.submit(self._start).result()  # this thread receives Ctrl-C, which thus interrupts no start halfway
+
+    def _start(self) -> None:
+        resource_tracker.ensure_running()  # started later, it would unblock SIGINT
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # the worker inherits it: Ctrl-C is for this process, which ends it
+        self.process.start()
+
+    def send(self, packed: bytes, unit: Unit | None, seconds: float) -> None:
+        """Send a unit of a run, or only the run, whose session is to be opened."""
+        self.unit = unit
+        with suppress(ConnectionError):  # it died: `receive` says so
+            self.connection.send((packed, unit, seconds))
+
+    def receive(self) -> Result | None:
+        """Receive the result of what was sent, or raise the error that ends the run; an `EOFError` if the worker has died."""
+        try:
+            reply: tuple[Result | None, Exception | None] = self.connection.recv()
+        except OSError as died:
+            raise EOFError from died
+        result, error = reply
+        if error:
+            raise error
+        return result
+
+    def exit_code(self) -> int | None:
+        """Wait for the end of the process; return its exit code, the negative number of the signal that ended it."""
+        self.process.join()
+        return self.process.exitcode
+
+    def kill(self) -> None:
+        """End the process at once."""
+        self.process.kill()
+        self.process.join()
+        self.connection.close()
+
+
+@contextmanager
+def _environment(changes: Mapping[str, str]) -> Iterator[None]:
+    """Change environment variables for a moment: a process that is started meanwhile inherits them."""
+    before = {name: os.environ[name] for name in changes.keys() & os.environ.keys()}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name in changes:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+def _serve(connection: Connection) -> None:
+    """Process what the parent sends until it closes the connection."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, ConnectionError):
+        while True:
+            reply: tuple[Any, Exception | None]
+            try:
+                reply = process_unit(*connection.recv()), None
+            except EOFError:
+                break
+            except Exception as error:
+                reply = None, error
+            connection.send(reply)
+    close_session()
+    util._exit_function()  # type: ignore[attr-defined]  # releases semaphores of libraries: Python would warn that they leak
+    os._exit(0)  # an orderly exit of the interpreter takes half a second
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent was killed, even in the middle of a unit."""
+    parent = multiprocessing.parent_process()
+    assert parent
+    parent.join()
+    os._exit(1)

@@ -1,0 +1,75 @@
+"""`read-renderings`: the cited renderings of every object, with their cameras in its world (supplement 3.6)."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from pipeline.config.settings import ObjectSettings, setting
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
+from pipeline.errors import InvalidInput
+from pipeline.formats.rendering_folder import PIXELS, image_name, read_renderings, rendering_files
+from pipeline.kernels.vision.camera import placed_camera, viewpoint_camera
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.renderings import RENDERINGS
+from schemas.surfaces import SURFACES
+
+Intensity = Annotated[int, Field(ge=0, le=255)]
+
+
+class RenderingSettings(ObjectSettings):
+    """How the cited renderings are read (supplement 3.6)."""
+
+    background: tuple[Intensity, Intensity, Intensity] = setting(
+        (255, 255, 255),
+        "sRGB where the renderings are transparent; the supplement does not say, Pixel2Mesh has white",
+        changes="definition",
+    )
+
+
+class ReadRenderings(ObjectStage):
+    """Read images of the objects that others rendered."""
+
+    name = "read-renderings"
+    summary = "Images of every object from several sides, with their cameras, from a folder laid out as ShapeNetRendering."
+    output = RENDERINGS
+    settings_type = RenderingSettings
+
+    def inputs(self, settings: RenderingSettings) -> tuple[Artifact, ...]:
+        return (SURFACES,)
+
+    def files(self, source: Mapping[str, Any]) -> list[Path]:
+        """List the images and their metadata."""
+        return rendering_files(Path(source["renderings"])) if "renderings" in source else []
+
+    def cost(self, settings: RenderingSettings) -> Cost:
+        return Cost(seconds=0.3, kilobytes=200)
+
+    @contextmanager
+    def session(self, settings: RenderingSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        yield lambda unit, inputs: _process(unit, inputs, settings)
+
+
+def _process(unit: Unit, inputs: Inputs, settings: RenderingSettings) -> Row:
+    surface = inputs["surfaces"]
+    if "renderings" not in unit.source:
+        raise InvalidInput("its manifest names no renderings; use the manifest single-image, or give a shapenet source `renderings`")
+    if "placement" not in surface:
+        raise InvalidInput("its surface was made before placements were stored; run sample-surfaces again")
+    images, viewpoints = read_renderings(Path(unit.source["renderings"]))
+    opacity = images[..., 3:] / 255  # (viewpoint, row, col, 1)
+    if not (shows := (opacity >= 0.5).any(axis=(1, 2, 3))).all():
+        image = Path(unit.source["renderings"]) / image_name(int(shows.argmin()))
+        raise InvalidInput(f"{image} shows nothing; download the model's renderings again")
+    return {
+        "rendering": np.rint(opacity * images[..., :3] + (1 - opacity) * settings.background).astype(np.uint8),
+        "silhouette": opacity[..., 0] >= 0.5,
+        "rendering_camera": np.stack(
+            [placed_camera(viewpoint_camera(viewpoint, PIXELS), surface["placement"]) for viewpoint in viewpoints]
+        ),
+    }

@@ -1,0 +1,167 @@
+"""`simulate-presses`: the images of random shapes, and of patches of each object, that are pressed into a gel without a hand."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field
+
+from pipeline.config.settings import ObjectSettings, described_by, setting
+from pipeline.dataset.mesh_rows import read_mesh
+from pipeline.engine.stage import Cost, Inputs, ObjectStage
+from pipeline.engine.unit import Unit
+from pipeline.errors import InvalidInput
+from pipeline.formats.sensor_file import load_sensor, sensor_files
+from pipeline.kernels.touch.depth_maps import quantise_depth
+from pipeline.kernels.touch.elastic_contact import contact_cells
+from pipeline.kernels.touch.press_shapes import SHAPES, Press, PressRanges, random_patch, random_press
+from pipeline.kernels.touch.pressed_gel import normal_force, press_gel, scaled_gel
+from pipeline.kernels.touch.ray_depth import box_faces
+from pipeline.kernels.touch.sensor import MAX_PIXELS_PER_SIDE, Sensor, resample_longer_side
+from pipeline.kernels.touch.tactile_image import render_gel, untouched_image
+from pipeline.store.rows import Row
+from schemas.base import Artifact
+from schemas.presses import PRESSED, PRESSES
+from schemas.surfaces import SURFACES
+
+GEL_BITS, FAR_BITS = 26, 18
+"""Depths are stored in steps of 2^-26 m in the gel and of 2^-18 m beyond, as `simulate-touch` stores them."""
+
+
+def _rising(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"it is {list(limits)}; the least comes first, then the greatest")
+    return limits
+
+
+def _known(name: str) -> str:
+    if name not in SHAPES:
+        raise ValueError(f"there is no shape {name!r}; there are {', '.join(SHAPES)}")
+    return name
+
+
+Positive = Annotated[float, Field(gt=0, le=10)]
+Range = Annotated[tuple[Positive, Positive], AfterValidator(_rising)]
+DEFAULT = PressRanges()
+SCALE = (0.04, 0.5)
+"""Least and greatest factor by which an object is scaled before a patch of it is pressed: whole toys to plain walls."""
+
+
+class PressSettings(ObjectSettings):
+    """The shapes that are pressed, and the gel."""
+
+    sensor: Annotated[str, described_by("sensor")] = setting(
+        "gelsight", "a calibrated one: photographs of your own sensor need the file of `calibrate-sensor`", changes="definition"
+    )
+    pixels: int | None = setting(
+        160,
+        "along the longer side, square ones: enough for what a gel shows, a sixteenth of a camera's bytes; null keeps the sensor's",
+        ge=8,
+        le=MAX_PIXELS_PER_SIDE,
+        changes="definition",
+    )
+    presses: int = setting(72, "per object: 1800 for 25 objects, enough for a small network", ge=1, le=10_000, changes="definition")
+    patches: float = setting(
+        0.2, "share of the presses that are patches of the object itself; the others are `shapes`", ge=0, le=1, changes="definition"
+    )
+    shapes: tuple[Annotated[str, AfterValidator(_known)], ...] = setting(
+        tuple(SHAPES), "all shapes: a network memorises a single one", min_length=1, changes="definition"
+    )
+    size: Range = setting(DEFAULT.size, "least and greatest radius of a shape, m: what fits on a gel of 2 cm", changes="definition")
+    depth: Range = setting(
+        DEFAULT.depth, "least and greatest depth of the deepest point in the gel, m: what hands and people press", changes="definition"
+    )
+    gel: Range | None = setting(
+        None,
+        "least and greatest factor of the membrane's width, or of an elastic gel's thickness, drawn per press; null: the sensor's gel",
+        changes="definition",
+    )
+
+
+class SimulatePresses(ObjectStage):
+    """Press random shapes, and patches of each object, into a sensor's gel."""
+
+    name = "simulate-presses"
+    summary = "Press random shapes, and patches of every object, into a gel without a hand: for networks that read photographs."
+    output = PRESSES
+    settings_type = PressSettings
+
+    def inputs(self, settings: PressSettings) -> tuple[Artifact, ...]:
+        return (SURFACES,)
+
+    def assets(self, settings: PressSettings) -> list[Path]:
+        return sensor_files([settings.sensor])
+
+    def check_inputs(self, settings: PressSettings, attributes: Mapping[str, Mapping[str, Any]]) -> None:
+        """Check that the gel is thicker than the deepest press and the cells of its contact, and that it has what `gel` scales."""
+        sensor = pressed_sensor(settings)
+        if settings.depth[1] >= sensor.w:
+            raise InvalidInput(f"depth goes to {settings.depth[1]} m, the gel of {sensor.name} is {sensor.w} m thick; press less deep")
+        if settings.gel is not None and sensor.gel is None and sensor.membrane == 0:
+            raise InvalidInput(f"gel is {list(settings.gel)}, but {sensor.name} has neither membrane nor gel to scale; unset gel")
+        if settings.gel is not None and sensor.gel is not None:
+            thinnest, cell = settings.gel[0] * sensor.layer_thickness, max(contact_cells(sensor)[1])
+            if thinnest < cell:
+                raise InvalidInput(
+                    f"gel begins at {settings.gel[0]}: the elastic gel of {sensor.name} would be {thinnest:.3g} m thick, its contact is "
+                    f"solved on cells of {cell:.3g} m; begin gel at {math.ceil(100 * cell / sensor.layer_thickness) / 100:g}"
+                )
+
+    def constants(self, settings: PressSettings) -> Row:
+        """Render the sensor with nothing in its gel."""
+        return {"press_untouched": untouched_image(pressed_sensor(settings))}
+
+    def attributes(self, settings: PressSettings) -> dict[str, Any]:
+        """Describe the sensor with the pixels of the images, as `simulate-touch` does those of the fingers."""
+        return {"sensors": [pressed_sensor(settings).model_dump(mode="json")]}
+
+    def cost(self, settings: PressSettings) -> Cost:
+        share = ((settings.pixels or 640) / 160) ** 2 * settings.presses
+        return Cost(seconds=0.006 * share, kilobytes=60 * share)
+
+    @contextmanager
+    def session(self, settings: PressSettings, models: Mapping[str, Path]) -> Iterator[Callable[[Unit, Inputs], Row]]:
+        sensor = pressed_sensor(settings)
+        yield lambda unit, inputs: _process(unit, inputs, sensor, settings)
+
+
+def pressed_sensor(settings: PressSettings) -> Sensor:
+    """Load the sensor, with as many pixels as the settings say."""
+    sensor = load_sensor(settings.sensor)
+    return sensor if settings.pixels is None else resample_longer_side(sensor, settings.pixels)
+
+
+def _process(unit: Unit, inputs: Inputs, sensor: Sensor, settings: PressSettings) -> Row:
+    view = inputs["surfaces"]
+    faces = box_faces(read_mesh(view).triangles)
+    ranges = PressRanges(settings.size, settings.depth)
+    rows = []
+    for number in range(settings.presses):
+        rng = unit.rng("simulate-presses", number)
+        if rng.random() < settings.patches:
+            press = random_patch(faces, view["points"], view["normals"], sensor, rng, ranges=ranges, scale=SCALE)
+        else:
+            press = random_press(sensor, rng, ranges, settings.shapes)
+        rows.append(_pressed(press, sensor, settings, rng))
+    return {name: np.stack([row[name] for row in rows]) for name in rows[0]}
+
+
+def _pressed(press: Press, sensor: Sensor, settings: PressSettings, rng: np.random.Generator) -> Row:
+    """Compute the arrays of one press, from the depth as it is stored."""
+    if settings.gel is not None:
+        sensor = scaled_gel(sensor, rng.uniform(*settings.gel))
+    depth = quantise_depth(press.depth, sensor, gel_bits=GEL_BITS, far_bits=FAR_BITS)
+    gel = press_gel(depth, sensor)
+    row: Row = {
+        "press_shape": np.array(PRESSED.index(press.shape), np.uint8),
+        "press_depth": depth,
+        "press_indentation": gel.indentation.astype(np.float32),
+        "press_contact": gel.contact,
+        "press_image": render_gel(gel.indentation, sensor, rng),
+    }
+    if gel.pressure is not None:
+        row |= {"press_pressure": gel.pressure.astype(np.float32), "press_force": np.array(normal_force(gel.pressure, sensor), np.float32)}
+    return row
