@@ -10,8 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from pipeline.config.mesh_layout import FoundObjects, Layout, as_name, find_objects
-from pipeline.config.objects import Object
-from pipeline.config.sources import MeshSource
+from pipeline.config.sources import MeshSource, Object
 from pipeline.console import abbreviate, pluralise
 from pipeline.errors import InvalidInput
 from pipeline.formats.file_content import MESH_SUFFIXES, expanded, read_text

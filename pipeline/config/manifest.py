@@ -13,8 +13,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidato
 
 from pipeline import plugins
 from pipeline.config.folder_sources import Catalogue, Directory, ShapeNet
-from pipeline.config.objects import Object as Object
 from pipeline.config.sources import MeshSource, ModelledSource, Pybullet, Source
+from pipeline.config.sources import Object as Object
 from pipeline.console import CONTROLS
 from pipeline.errors import InvalidInput, unknown_name
 from pipeline.formats.description_file import description_path, read_description, shipped_files

@@ -13,7 +13,7 @@ from PIL import Image
 from rich.console import Console
 
 from pipeline.config.manifest import load_manifest
-from pipeline.config.objects import Object
+from pipeline.config.sources import Object
 from pipeline.dataset.mesh_rows import read_mesh
 from pipeline.dataset.object_rows import ObjectRows
 from pipeline.drawing.views import fitted_camera
