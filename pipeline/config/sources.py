@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 """Characters that Python puts in place of bytes of a file's name that are not UTF-8 (`surrogateescape`)."""
-MAX_OBJECTS = 200_000
-"""Most objects of a source: listing them takes a second, and memory, before anything else is done."""
+MAX_OBJECTS = 200_000  # most objects of a source: listing them takes a second, and memory, before anything else is done
 
 
 @dataclass(frozen=True)

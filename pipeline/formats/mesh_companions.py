@@ -22,10 +22,8 @@ from pipeline.formats.file_content import MESH_SUFFIXES, decode_text, refuse_for
 from pipeline.formats.gltf import file_names, read_document
 from pipeline.formats.obj import LIBRARY, OPTIONS, read_library
 
-MAX_BYTES = 256 * 2**20
-"""Maximum size of a mesh file, and of all files that it names together."""
-MAX_NAMES = 1000
-"""Maximum number of file names in a mesh file."""
+MAX_BYTES = 256 * 2**20  # maximum size of a mesh file, and of all files that it names together
+MAX_NAMES = 1000  # maximum number of file names in a mesh file
 WIDE_SOLID = re.compile(rb"(\xff\xfe|(\0\0)?\xfe\xff)\0*s\0+o\0+l\0+i\0+d", re.IGNORECASE)
 """How the text of an STL begins in UTF-16 and UTF-32."""
 ALL_LIBRARIES = "*"
@@ -34,8 +32,7 @@ SEARCHED_SUFFIXES = {".mtl", ".png", ".jpg", ".jpeg", ".bmp", ".gif", ".tga", ".
 """Suffixes of files that are searched for. A glTF's buffer is not: another one would be another shape."""
 MAX_ENTRIES = 200_000
 """Maximum number of files and folders below a folder that is searched; in a larger one nothing is found."""
-CACHE_SECONDS = 60
-"""How long a listing is used: thousands of meshes may lack their textures."""
+CACHE_SECONDS = 60  # how long a listing is used: thousands of meshes may lack their textures
 
 
 class Companions(Mapping[str, bytes]):

@@ -26,8 +26,7 @@ from pipeline.kernels.geometry.mesh import Look, Mesh
 
 BYTES = 5 * 2**28
 """Memory that reading a file may take: a COLLADA file of a million faces takes 1.1 GB, other formats less."""
-SECONDS = 60
-"""Processor time that reading a file may take: a million faces take 7 s at most."""
+SECONDS = 60  # processor time that reading a file may take: a million faces take 7 s at most
 REMEDY = "decimate the mesh, name each part once, or write it as binary PLY"
 START = """
 import collada, lxml.builder, PIL.Image

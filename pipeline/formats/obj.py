@@ -31,14 +31,11 @@ LIBRARY = re.compile(rb"(?:^|\r)[ \t]*mtllib[ \t]+([^\r\n]*)", re.MULTILINE | re
 DEFINITION = re.compile(rb"^[ \t]*newmtl[ \t]+([^\r\n]*)", re.MULTILINE | re.IGNORECASE)
 WRONG = re.compile(rb"^(?:[ \t]*(surf|bzp|bsp|cdp|fo)[ \t]|f[ \t](?:[^\r\n]*[ \t])?0+(?![.\d]))", re.MULTILINE)
 """A surface that is no polygon, a statement of the first version of the format, or a face that names vertex 0."""
-NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")
-"""Names that programs write where faces have no material."""
+NO_MATERIAL = (b"", b"none", b"(null)", b"null", b"default")  # names that programs write where faces have no material
 OPTIONS = re.compile(r"(-[a-zA-Z_]+\s+((on|off|[lmrgbz]|-?[\d.]+)\s+)*)+(?=\S)")
 """What may stand before the name of a texture, as `-s 1 1 1`."""
-MOVED = re.compile(r"-[sot](\s+-?\.?\d[\d.]*)+")
-"""Options that scale, move or disturb texture coordinates."""
-STILL = re.compile(r"-s(\s+1(\.0*)?)+|-[ot](\s+-?\.?0[0.]*)+")
-"""Those that leave them as they are."""
+MOVED = re.compile(r"-[sot](\s+-?\.?\d[\d.]*)+")  # options that scale, move or disturb texture coordinates
+STILL = re.compile(r"-s(\s+1(\.0*)?)+|-[ot](\s+-?\.?0[0.]*)+")  # those that leave them as they are
 CLAMP = re.compile(r"-clamp\s+on\b")
 Values = Mapping[str, Any]
 """The entries of a material by their names in lower case, as trimesh keeps them: lists of words, or numbers of colours."""

@@ -9,8 +9,7 @@ from pipeline.errors import InvalidInput
 from pipeline.formats.mesh_parts import GREY, MAX_FACES, build_part, check_count, read_numbers
 from pipeline.kernels.geometry.mesh import Mesh
 
-HEAD = 84
-"""Bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles."""
+HEAD = 84  # bytes before the first triangle of a binary file: 80 of a title, four of the number of triangles
 TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 NAME = re.compile(rb"(?:^|[\r\n])[ \t]*(?:end[ \t]*)?solid\b(?:(?!\bfacet\b)[^\r\n])*", re.IGNORECASE)
 """The begin or the end of a solid with its name, which may be any words."""

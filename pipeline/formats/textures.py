@@ -15,8 +15,7 @@ from pipeline.formats.mesh_parts import check_count
 
 FORMATS = ("PNG", "JPEG", "BMP", "GIF", "TGA", "TIFF", "WEBP", "DDS", "PPM", "PCX")
 """Accepted formats of textures. Pillow would read others too, some by starting other programs."""
-MAX_PIXELS = 2**26
-"""Maximum number of pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA."""
+MAX_PIXELS = 2**26  # maximum number of pixels of all textures of a mesh file: one of 8192 × 8192, 256 MiB as RGBA
 
 
 class Textures:
